@@ -1,0 +1,38 @@
+"""Exceptions driftplan raises on purpose, one per thing a caller can do about it.
+
+A bad argument is a plain `ValueError`. What follows is for worlds, files and problems that say no.
+"""
+
+from __future__ import annotations
+
+
+class DriftplanError(Exception):
+    """Root of the exceptions below, so that a script can catch them all."""
+
+
+class MapError(DriftplanError, ValueError):
+    """A map file cannot be read: the message names the file and the line or key at fault."""
+
+
+class TrajectoryError(DriftplanError, ValueError):
+    """A trajectory or path file cannot be read: the message names the file and the line."""
+
+
+class StartError(DriftplanError):
+    """The start is not in free space: the message names the nearest point that is."""
+
+
+class GoalError(DriftplanError):
+    """The goal is not in free space: the message names the nearest point that is."""
+
+
+class NoPathError(DriftplanError):
+    """No collision-free route leads from start to goal: the message says how far the start can reach."""
+
+
+class PlannerError(DriftplanError, ValueError):
+    """The planner cannot minimise drift, or is unknown: the message says why and which ones can."""
+
+
+class InfeasibleError(DriftplanError):
+    """No layout or itinerary keeps the limit: the message says where and by how much it fails."""
