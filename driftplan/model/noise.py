@@ -1,0 +1,270 @@
+"""OdometryNoise: how one metre and one radian of odometry go wrong.
+
+All rates are for the *estimate*: the robot drives a true path, its odometry reports each increment with the errors
+described here, and driftplan predicts where the estimate ends up relative to the truth.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, fields, replace
+from math import inf, isfinite, radians, tau
+from typing import Literal, get_args
+
+HeadingLaw = Literal["gaussian", "laplace", "von_mises", "uniform"]
+
+_VARIANCES = (
+    "heading_var_per_m",
+    "distance_var_per_m",
+    "lateral_var_per_m",
+    "heading_var_per_rad",
+    "distance_var_per_rad",
+    "heading_var_per_step",
+    "distance_var_per_step",
+    "lateral_var_per_step",
+)
+_SYSTEMATIC = ("heading_bias_per_m", "heading_bias_per_rad", "distance_scale_error")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OdometryNoise:
+    """Error rates of a planar dead reckoner, in SI units. A standing robot does not drift.
+
+    Two models, told apart by ``step_m``:
+
+    * ``step_m=None`` (default): errors are white along the path, so that the heading error is a Brownian motion in
+      distance. Consistent under subdivision: cutting a run in two changes nothing.
+    * ``step_m=d``: odometry errs once per step of at most ``d`` metres. A run of length L counts
+      ``ceil(L/d - 1e-9)`` equal steps, each drawing its heading error first and then moving, as in the literature's
+      constant noise per step. *Not* consistent under subdivision into runs shorter than ``d``. A turn on the spot
+      is one draw.
+
+    Parameters
+    ----------
+    heading_var_per_m : float
+        Heading variance gained per metre driven, rad²/m.
+    distance_var_per_m, lateral_var_per_m : float
+        Variance of the distance along, and across, the direction of travel per metre driven, m²/m.
+    heading_var_per_rad, distance_var_per_rad : float
+        Heading (rad²/rad) and distance (m²/rad) variance per radian turned, on the spot or along an arc.
+    heading_var_per_step, distance_var_per_step, lateral_var_per_step : float
+        The same per step: rad², m², m². They need ``step_m``.
+    step_m : float or None
+        Length of a step in metres; None for the continuous model.
+    heading_law : {"gaussian", "laplace", "von_mises", "uniform"}
+        Distribution of one step's heading error, entering through its exact characteristic function. The von Mises
+        concentration is the reciprocal of the step's heading variance. Laws other than the Gaussian need ``step_m``:
+        a continuous white error is Gaussian.
+    heading_distance_corr : float
+        Correlation, in [-1, 1], of the heading and distance errors of the same step or stretch. In the continuous model it
+        acts half before and half after (Stratonovich), the limit of ever finer odometry.
+    heading_bias_per_m : float
+        Systematic heading error per metre, rad/m; positive when the estimate turns left of the truth.
+    heading_bias_per_rad : float
+        Systematic relative error of measured turns: the odometry reports ``(1 + heading_bias_per_rad) * turn``.
+    distance_scale_error : float
+        Systematic relative error of measured distances: reported is ``(1 + distance_scale_error) * distance``.
+
+    Raises
+    ------
+    ValueError
+        If a rate is negative, not finite, or needs a ``step_m`` that is not given.
+
+    Examples
+    --------
+    >>> OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=4e-4).heading_std_after(100.0)
+    0.1
+    """
+
+    heading_var_per_m: float = 0.0
+    distance_var_per_m: float = 0.0
+    lateral_var_per_m: float = 0.0
+    heading_var_per_rad: float = 0.0
+    distance_var_per_rad: float = 0.0
+    heading_var_per_step: float = 0.0
+    distance_var_per_step: float = 0.0
+    lateral_var_per_step: float = 0.0
+    step_m: float | None = None
+    heading_law: HeadingLaw = "gaussian"
+    heading_distance_corr: float = 0.0
+    heading_bias_per_m: float = 0.0
+    heading_bias_per_rad: float = 0.0
+    distance_scale_error: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in (*_VARIANCES, *_SYSTEMATIC, "heading_distance_corr"):
+            object.__setattr__(self, name, _number(name, getattr(self, name)))
+        for name in _VARIANCES:
+            if getattr(self, name) < 0:
+                raise ValueError(f"expected {name} >= 0, got {getattr(self, name)!r}")
+        if not -1 <= self.heading_distance_corr <= 1:
+            raise ValueError(f"expected heading_distance_corr in [-1, 1], got {self.heading_distance_corr!r}")
+        if self.distance_scale_error <= -1:
+            raise ValueError(f"expected distance_scale_error > -1, got {self.distance_scale_error!r}")
+        if self.heading_law not in get_args(HeadingLaw):
+            raise ValueError(f"expected heading_law one of {get_args(HeadingLaw)}, got {self.heading_law!r}")
+        if self.step_m is not None:
+            object.__setattr__(self, "step_m", _positive("step_m", self.step_m))
+            return
+        for name in _VARIANCES[5:]:
+            if getattr(self, name) > 0:
+                raise ValueError(f"{name}={getattr(self, name)!r} needs step_m, the length of a step in metres")
+        if self.heading_law != "gaussian":
+            raise ValueError(
+                f"heading_law={self.heading_law!r} needs step_m: without steps the heading error is the sum of infinitely "
+                "many increments, which is Gaussian"
+            )
+
+    @classmethod
+    def from_std(
+        cls, *, heading_deg: float, distance_m: float, after_m: float, heading_deg_per_full_turn: float = 0.0
+    ) -> OdometryNoise:
+        """Continuous noise from what people can measure: the spread of repeated straight drives.
+
+        Parameters
+        ----------
+        heading_deg : float
+            Standard deviation of the heading error, in degrees, after ``after_m`` metres.
+        distance_m : float
+            Standard deviation of the distance error, in metres, after ``after_m`` metres.
+        after_m : float
+            Length of the drives, in metres.
+        heading_deg_per_full_turn : float
+            Standard deviation of the heading error, in degrees, after turning once around (360°) on the spot.
+
+        Examples
+        --------
+        >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
+        >>> round(noise.heading_var_per_m, 9), noise.distance_var_per_m
+        (3.0462e-05, 0.00025)
+        """
+        after_m = _positive("after_m", after_m)
+        spreads = {"heading_deg": heading_deg, "distance_m": distance_m, "heading_deg_per_full_turn": heading_deg_per_full_turn}
+        heading, distance, turn = (_not_negative(name, value) for name, value in spreads.items())
+        return cls(
+            heading_var_per_m=radians(heading) ** 2 / after_m,
+            distance_var_per_m=distance**2 / after_m,
+            heading_var_per_rad=radians(turn) ** 2 / tau,
+        )
+
+    @classmethod
+    def per_step(
+        cls,
+        *,
+        heading_std: float,
+        distance_std: float,
+        step_m: float,
+        lateral_std: float = 0.0,
+        heading_law: HeadingLaw = "gaussian",
+        heading_distance_corr: float = 0.0,
+    ) -> OdometryNoise:
+        """Constant noise per step (rad, m), the model of the published formulas.
+
+        Examples
+        --------
+        >>> OdometryNoise.per_step(heading_std=0.1, distance_std=0.1, step_m=1.0).heading_std_after(25.0)
+        0.5
+        """
+        spreads = {"heading_std": heading_std, "distance_std": distance_std, "lateral_std": lateral_std}
+        heading, distance, lateral = (_not_negative(name, value) for name, value in spreads.items())
+        return cls(
+            heading_var_per_step=heading**2,
+            distance_var_per_step=distance**2,
+            lateral_var_per_step=lateral**2,
+            step_m=step_m,
+            heading_law=heading_law,
+            heading_distance_corr=heading_distance_corr,
+        )
+
+    @classmethod
+    def from_amcl(
+        cls, alpha1: float, alpha2: float, alpha3: float, alpha4: float, *, step_m: float = 0.25, step_rad: float = 0.2
+    ) -> OdometryNoise:
+        """Rates implied by the differential-drive motion model of ROS amcl, with a warning.
+
+        amcl draws, once per filter update, rotation errors of variance ``alpha1 * turn² + alpha2 * distance²`` (twice:
+        before and after moving) and a distance error of variance ``alpha3 * distance² + alpha4 * (turn1² + turn2²)``.
+        Such variances depend on how often the filter updates: ``step_m`` and ``step_rad`` are amcl's ``update_min_d``
+        and ``update_min_a``. (S. Thrun, W. Burgard, D. Fox, Probabilistic Robotics, 2005, table 5.6; nav2_amcl,
+        differential motion model.)
+
+        Warns
+        -----
+        UserWarning
+            Always: alphas are tuned so that the filter keeps enough particles, and usually overstate the physics.
+        """
+        warnings.warn(
+            "amcl's alphas are filter tuning, not physics: expect them to overstate the drift; fit the noise from a log "
+            "when you can",
+            UserWarning,
+            stacklevel=2,
+        )
+        alphas = {"alpha1": alpha1, "alpha2": alpha2, "alpha3": alpha3, "alpha4": alpha4}
+        a1, a2, a3, a4 = (_not_negative(name, value) for name, value in alphas.items())
+        step_m, step_rad = _positive("step_m", step_m), _positive("step_rad", step_rad)
+        return cls(
+            heading_var_per_m=2 * a2 * step_m,
+            distance_var_per_m=a3 * step_m,
+            heading_var_per_rad=a1 * step_rad,
+            distance_var_per_rad=a4 * step_rad,
+        )
+
+    def scaled(self, std_factor: float) -> OdometryNoise:
+        """The same odometry, ``std_factor`` times as noisy: deviations and systematic errors times the factor.
+
+        Examples
+        --------
+        >>> OdometryNoise(heading_var_per_m=1e-4).scaled(2.0).heading_var_per_m
+        0.0004
+        """
+        factor = _not_negative("std_factor", std_factor)
+        changed = {name: getattr(self, name) * factor**2 for name in _VARIANCES}
+        changed |= {name: getattr(self, name) * factor for name in _SYSTEMATIC}
+        return replace(self, **changed)
+
+    def heading_std_after(self, length_m: float, turn_rad: float = 0.0) -> float:
+        """Standard deviation of the heading error, in rad, after one straight run and turning ``turn_rad`` in all."""
+        variance = self.heading_var_per_m * length_m + self.heading_var_per_rad * abs(turn_rad)
+        if self.step_m is not None:
+            variance += self.heading_var_per_step * steps_in(length_m, self.step_m)
+        return float(variance**0.5)
+
+    @property
+    def is_systematic(self) -> bool:
+        """Whether any systematic error (bias or scale) is set."""
+        return any(getattr(self, name) != 0 for name in _SYSTEMATIC)
+
+    def __repr__(self) -> str:
+        """Only what differs from a perfect odometer."""
+        said = (f"{f.name}={getattr(self, f.name)!r}" for f in fields(self) if getattr(self, f.name) != f.default)
+        return f"OdometryNoise({', '.join(said)})"
+
+
+def steps_in(length_m: float, step_m: float) -> float:
+    """Number of steps that a run of ``length_m`` counts: ``ceil(L/d - 1e-9)``; arrays welcome."""
+    import numpy as np
+
+    return np.ceil(np.asarray(length_m) / step_m - 1e-9)  # type: ignore[return-value]
+
+
+def _number(name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) and not hasattr(value, "__float__"):
+        raise ValueError(f"expected {name} to be a number, got {value!r}")
+    number = float(value)
+    if not isfinite(number):
+        raise ValueError(f"expected {name} finite, got {number!r}")
+    return number
+
+
+def _not_negative(name: str, value: object) -> float:
+    number = _number(name, value)
+    if not 0 <= number < inf:
+        raise ValueError(f"expected {name} >= 0, got {number!r}")
+    return number
+
+
+def _positive(name: str, value: object) -> float:
+    number = _number(name, value)
+    if number <= 0:
+        raise ValueError(f"expected {name} > 0, got {number!r}")
+    return number
