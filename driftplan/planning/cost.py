@@ -1,0 +1,343 @@
+r"""The additive drift cost: what one motion adds to the expected squared error at the goal, in closed form.
+
+With ``w(s)`` the vector from the path to the goal, heading noise of variance ``q_h`` per metre and position noise of
+variance ``q_p`` per metre give
+
+.. math:: J = \int (q_h |w|^2 + q_p)\,ds + \sum_{\text{turns}} (q_t |w|^2 + q_u) |\Delta\theta| \qquad [m^2].
+
+J is additive over motions, the same in both directions, and unchanged when a motion is cut in two, which is what a
+planner needs. It brackets the exact expectation: the heading part of ``E|e|^2`` lies between ``bracket(sigma_H)`` times
+the heading part of J and that part itself, ``sigma_H`` being the standard deviation of the heading error at the goal;
+the position part is exact. (Telescoping the dead-reckoning recursion gives the exact quadratic form in w; the spectrum
+of its kernel ``exp(-|t - t'|)`` on an interval is in H. L. Van Trees, Detection, Estimation, and Modulation Theory I,
+1968, sec. 3.4.)
+
+What J prices exactly: white heading, distance and lateral noise, along runs and in turns. What it does not:
+
+* Noise per step (``step_m``) enters through its equivalent rate, the variance per step divided by ``step_m``. The true
+  step noise depends on how a path is cut into runs, which no additive cost can follow, so J then only ranks and bounds
+  nothing.
+* Systematic errors (biases, scale) move the whole estimated path, and their effect is not additive in w: left out.
+* The correlation of heading and distance errors (``heading_distance_corr``) is left out too.
+
+Finished paths must therefore be compared by `driftplan.model.drift.predict_drift`, which prices all of it.
+
+In three dimensions (last axis 3) noise is isotropic: ``heading_var_per_m`` is the variance of each of the three
+components of the rotation error. The component along w moves nothing, the other two do, hence ``2 q_h |w|^2``; and
+there are two lateral directions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from driftplan.model.noise import OdometryNoise
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class CostRates:
+    """The four rates that price a motion, in one place of the world.
+
+    Attributes
+    ----------
+    heading : float
+        Mean square of the position error per square metre of lever ``|w|``, per metre driven, rad²/m.
+    position : float
+        Variance of the position, all directions summed, per metre driven, m²/m.
+    turn_heading, turn_position : float
+        The same per radian turned, rad²/rad and m²/rad.
+    """
+
+    heading: float
+    position: float
+    turn_heading: float = 0.0
+    turn_position: float = 0.0
+
+    @classmethod
+    def of(cls, noise: OdometryNoise | CostRates, dimensions: int = 2) -> CostRates:
+        """Rates of ``noise`` in the plane or, isotropic, in space; noise per step by its equivalent rate.
+
+        Examples
+        --------
+        >>> CostRates.of(OdometryNoise.per_step(heading_std=0.5, distance_std=0.2, step_m=0.5)).heading
+        0.5
+        """
+        if isinstance(noise, CostRates):
+            return noise
+        if not isinstance(noise, OdometryNoise):
+            raise ValueError(f"expected an OdometryNoise, got {noise!r}")
+        heading, along, across = noise.heading_var_per_m, noise.distance_var_per_m, noise.lateral_var_per_m
+        if noise.step_m is not None:
+            heading += noise.heading_var_per_step / noise.step_m
+            along += noise.distance_var_per_step / noise.step_m
+            across += noise.lateral_var_per_step / noise.step_m
+        axes = dimensions - 1  # that swing the goal, and directions that are lateral
+        return cls(
+            heading=axes * heading,
+            position=along + axes * across,
+            turn_heading=axes * noise.heading_var_per_rad,
+            turn_position=noise.distance_var_per_rad,
+        )
+
+
+def edge_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNoise | CostRates) -> Floats:
+    """Cost of straight runs from ``a`` to ``b``, in m²: ``(q_h/3)(|w0|² + w0·w1 + |w1|²) L + q_p L``.
+
+    Parameters
+    ----------
+    a, b : array_like (..., 2) or (..., 3)
+        Ends of the runs, metres; they broadcast.
+    goal : array_like (2,) or (3,), or broadcasting with ``a``
+        Where accuracy is wanted, metres.
+    noise : OdometryNoise or CostRates
+        CostRates save the conversion in loops.
+
+    Returns
+    -------
+    ndarray (...)
+        Never negative; symmetric in ``a`` and ``b``; additive under cutting.
+
+    Raises
+    ------
+    ValueError
+        If a coordinate is not finite or the shapes do not fit.
+
+    Examples
+    --------
+    >>> noise = OdometryNoise(heading_var_per_m=1e-3)
+    >>> round(float(edge_cost([0, 0], [10, 0], [10, 0], noise)), 6)        # q L³/3
+    0.333333
+    """
+    w0, w1, rates = _levers(a, b, goal, noise)
+    length = np.linalg.norm(w1 - w0, axis=-1)
+    mean_square = (_dot(w0, w0) + _dot(w0, w1) + _dot(w1, w1)) / 3
+    return np.asarray((rates.heading * mean_square + rates.position) * length)
+
+
+def turn_cost(at: ArrayLike, turn_rad: ArrayLike, goal: ArrayLike, noise: OdometryNoise | CostRates) -> Floats:
+    """Cost of turning on the spot by ``turn_rad`` (either sense) at ``at`` (..., 2|3), in m².
+
+    Examples
+    --------
+    >>> noise = OdometryNoise(heading_var_per_rad=1e-3)
+    >>> round(float(turn_cost([0, 0], -2.0, [10, 0], noise)), 6)
+    0.2
+    """
+    w, _, rates = _levers(at, at, goal, noise)
+    turn = np.abs(np.asarray(turn_rad, dtype=float))
+    if not np.isfinite(turn).all():
+        raise ValueError("expected turn_rad finite")
+    return np.asarray((rates.turn_heading * _dot(w, w) + rates.turn_position) * turn)
+
+
+def arc_cost(
+    start: ArrayLike,
+    heading: ArrayLike,
+    length_m: ArrayLike,
+    curvature_per_m: ArrayLike,
+    goal: ArrayLike,
+    noise: OdometryNoise | CostRates,
+) -> Floats:
+    """Cost in m² of runs of constant curvature in the plane; turning along the way is charged per radian too.
+
+    Parameters
+    ----------
+    start : array_like (..., 2)
+        Where the arcs begin, metres.
+    heading : array_like (...)
+        Direction of travel there, radians counter-clockwise from +x.
+    length_m, curvature_per_m : array_like (...)
+        Arc lengths >= 0; curvatures in 1/m, positive to the left, zero for straight runs.
+    goal, noise
+        As in `edge_cost`.
+
+    Notes
+    -----
+    With unit start direction u and ``x = curvature * length``,
+    ``∫|w|² = L|w0|² - 2L²(A w0·u - xB w0×u) + 2L³B``, ``A = (1 - cos x)/x²``, ``B = (x - sin x)/x³``; both
+    functions are smooth at zero, so that nearly straight arcs lose no digits.
+
+    Examples
+    --------
+    >>> noise = OdometryNoise(heading_var_per_m=1.0)
+    >>> round(float(arc_cost([1, 2], 0.3, 6.0, 0.25, [10, 4], noise)), 6)
+    313.114911
+    """
+    w0, _, rates = _levers(start, start, goal, noise)
+    if w0.shape[-1] != 2:
+        raise ValueError(f"expected planar points (..., 2) for arcs, got shape {w0.shape}")
+    theta, length, curvature = (np.asarray(v, dtype=float) for v in (heading, length_m, curvature_per_m))
+    if not all(np.isfinite(v).all() for v in (theta, length, curvature)) or (length < 0).any():
+        raise ValueError("expected heading, length_m >= 0 and curvature_per_m finite")
+    x = curvature * length
+    along = w0[..., 0] * np.cos(theta) + w0[..., 1] * np.sin(theta)
+    across = w0[..., 0] * np.sin(theta) - w0[..., 1] * np.cos(theta)  # w0 × u
+    bend = _sine_defect(x)
+    swing = 0.5 * np.sinc(x / (2 * np.pi)) ** 2  # (1 - cos x)/x²
+    squares = length * (_dot(w0, w0) - 2 * length * (swing * along - x * bend * across) + 2 * length**2 * bend)
+    squares = np.maximum(squares, 0.0)  # round-off of arcs that hug the goal
+    q_h = rates.heading + rates.turn_heading * np.abs(curvature)
+    q_p = rates.position + rates.turn_position * np.abs(curvature)
+    return np.asarray(q_h * squares + q_p * length)
+
+
+def geodesic_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNoise | CostRates) -> Floats:
+    """Lower bound in m² of the cost of any path from ``a`` to ``b``: no obstacles, no turn costs.
+
+    ``|w|²|dw| = |d(w³/3)|``: w -> w³/3 makes the heading metric flat (a cone of angle 6π). With φ the angle between
+    the two levers its geodesics have length ``|w0³ - w1³|/3`` for φ < π/3 and run through the goal beyond. Adding
+    ``q_p`` times the straight distance gives a sum of two metrics, each at most its part of the true cost: admissible
+    and consistent, symmetric, zero only for a = b. To the goal itself it is ``q_h r³/3 + q_p r``, which the straight
+    run attains. Geodesics in space stay in the plane of the goal and the two points, so the formula is the same.
+
+    Parameters and errors as in `edge_cost`.
+
+    Examples
+    --------
+    >>> noise = OdometryNoise(heading_var_per_m=1.0)
+    >>> round(float(geodesic_cost([1, 0], [0, 1], [0, 0], noise)), 9)      # shorter through the goal
+    0.666666667
+    """
+    w0, w1, rates = _levers(a, b, goal, noise)
+    r0, r1 = np.linalg.norm(w0, axis=-1), np.linalg.norm(w1, axis=-1)
+    step = w1 - w0
+    length = np.linalg.norm(step, axis=-1)
+    total = r0 + r1
+    # Differences of nearly equal levers are formed from the step itself, so that short edges keep their digits.
+    radial = _dot(step, w0 + w1) / np.where(total > 0, total, 1.0)  # r1 - r0
+    angle = np.arctan2(_cross_norm(step, w0), _dot(w0, w1))
+    chord = np.hypot(radial * (r0**2 + r0 * r1 + r1**2), 2 * (r0 * r1) ** 1.5 * np.sin(1.5 * angle))
+    metric = np.where(angle < np.pi / 3, chord, r0**3 + r1**3) / 3
+    return np.asarray(rates.heading * metric + rates.position * length)
+
+
+def path_cost(
+    path: ArrayLike, goal: ArrayLike | None, noise: OdometryNoise | CostRates, *, start_heading: float | None = None
+) -> Floats:
+    """Cost in m² of polylines (..., n, 2|3), turns on the spot between their runs included.
+
+    Parameters
+    ----------
+    path : array_like (..., n, 2) or (..., n, 3), n >= 2
+        Waypoints, metres. Repeated waypoints cost nothing and do not hide the turn between their neighbours.
+    goal : array_like (2,) or (3,), or None
+        Where accuracy is wanted; None for each path's own end.
+    noise : OdometryNoise or CostRates
+        See the module's account of what is priced.
+    start_heading : float, optional
+        Heading in radians before the first run (plane only). Without it the robot already faces along the first run.
+
+    Examples
+    --------
+    >>> noise = OdometryNoise(heading_var_per_m=1e-4)
+    >>> long_leg_first, short_leg_first = [[0, 0], [30, 0], [30, 10]], [[0, 0], [0, 10], [30, 10]]
+    >>> bool(path_cost(long_leg_first, None, noise) < path_cost(short_leg_first, None, noise))
+    True
+    """
+    points = np.asarray(path, dtype=float)
+    if points.ndim < 2 or points.shape[-2] < 2:
+        raise ValueError(f"expected a path (..., n, 2) or (..., n, 3) with n >= 2, got shape {points.shape}")
+    end = points[..., -1:, :] if goal is None else np.asarray(goal, dtype=float)
+    rates = CostRates.of(noise, points.shape[-1])
+    total = edge_cost(points[..., :-1, :], points[..., 1:, :], end, rates).sum(axis=-1)
+    if rates.turn_heading > 0 or rates.turn_position > 0:
+        total = total + turn_cost(points[..., :-1, :], _turns(points, start_heading), end, rates).sum(axis=-1)
+    return np.asarray(total)
+
+
+def bracket(heading_std_end: ArrayLike) -> Floats:
+    r"""The factor :math:`\Lambda` with ``Λ J <= E|e|² <= J`` for the heading part of the cost.
+
+    Parameters
+    ----------
+    heading_std_end : array_like (...)
+        Standard deviation in rad of the heading error at the path's end. In space, the root of twice the variance per
+        axis.
+
+    Returns
+    -------
+    ndarray (...)
+        ``cos² x`` where ``x tan x = heading_std_end²/4`` and ``0 <= x < π/2``. It lies between ``exp(-std²/4)`` and 1.
+        The path of least J has at most 1/Λ times the least possible expected squared error, Λ taken at the heading
+        error of the truly best path.
+
+    Raises
+    ------
+    ValueError
+        If a standard deviation is negative or not finite.
+
+    Examples
+    --------
+    >>> bracket([0.0, 0.3, 1.0]).round(5)
+    array([1.     , 0.97783, 0.78668])
+    """
+    std = np.asarray(heading_std_end, dtype=float)
+    if not np.isfinite(std).all() or (std < 0).any():
+        raise ValueError(f"expected heading_std_end >= 0 and finite, got {heading_std_end!r}")
+    load = std**2 / 4
+    low, high = np.zeros_like(load), np.full_like(load, np.pi / 2)
+    for _ in range(100):  # bisection: x sin x - load cos x increases from 0 to π/2; 2⁻¹⁰⁰ is far below the last digit
+        middle = 0.5 * (low + high)
+        above = middle * np.sin(middle) > load * np.cos(middle)
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    return np.asarray(np.cos(low) ** 2)
+
+
+def _levers(
+    a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNoise | CostRates
+) -> tuple[Floats, Floats, CostRates]:
+    """The vectors from ``a`` and ``b`` to the goal, and the rates of the space they live in."""
+    points = [np.asarray(value, dtype=float) for value in (a, b, goal)]
+    for name, point in zip(("a", "b", "goal"), points, strict=True):
+        if point.ndim < 1 or point.shape[-1] not in (2, 3) or point.shape[-1] != points[0].shape[-1]:
+            raise ValueError(f"expected points (..., 2), or all (..., 3); {name} has shape {point.shape}")
+        if not np.isfinite(point).all():
+            raise ValueError(f"expected finite coordinates, got {name} with NaN or infinity")
+    return points[2] - points[0], points[2] - points[1], CostRates.of(noise, points[0].shape[-1])
+
+
+def _turns(points: Floats, start_heading: float | None) -> Floats:
+    """Angle turned at the start of each run (..., n - 1); runs of no length keep the direction before them."""
+    steps = np.diff(points, axis=-2)
+    runs = np.linalg.norm(steps, axis=-1)
+    # Index of the latest run with a direction, up to and including each run; -1 where there is none yet.
+    index = np.where(runs > 0, np.arange(runs.shape[-1]), -1)
+    latest = np.maximum.accumulate(index, axis=-1)
+    before = np.concatenate([np.full_like(latest[..., :1], -1), latest[..., :-1]], axis=-1)
+    previous = np.take_along_axis(steps, np.maximum(before, 0)[..., None], axis=-2)
+    if start_heading is not None:
+        if points.shape[-1] != 2 or not np.isfinite(start_heading):
+            raise ValueError(f"expected a finite start_heading in the plane, got {start_heading!r}")
+        facing = np.array([np.cos(start_heading), np.sin(start_heading)])
+        previous = np.where((before < 0)[..., None], facing, previous)
+        before = np.maximum(before, 0)
+    angles = np.arctan2(_cross_norm(previous, steps), _dot(previous, steps))
+    return np.where((runs > 0) & (before >= 0), angles, 0.0)
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return np.asarray((a * b).sum(axis=-1))
+
+
+def _cross_norm(a: Floats, b: Floats) -> Floats:
+    """|a × b| for (..., 2) or (..., 3)."""
+    if a.shape[-1] == 2:
+        return np.abs(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+    return np.asarray(np.linalg.norm(np.cross(a, b), axis=-1))
+
+
+def _sine_defect(x: Floats) -> Floats:
+    """(x - sin x)/x³, 1/6 at zero."""
+    small = np.abs(x) < 1.0
+    large = np.where(small, 1.0, x)
+    y = np.where(small, x, 0.0) ** 2
+    # 6 times the Taylor series by Horner; the first term left out is below 1e-18 for |x| < 1.
+    series = np.zeros_like(y)
+    for k in (16, 14, 12, 10, 8, 6, 4):
+        series = -(1.0 + series) * y / (k * (k + 1))
+    return np.where(small, (1.0 + series) / 6, (large - np.sin(large)) / large**3)
