@@ -113,8 +113,8 @@ def edge_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNoise 
     >>> round(float(edge_cost([0, 0], [10, 0], [10, 0], noise)), 6)        # q L³/3
     0.333333
     """
-    w0, w1, rates = _levers(a, b, goal, noise)
-    length = np.linalg.norm(w1 - w0, axis=-1)
+    w0, w1, step, rates = _levers(a, b, goal, noise)
+    length = np.linalg.norm(step, axis=-1)
     mean_square = (_dot(w0, w0) + _dot(w0, w1) + _dot(w1, w1)) / 3
     return np.asarray((rates.heading * mean_square + rates.position) * length)
 
@@ -128,7 +128,7 @@ def turn_cost(at: ArrayLike, turn_rad: ArrayLike, goal: ArrayLike, noise: Odomet
     >>> round(float(turn_cost([0, 0], -2.0, [10, 0], noise)), 6)
     0.2
     """
-    w, _, rates = _levers(at, at, goal, noise)
+    w, _, _, rates = _levers(at, at, goal, noise)
     turn = np.abs(np.asarray(turn_rad, dtype=float))
     if not np.isfinite(turn).all():
         raise ValueError("expected turn_rad finite")
@@ -168,7 +168,7 @@ def arc_cost(
     >>> round(float(arc_cost([1, 2], 0.3, 6.0, 0.25, [10, 4], noise)), 6)
     313.114911
     """
-    w0, _, rates = _levers(start, start, goal, noise)
+    w0, _, _, rates = _levers(start, start, goal, noise)
     if w0.shape[-1] != 2:
         raise ValueError(f"expected planar points (..., 2) for arcs, got shape {w0.shape}")
     theta, length, curvature = (np.asarray(v, dtype=float) for v in (heading, length_m, curvature_per_m))
@@ -203,13 +203,12 @@ def geodesic_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNo
     >>> round(float(geodesic_cost([1, 0], [0, 1], [0, 0], noise)), 9)      # shorter through the goal
     0.666666667
     """
-    w0, w1, rates = _levers(a, b, goal, noise)
+    w0, w1, step, rates = _levers(a, b, goal, noise)
     r0, r1 = np.linalg.norm(w0, axis=-1), np.linalg.norm(w1, axis=-1)
-    step = w1 - w0
     length = np.linalg.norm(step, axis=-1)
     total = r0 + r1
     # Differences of nearly equal levers are formed from the step itself, so that short edges keep their digits.
-    radial = _dot(step, w0 + w1) / np.where(total > 0, total, 1.0)  # r1 - r0
+    radial = _dot(step, w0 + w1) / np.where(total > 0, total, 1.0)  # r0 - r1
     angle = np.arctan2(_cross_norm(step, w0), _dot(w0, w1))
     chord = np.hypot(radial * (r0**2 + r0 * r1 + r1**2), 2 * (r0 * r1) ** 1.5 * np.sin(1.5 * angle))
     metric = np.where(angle < np.pi / 3, chord, r0**3 + r1**3) / 3
@@ -290,15 +289,16 @@ def bracket(heading_std_end: ArrayLike) -> Floats:
 
 def _levers(
     a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNoise | CostRates
-) -> tuple[Floats, Floats, CostRates]:
-    """The vectors from ``a`` and ``b`` to the goal, and the rates of the space they live in."""
+) -> tuple[Floats, Floats, Floats, CostRates]:
+    """The vectors from ``a`` and ``b`` to the goal, the step ``b - a``, and the rates of the space they live in."""
     points = [np.asarray(value, dtype=float) for value in (a, b, goal)]
     for name, point in zip(("a", "b", "goal"), points, strict=True):
         if point.ndim < 1 or point.shape[-1] not in (2, 3) or point.shape[-1] != points[0].shape[-1]:
             raise ValueError(f"expected points (..., 2), or all (..., 3); {name} has shape {point.shape}")
         if not np.isfinite(point).all():
             raise ValueError(f"expected finite coordinates, got {name} with NaN or infinity")
-    return points[2] - points[0], points[2] - points[1], CostRates.of(noise, points[0].shape[-1])
+    a, b, end = points  # the step is not formed from the levers, which would lose the digits of short steps
+    return end - a, end - b, b - a, CostRates.of(noise, a.shape[-1])
 
 
 def _turns(points: Floats, start_heading: float | None) -> Floats:
