@@ -1,0 +1,1 @@
+"""Numbers only: noise, error moments, drift. No maps, no OMPL, no beacons."""

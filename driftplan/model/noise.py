@@ -53,7 +53,7 @@ class OdometryNoise:
         Length of a step in metres; None for the continuous model.
     heading_law : {"gaussian", "laplace", "von_mises", "uniform"}
         Distribution of one step's heading error, entering through its exact characteristic function. The von Mises
-        concentration is the reciprocal of the step's heading variance. Laws other than the Gaussian need ``step_m``:
+        concentration is the reciprocal of the step's heading variance, and it takes no ``heading_distance_corr``. Laws other than the Gaussian need ``step_m``:
         a continuous white error is Gaussian.
     heading_distance_corr : float
         Correlation, in [-1, 1], of the heading and distance errors of the same step or stretch. In the continuous model it
@@ -103,6 +103,8 @@ class OdometryNoise:
             raise ValueError(f"expected distance_scale_error > -1, got {self.distance_scale_error!r}")
         if self.heading_law not in get_args(HeadingLaw):
             raise ValueError(f"expected heading_law one of {get_args(HeadingLaw)}, got {self.heading_law!r}")
+        if self.heading_law == "von_mises" and self.heading_distance_corr != 0:
+            raise ValueError("heading_distance_corr is not defined for heading_law='von_mises': use 'gaussian', got both")
         if self.step_m is not None:
             object.__setattr__(self, "step_m", _positive("step_m", self.step_m))
             return

@@ -1,0 +1,366 @@
+"""predict_drift: the drift of odometry along a path, in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import scores
+from .elements import run_moments, turn_moments
+from .fixes import Fix, apply_fix
+from .moments import Moments, compose, scan
+from .noise import OdometryNoise
+from .paths import Floats, Runs, read_path
+
+Noises = OdometryNoise | Sequence[OdometryNoise]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointDrift:
+    """Drift e = estimated minus true position at points, over any leading axes (none for a single point).
+
+    Everything is exact to second order under the noise model, except `mean_distance`, `radius` and
+    `probability_within`, which treat the error as Gaussian (`driftplan.model.scores` states the error of that).
+
+    Attributes
+    ----------
+    distance : array, shape (...)
+        Metres driven from the path's start.
+    moments : Moments, shape (...)
+        True pose and error moments, world frame.
+    """
+
+    distance: Floats
+    moments: Moments
+
+    @property
+    def xy(self) -> Floats:
+        """True position, metres, world frame, (..., 2)."""
+        return _planar(self.moments.p)
+
+    @property
+    def heading(self) -> Floats:
+        """True heading on arrival, rad, (...)."""
+        return np.angle(self.moments.u)
+
+    @property
+    def rms(self) -> Floats:
+        """sqrt(E|e|²), metres, (...): the default score."""
+        return np.sqrt(np.maximum(self.moments.N.real, 0.0))
+
+    @property
+    def bias(self) -> Floats:
+        """E[e], metres, world frame, (..., 2)."""
+        return _planar(self.moments.e1)
+
+    @property
+    def bias_norm(self) -> Floats:
+        """|E[e]|, metres, (...). Reported for comparison only: a detour can cancel it while the error grows."""
+        return np.abs(self.moments.e1)
+
+    @property
+    def cov(self) -> Floats:
+        """Covariance of e, m², world frame, (..., 2, 2)."""
+        return _covariance(self.moments, 1.0)
+
+    @property
+    def cov_body(self) -> Floats:
+        """Covariance of e, m², in the robot's true frame (x forward, y left), (..., 2, 2)."""
+        return _covariance(self.moments, np.conj(self.moments.u))
+
+    @property
+    def trace(self) -> Floats:
+        """Trace of the covariance, m², (...)."""
+        return np.asarray(np.maximum(self.moments.N.real - np.abs(self.moments.e1) ** 2, 0.0))
+
+    @property
+    def largest_eigenvalue(self) -> Floats:
+        """Largest eigenvalue of the covariance, m², (...): variance in the worst direction."""
+        skew = self.moments.e2 - self.moments.e1**2
+        return np.asarray(0.5 * (self.trace + np.abs(skew)))
+
+    @property
+    def heading_std(self) -> Floats:
+        """Circular standard deviation sqrt(-2 ln|E exp(jθ)|) of the heading error θ, rad, (...)."""
+        d1 = self.moments.d1
+        coherence_m1 = 2 * d1.real + np.abs(d1) ** 2  # |E r|² - 1, without cancellation
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.sqrt(np.maximum(-np.log1p(np.maximum(coherence_m1, -1.0)), 0.0)))
+
+    @property
+    def mean_distance(self) -> Floats:
+        """E|e|, metres, (...), Gaussian approximation."""
+        return scores.mean_distance(self.bias, self.cov)
+
+    def radius(self, confidence: float = 0.95) -> Floats:
+        """Radius about the true position that holds the estimate with the given confidence, metres, (...)."""
+        return scores.radius_at(confidence, self.bias, self.cov)
+
+    def probability_within(self, radius_m: ArrayLike) -> Floats:
+        """Probability that the estimate is within ``radius_m`` metres of the true position, (...)."""
+        return scores.probability_within(radius_m, self.bias, self.cov)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drift(PointDrift):
+    """Drift at every waypoint of a path, (..., n) for paths (..., n, 2); made by `predict_drift`.
+
+    At a waypoint with a fix the values are those after it. `at` goes anywhere between.
+    """
+
+    runs: Runs
+    noises: tuple[OdometryNoise, ...]
+    _noise_of_leg: NDArray[np.intp]
+    _borders: Moments  # after fixes, at every leg border
+    _arrivals: Moments  # before fixes
+    _border_distance: Floats
+
+    @property
+    def end(self) -> PointDrift:
+        """Drift at the end of the path, (...)."""
+        return PointDrift(self.distance[..., -1], self.moments[..., -1])
+
+    @property
+    def length(self) -> Floats:
+        """Length of the path, metres, (...)."""
+        return self.distance[..., -1]
+
+    def at(self, s: ArrayLike) -> PointDrift:
+        """Drift after ``s`` metres, had the path ended there.
+
+        Parameters
+        ----------
+        s : float or array, shape (k,), or (..., k) with the leading axes of a batch
+            Distances in [0, length]. At a fix: just after it.
+
+        Returns
+        -------
+        PointDrift, shape () for one path and a float, else (..., k)
+
+        Raises
+        ------
+        ValueError
+            For a distance that is not on the path.
+        """
+        wanted = np.asarray(s, dtype=float)
+        batch = self.distance.shape[:-1]
+        where = np.broadcast_to(np.atleast_1d(wanted), (*batch, *(wanted.shape[-1:] or (1,))))
+        length = self.length[..., None]
+        if not ((where >= 0) & (where <= length * (1 + 1e-9))).all():
+            raise ValueError(f"expected distances on the path, in [0, {self.length.min():.6g}] m, got {s}")
+        found = self._inside(np.minimum(where, length))
+        if wanted.ndim == 0:
+            return PointDrift(found.distance[..., 0], found.moments[..., 0])
+        return found
+
+    def profile(self, spacing_m: float | None = None) -> PointDrift:
+        """Drift along one path for plotting: the leg borders, points every ``spacing_m`` metres (default: 200 in all)
+        and both sides of every fix, in driving order, shape (k,)."""
+        if self.distance.ndim != 1:
+            raise ValueError(f"expected the drift of one path, got a batch of shape {self.distance.shape[:-1]}")
+        length = float(self.length)
+        spacing = spacing_m if spacing_m is not None else max(length, 1e-300) / 200
+        if not spacing > 0:
+            raise ValueError(f"expected spacing_m > 0, got {spacing_m!r}")
+        between = np.arange(spacing, length, spacing)
+        inner = self._inside(between)
+        parts = [self._arrivals, self._borders, inner.moments]
+        distance = np.concatenate([self._border_distance, self._border_distance, between])
+        order = np.lexsort((np.repeat([0, 1, 2], [x.shape[-1] for x in parts]), distance))
+        joined = Moments(*(np.concatenate(x) for x in zip(*(part.arrays() for part in parts), strict=True)))
+        return PointDrift(distance[order], joined[order])
+
+    def _inside(self, s: Floats) -> PointDrift:
+        """Drift at distances (..., k) on the path: the last border before, and the leg from there."""
+        borders = self._border_distance
+        if borders.ndim == 1:
+            leg = np.searchsorted(borders, s, side="right") - 1
+        else:
+            leg = (borders[..., None, :] <= s[..., :, None]).sum(axis=-1) - 1
+        leg = np.clip(leg, 0, self.runs.lengths.shape[-1] - 1)
+
+        def pick(x: NDArray[Any]) -> NDArray[Any]:
+            return np.take_along_axis(np.broadcast_to(x, (*s.shape[:-1], x.shape[-1])), leg, axis=-1)
+
+        begin = Moments(*(pick(x[..., :-1]) for x in self._borders.arrays()))
+        piece = _legs(
+            pick(self.runs.turns),
+            np.clip(s - pick(borders[..., :-1]), 0.0, None),
+            pick(self.runs.curvatures),
+            self.noises,
+            pick(self._noise_of_leg),
+        )
+        return PointDrift(s, compose(begin, piece))
+
+
+def predict_drift(
+    path: Any,
+    noise: Noises,
+    *,
+    start_heading: float | ArrayLike | None = None,
+    fixes: Sequence[Fix] = (),
+) -> Drift:
+    """How far odometry will have drifted at every point of a path: bias, covariance and rms, in closed form.
+
+    The robot follows ``path`` exactly, starting from a known pose; its odometry errs as `OdometryNoise` says,
+    independently on disjoint stretches. Exact first and second moments for any amount of noise, no linearisation.
+    A path costs O(waypoints), whatever the number of odometry steps.
+
+    Parameters
+    ----------
+    path :
+        (n, 2) waypoints in metres, world frame, with turns on the spot between straight runs; (n, 3) with headings in rad,
+        at which the robot turns to its course, drives and turns to the heading; (..., n, 2|3) batches; a list of
+        arrays of different lengths; a list of `Run`; or `Runs` (for odometry logs `Runs.from_odometry`).
+    noise : OdometryNoise or one per run
+        A sequence gives each leg its own noise (floors of different kinds).
+    start_heading : float, optional
+        Heading before the first turn, rad; by default the robot already faces its first run.
+    fixes : sequence of Fix
+        Absolute measurements on the way (one path only). A fix at 0 sets the uncertainty of the start.
+
+    Returns
+    -------
+    Drift
+
+    Raises
+    ------
+    ValueError
+        For paths of fewer than 2 waypoints, wrong shapes, values that are not finite, fixes off the path.
+
+    Notes
+    -----
+    Error-moment algebra: see `driftplan.model.moments` and `driftplan.model.elements`. The published double sums give
+    the same numbers in O(n²), once their misprints are mended.
+
+    Examples
+    --------
+    >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
+    >>> drift = predict_drift([(0, 0), (30, 0), (30, 10)], noise)
+    >>> drift.rms.round(3)
+    array([0.   , 0.532, 0.638])
+    >>> drift.at(15.0).rms.round(3).item()
+    0.197
+    """
+    runs = read_path(path, start_heading)
+    noises, noise_of_leg = _noises(noise, runs.lengths.shape[-1])
+    waypoints = np.arange(0, runs.lengths.shape[-1] + 1, runs.legs_per_waypoint)
+    at_border: list[tuple[int, Fix]] = []
+    if fixes:
+        runs, waypoints, noise_of_leg, at_border = _cut_at_fixes(runs, waypoints, noise_of_leg, fixes)
+    pieces = _legs(runs.turns, runs.lengths, runs.curvatures, noises, noise_of_leg)
+    zero = np.zeros(np.shape(runs.start))
+    state = Moments(np.exp(1j * runs.heading), runs.start, *([zero] * 8))
+    arrivals, borders = _along(pieces, state, at_border)
+    distance = np.concatenate([zero[..., None], np.cumsum(runs.lengths, axis=-1)], axis=-1)
+    return Drift(
+        distance[..., waypoints], borders[..., waypoints], runs, noises, noise_of_leg, borders, arrivals, distance
+    )
+
+
+def _along(pieces: Moments, start: Moments, fixes: list[tuple[int, Fix]]) -> tuple[Moments, Moments]:
+    """Moments at every leg border, before and after the fixes there."""
+    if not fixes:
+        states = scan(pieces, start)
+        return states, states
+    last = pieces.shape[-1]
+    due: dict[int, list[Fix]] = {}
+    for border, fix in fixes:
+        due.setdefault(border, []).append(fix)
+    before = [np.empty(last + 1, complex) for _ in start.arrays()]
+    after = [np.empty(last + 1, complex) for _ in start.arrays()]
+    _write(before, slice(0, 1), start)
+    _write(after, slice(0, 1), start)
+    begin, state = 0, start
+    for stop in [*sorted(due), last]:
+        hop = scan(pieces[begin:stop], state)
+        reached = slice(begin + 1, stop + 1)
+        _write(before, reached, hop[1:])
+        _write(after, reached, hop[1:])
+        state = hop[-1]
+        for fix in due.pop(stop, ()):
+            state = apply_fix(state, fix)
+        _write(after, slice(stop, stop + 1), state)
+        begin = stop
+    return _as_moments(before), _as_moments(after)
+
+
+def _write(arrays: list[NDArray[Any]], where: slice, values: Moments) -> None:
+    for array, value in zip(arrays, values.arrays(), strict=True):
+        array[where] = value
+
+
+def _as_moments(arrays: list[NDArray[Any]]) -> Moments:
+    u, p, d1, d2, D, e1, N, e2, a, b = arrays
+    return Moments(u, p, d1, d2, D.real, e1, N.real, e2, a, b)
+
+
+def _cut_at_fixes(
+    runs: Runs, waypoints: NDArray[np.intp], noise_of_leg: NDArray[np.intp], fixes: Sequence[Fix]
+) -> tuple[Runs, NDArray[np.intp], NDArray[np.intp], list[tuple[int, Fix]]]:
+    """The path with a leg border at every fix, and which border that is."""
+    if runs.lengths.ndim != 1:
+        raise ValueError(f"expected one path with fixes, got a batch of shape {runs.lengths.shape[:-1]}: predict one by one")
+    ordered = sorted(fixes, key=lambda fix: fix.s_m)
+    length = float(runs.lengths.sum())
+    if ordered[-1].s_m > length * (1 + 1e-9):
+        raise ValueError(f"expected fixes on the path, at 0 to {length:.6g} m, got one at s_m={ordered[-1].s_m:.6g}")
+    cut, at, borders = runs.cut(np.minimum([fix.s_m for fix in ordered], length))
+    legs_from = np.diff(borders)
+    return cut, borders[waypoints], np.repeat(noise_of_leg, legs_from), list(zip(at.tolist(), ordered, strict=True))
+
+
+def _noises(noise: Noises, legs: int) -> tuple[tuple[OdometryNoise, ...], NDArray[np.intp]]:
+    """The distinct noises, and which of them each leg has."""
+    if isinstance(noise, OdometryNoise):
+        return (noise,), np.zeros(legs, dtype=np.intp)
+    if not (isinstance(noise, Sequence) and all(isinstance(n, OdometryNoise) for n in noise)):
+        raise ValueError(f"expected an OdometryNoise or one per run, got {type(noise).__name__}")
+    if len(noise) != legs:
+        raise ValueError(f"expected one OdometryNoise per run, {legs} in all, got {len(noise)}")
+    index: dict[OdometryNoise, int] = {}
+    of_leg = np.array([index.setdefault(n, len(index)) for n in noise], dtype=np.intp)
+    return tuple(index), of_leg
+
+
+def _legs(
+    turns: Floats,
+    lengths: Floats,
+    curvatures: Floats,
+    noises: tuple[OdometryNoise, ...],
+    noise_of_leg: NDArray[np.intp],
+) -> Moments:
+    """The element of every leg: its turn, then its run."""
+    if len(noises) == 1:
+        return _legs_of_one_noise(turns, lengths, curvatures, noises[0])
+    which = np.broadcast_to(noise_of_leg, lengths.shape)
+    arrays = [np.empty(lengths.shape, complex) for _ in range(10)]
+    for k, noise in enumerate(noises):
+        here = which == k
+        part = _legs_of_one_noise(turns[here], lengths[here], curvatures[here], noise)
+        for array, value in zip(arrays, part.arrays(), strict=True):
+            array[here] = value
+    return _as_moments(arrays)
+
+
+def _legs_of_one_noise(turns: Floats, lengths: Floats, curvatures: Floats, noise: OdometryNoise) -> Moments:
+    runs = run_moments(lengths, curvatures, noise)
+    if noise.heading_var_per_rad == 0 and noise.distance_var_per_rad == 0 and noise.heading_bias_per_rad == 0:
+        return runs.rotated(np.exp(1j * turns))
+    return compose(turn_moments(turns, noise), runs)
+
+
+def _planar(z: NDArray[Any]) -> Floats:
+    return np.stack([np.real(z), np.imag(z)], axis=-1)
+
+
+def _covariance(moments: Moments, u: NDArray[Any] | complex) -> Floats:
+    """Covariance of u e: from E|e|² - |E e|² and E e² - (E e)²."""
+    spread = np.maximum(moments.N.real - np.abs(moments.e1) ** 2, 0.0)
+    skew = u * u * (moments.e2 - moments.e1**2)
+    xx, yy, xy = (spread + skew.real) / 2, (spread - skew.real) / 2, skew.imag / 2
+    return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)

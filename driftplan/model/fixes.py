@@ -1,0 +1,119 @@
+"""Fixes: absolute measurements on the way, and what they do to the error moments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .heading_laws import law_moments
+from .moments import Moments
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fix:
+    """An absolute measurement at the distance ``s_m`` along a path.
+
+    The measured quantity's error is replaced by the measurement's, independent of all before: a full fix replaces
+    position and heading error, a position fix (RFID) leaves the heading error, a heading fix the position error. (A filter that used the
+    correlation of position and heading error would also gain heading from a position fix; not modelled.)
+
+    Attributes
+    ----------
+    s_m : float
+        Where along the path, metres from its start.
+    position_cov : (2, 2) array or None
+        Covariance of the measured position, m², world frame; None: position not measured.
+    heading_std : float or None
+        Standard deviation of the measured heading, rad (Gaussian); None: heading not measured.
+    detection_probability : float
+        Probability that the measurement happens at all; otherwise the drift goes on as if there were no fix.
+
+    Raises
+    ------
+    ValueError
+        For negative or infinite values, a covariance that is none, a probability outside [0, 1].
+    """
+
+    s_m: float
+    position_cov: NDArray[np.float64] | None = None
+    heading_std: float | None = None
+    detection_probability: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.s_m) and self.s_m >= 0):
+            raise ValueError(f"expected s_m finite and >= 0, got {self.s_m!r}")
+        if self.position_cov is None and self.heading_std is None:
+            raise ValueError("expected a fix to measure position_cov, heading_std or both, got neither")
+        if self.heading_std is not None and not (isfinite(self.heading_std) and self.heading_std >= 0):
+            raise ValueError(f"expected heading_std finite and >= 0, got {self.heading_std!r}")
+        if not 0 <= self.detection_probability <= 1:
+            raise ValueError(f"expected detection_probability in [0, 1], got {self.detection_probability!r}")
+        if self.position_cov is not None:
+            object.__setattr__(self, "position_cov", _covariance(self.position_cov))
+
+    @classmethod
+    def full(cls, s_m: float, *, position_std_m: float, heading_std: float, detection_probability: float = 1.0) -> Fix:
+        """Position and heading: an AprilTag, a reflector set, a docking station. ``position_std_m`` is per axis.
+
+        Examples
+        --------
+        >>> Fix.full(10.0, position_std_m=0.1, heading_std=0.02).heading_std
+        0.02
+        """
+        return cls(
+            s_m=s_m,
+            position_cov=_isotropic(position_std_m),
+            heading_std=heading_std,
+            detection_probability=detection_probability,
+        )
+
+    @classmethod
+    def position(cls, s_m: float, *, position_std_m: float, detection_probability: float = 1.0) -> Fix:
+        """Position only: an RFID tag. ``position_std_m`` is per axis."""
+        return cls(s_m=s_m, position_cov=_isotropic(position_std_m), detection_probability=detection_probability)
+
+    @classmethod
+    def heading(cls, s_m: float, *, heading_std: float, detection_probability: float = 1.0) -> Fix:
+        """Heading only: a compass, a wall of known direction."""
+        return cls(s_m=s_m, heading_std=heading_std, detection_probability=detection_probability)
+
+
+def apply_fix(before: Moments, fix: Fix) -> Moments:
+    """Error moments (world frame) just after ``fix``, given those just before it; exact.
+
+    A detection probability p mixes the two outcomes, and moments of a mixture are mixtures of moments.
+    """
+    zero = np.zeros(before.shape)
+    d1, d2, D, e1, N, e2 = before.d1, before.d2, before.D, before.e1, before.N, before.e2
+    if fix.heading_std is not None:
+        law = law_moments("gaussian", np.asarray(fix.heading_std**2))
+        d1, d2, D = zero + law.d1, zero + law.d2, zero - 2 * law.d1
+    if fix.position_cov is not None:
+        (xx, xy), (_, yy) = fix.position_cov.tolist()
+        e1, N, e2 = zero, zero + (xx + yy), zero + complex(xx - yy, 2 * xy)
+    # the measured part is fresh, hence independent of the part that stays
+    after = Moments(before.u, before.p, d1, d2, D, e1, N, e2, e1 * np.conj(d1), e1 * d1)
+    p = fix.detection_probability
+    if p == 1:
+        return after
+    mixed = ((1 - p) * x + p * y for x, y in zip(before.arrays()[2:], after.arrays()[2:], strict=True))
+    return Moments(before.u, before.p, *mixed)
+
+
+def _isotropic(position_std_m: float) -> NDArray[np.float64]:
+    if not (isfinite(position_std_m) and position_std_m >= 0):
+        raise ValueError(f"expected position_std_m finite and >= 0, got {position_std_m!r}")
+    return position_std_m**2 * np.eye(2)
+
+
+def _covariance(cov: ArrayLike) -> NDArray[np.float64]:
+    matrix = np.array(cov, dtype=float)
+    if matrix.shape != (2, 2) or not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T):
+        raise ValueError(f"expected position_cov a symmetric finite (2, 2) matrix, got {matrix.tolist()}")
+    if np.linalg.eigvalsh(matrix)[0] < -1e-12 * np.trace(matrix):
+        raise ValueError(f"expected position_cov positive semi-definite, got {matrix.tolist()}")
+    matrix.setflags(write=False)
+    return matrix

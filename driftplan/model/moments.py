@@ -1,0 +1,250 @@
+"""The error-moment algebra: how the errors of consecutive pieces of odometry add up, exactly to second order.
+
+The plane is the complex plane. A pose is (u, p) with heading ``u = exp(jθ)`` and position p; poses multiply as
+``(u_A, p_A)(u_B, p_B) = (u_A u_B, p_A + u_A p_B)``. A piece of odometry has the true motion (u, p) and the errors
+
+* ``δ = conj(u) û - 1`` of the estimated heading û, and
+* ``e = p̂ - p`` of the estimated position p̂, in the frame of the piece's start.
+
+When the errors of two pieces are independent, the first and second moments of (δ, e) of the joined piece follow from
+those of the parts: a monoid (associative, with identity), so that a path costs one composition per piece. The moments
+are those of *errors*, never differences of large estimates, so nothing cancels when the noise is tiny.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]  # complex, or float where nothing turns: real pieces cost half
+
+_SMALLEST_COHERENCE = 1e-100  # a smaller factor is taken for this: what it multiplies is forgotten either way
+_CHUNK_LOG = 400.0  # natural logarithm by which the coherence may fall within one cumulative product: no underflow
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moments:
+    """True motion and error moments of pieces of odometry, over any leading axes.
+
+    Attributes
+    ----------
+    u, p : array
+        True rotation (unit complex) and true translation in metres, in the frame of the piece's start.
+    d1, d2, D : array
+        E[δ], E[δ²], E[|δ|²] of the heading error δ (no unit). For true rotations ``D = -2 Re d1``.
+    e1, N, e2 : array
+        E[e] (m), E[|e|²] (m²), E[e²] (m²) of the position error e.
+    a, b : array
+        E[e conj(δ)], E[e δ] (m).
+    """
+
+    u: Array
+    p: Array
+    d1: Array
+    d2: Array
+    D: Array
+    e1: Array
+    N: Array
+    e2: Array
+    a: Array
+    b: Array
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return np.shape(self.N)
+
+    def __getitem__(self, index: Any) -> Moments:
+        return Moments(*(x[index] for x in self.arrays()))
+
+    def arrays(self) -> tuple[Array, ...]:
+        """The ten arrays, in the order of the attributes, broadcast against each other."""
+        return tuple(np.broadcast_arrays(*(getattr(self, f.name) for f in fields(self))))
+
+    def rotated(self, u: Array | complex) -> Moments:
+        """The same pieces after an error-free turn by the unit complex ``u``: cheaper than composing with one."""
+        return Moments(
+            u * self.u, u * self.p, self.d1, self.d2, self.D, u * self.e1, self.N, u * u * self.e2, u * self.a, u * self.b
+        )
+
+
+def identity(shape: tuple[int, ...] = ()) -> Moments:
+    """The piece in which nothing happens: neutral for `compose`."""
+    zero = np.zeros(shape)
+    return Moments(np.ones(shape), *([zero] * 9))
+
+
+def compose(A: Moments, B: Moments) -> Moments:
+    """The piece that is A followed by B, their errors independent.
+
+    Source: the group product of the estimates, ``1 + δ = (1 + δ_A)(1 + δ_B)`` and
+    ``e = e_A + u_A (e_B + δ_A (p_B + e_B))``, multiplied out and averaged; a polynomial identity, so associative on any
+    tuples.
+
+    Examples
+    --------
+    >>> compose(identity(), identity()).N.item()
+    0.0
+    """
+    u, pB, d1A, d2A, DA, d1B, e1B, d1B_ = A.u, B.p, A.d1, A.d2, A.D, B.d1, B.e1, np.conj(B.d1)
+    q1, Q, q2, epsilon, eta, kappa, lam = _lever(B)
+    e1 = A.e1 + u * (e1B + d1A * q1)
+    N = A.N + B.N + _re2(np.conj(d1A) * epsilon) + DA * Q + _re2(np.conj(u) * (A.e1 * np.conj(e1B) + A.a * np.conj(q1)))
+    e2 = A.e2 + u * (u * (B.e2 + 2 * d1A * eta + d2A * q2) + 2 * (A.e1 * e1B + A.b * q1))
+    a = A.a + (A.e1 + A.a) * d1B_ + u * (B.a + np.conj(d1A) * (e1B + B.a) + DA * (q1 + kappa) + d1A * kappa)
+    b = A.b + (A.e1 + A.b) * d1B + u * (B.b + d1A * (e1B + B.b) + d2A * (q1 + lam) + d1A * lam)
+    d1 = d1A + d1B + d1A * d1B
+    d2 = d2A * (1 + 2 * d1B + B.d2) + 2 * d1A * (d1B + B.d2) + B.d2
+    D = DA * (1 + 2 * d1B.real + B.D) + _re2(d1A * (d1B_ + B.D)) + B.D
+    return Moments(u * B.u, A.p + u * pB, d1, d2, D, e1, N, e2, a, b)
+
+
+def power(X: Moments, count: Array | int | float) -> Moments:
+    """``count`` copies of X in a row, in O(log count) compositions.
+
+    Parameters
+    ----------
+    X : Moments, shape (...)
+    count : array of whole numbers >= 0, shape broadcasting with X
+    """
+    count = np.asarray(count)
+    result = identity(np.broadcast_shapes(X.shape, count.shape))
+    while True:
+        odd = count % 2 == 1
+        if odd.any():
+            result = _where(odd, compose(result, X), result)
+        count = count // 2
+        if not count.any():
+            return result
+        X = compose(X, X)
+
+
+def doubled(X: Moments, times: Array) -> Moments:
+    """X composed with itself ``times`` times over, i.e. 2**times copies; only the pieces that need it are touched."""
+    if not times.any():
+        return X
+    flat = [np.array(x).reshape(-1) for x in X.arrays()]
+    left = np.array(np.broadcast_to(times, X.shape)).reshape(-1)
+    while (todo := np.flatnonzero(left > 0)).size:
+        part = Moments(*(x[todo] for x in flat))
+        for x, new in zip(flat, compose(part, part).arrays(), strict=True):
+            x[todo] = new
+        left[todo] -= 1
+    return Moments(*(x.reshape(X.shape) for x in flat))
+
+
+def scan(pieces: Moments, start: Moments) -> Moments:
+    """All prefixes: ``start``, ``start·piece_0``, ``start·piece_0·piece_1``, … along the last axis.
+
+    Appending pieces one by one makes every moment obey a linear recurrence ``x ← c x + f`` whose f involves only moments
+    found before it, so each is a cumulative product and a cumulative sum over the whole path. Where the coherence c
+    would underflow the path is cut in chunks.
+
+    Parameters
+    ----------
+    pieces : Moments, shape (..., m)
+    start : Moments, shape (...)
+
+    Returns
+    -------
+    Moments, shape (..., m + 1)
+    """
+    m = pieces.shape[-1]
+    done = [Moments(*(x[..., None] for x in _broadcast(start, pieces.shape[:-1]).arrays()))]
+    for lo, hi in _chunks(pieces):
+        done.append(_scan_chunk(pieces[..., lo:hi], done[-1][..., -1])[..., 1:])
+    assert sum(part.shape[-1] for part in done) == m + 1
+    if len(done) == 1:
+        return done[0]
+    return Moments(*(np.concatenate(xs, axis=-1) for xs in zip(*(part.arrays() for part in done), strict=True)))
+
+
+def _scan_chunk(B: Moments, start: Moments) -> Moments:
+    """`scan` where no cumulative product underflows. Letters as in `compose`; capitals A are the prefixes."""
+    u = _cumulative(np.multiply, B.u, start.u)
+    u /= np.abs(u)
+    p = _cumulative(np.add, u[..., :-1] * B.p, start.p)
+    uA, d1B, d1B_ = u[..., :-1], B.d1, np.conj(B.d1)
+    q1, Q, q2, epsilon, eta, kappa, lam = _lever(B)
+
+    coherence = _Coherence(1 + d1B)
+    d1 = coherence.recur(d1B, start.d1)
+    d1A = d1[..., :-1]
+    d2 = _Coherence(1 + 2 * d1B + B.d2).recur(2 * d1A * (d1B + B.d2) + B.d2, start.d2)
+    D = _Coherence(1 + 2 * d1B.real + B.D).recur(_re2(d1A * (d1B_ + B.D)) + B.D, start.D)
+    d2A, DA = d2[..., :-1], D[..., :-1]
+
+    e1 = _cumulative(np.add, uA * (B.e1 + d1A * q1), start.e1)
+    e1A = e1[..., :-1]
+    gain_a = e1A * d1B_ + uA * (B.a + np.conj(d1A) * (B.e1 + B.a) + DA * (q1 + kappa) + d1A * kappa)
+    gain_b = e1A * d1B + uA * (B.b + d1A * (B.e1 + B.b) + d2A * (q1 + lam) + d1A * lam)
+    a = np.conj(coherence.recur(np.conj(gain_a), np.conj(start.a)))
+    b = coherence.recur(gain_b, start.b)
+    gain_N = (
+        B.N + _re2(np.conj(d1A) * epsilon) + DA * Q + _re2(np.conj(uA) * (e1A * np.conj(B.e1) + a[..., :-1] * np.conj(q1)))
+    )
+    gain_e2 = uA * (uA * (B.e2 + 2 * d1A * eta + d2A * q2) + 2 * (e1A * B.e1 + b[..., :-1] * q1))
+    N = _cumulative(np.add, gain_N, start.N)
+    e2 = _cumulative(np.add, gain_e2, start.e2)
+    return Moments(u, p, d1, d2, D, e1, N, e2, a, b)
+
+
+class _Coherence:
+    """Solves ``x ← c x + f`` along the last axis for one c and any f."""
+
+    def __init__(self, c: Array):
+        tiny = np.abs(c) < _SMALLEST_COHERENCE
+        self.product = np.cumprod(np.where(tiny, _SMALLEST_COHERENCE, c) if tiny.any() else c, axis=-1)
+
+    def recur(self, f: Array, x0: Array) -> Array:
+        x = _cumulative(np.add, f / self.product, x0)
+        x[..., 1:] *= self.product
+        return x
+
+
+def _lever(B: Moments) -> tuple[Array, ...]:
+    """Moments of q = p_B + e_B, the lever on which a heading error before B acts: E q, E|q|², E q², E[e_B conj q],
+    E[e_B q], E[q conj δ_B], E[q δ_B]."""
+    p, e1 = B.p, B.e1
+    p_ = np.conj(p)
+    q1 = p + e1
+    epsilon = p_ * e1 + B.N
+    eta = p * e1 + B.e2
+    Q = (p_ * q1).real + epsilon.real
+    return q1, Q, p * q1 + eta, epsilon, eta, p * np.conj(B.d1) + B.a, p * B.d1 + B.b
+
+
+def _chunks(pieces: Moments) -> list[tuple[int, int]]:
+    """Index ranges within each of which the worst coherence of the batch falls by at most exp(-_CHUNK_LOG) or so."""
+    m = pieces.shape[-1]
+    if m == 0:
+        return []
+    weakest = np.minimum(np.abs(1 + pieces.d1), np.abs(1 + 2 * pieces.d1 + pieces.d2))
+    loss = -np.log(np.clip(weakest, _SMALLEST_COHERENCE, 1.0))
+    chunk = np.cumsum(loss.reshape(-1, m).max(axis=0)) // _CHUNK_LOG
+    edges = [0, *(np.flatnonzero(np.diff(chunk)) + 1).tolist(), m]
+    return list(zip(edges[:-1], edges[1:], strict=True))
+
+
+def _cumulative(operation: np.ufunc, x: Array, first: Array) -> Array:
+    """``first, first∘x0, first∘x0∘x1, …`` along the last axis."""
+    out = np.empty((*x.shape[:-1], x.shape[-1] + 1), np.result_type(x, first))
+    out[..., 0] = first
+    out[..., 1:] = x
+    return np.asarray(operation.accumulate(out, axis=-1, out=out))
+
+
+def _where(condition: Array, yes: Moments, no: Moments) -> Moments:
+    return Moments(*(np.where(condition, y, n) for y, n in zip(yes.arrays(), no.arrays(), strict=True)))
+
+
+def _broadcast(X: Moments, shape: tuple[int, ...]) -> Moments:
+    shape = np.broadcast_shapes(X.shape, shape)
+    return Moments(*(np.broadcast_to(x, shape) for x in X.arrays()))
+
+
+def _re2(x: Array) -> Array:
+    """Twice the real part."""
+    return 2 * x.real

@@ -1,0 +1,242 @@
+"""Paths as the robot drives them: turns on the spot and runs, read from whatever describes a path.
+
+Frame: world, metres, x to the right, y up, headings counter-clockwise from +x in radians (REP-103).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """A turn on the spot by ``turn_rad`` followed by a run of ``length_m`` metres at constant curvature.
+
+    Lengths are >= 0; turns and curvatures (1/m) are positive to the left.
+
+    Examples
+    --------
+    >>> Run(length_m=2.0, curvature_per_m=0.5)  # an arc of one radian
+    Run(length_m=2.0, curvature_per_m=0.5, turn_rad=0.0)
+    """
+
+    length_m: float
+    curvature_per_m: float = 0.0
+    turn_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Runs:
+    """Paths as arrays: leg k turns on the spot by ``turns[k]``, then drives ``lengths[k]`` at ``curvatures[k]``.
+
+    Attributes
+    ----------
+    start : complex array, shape (...)
+        x + jy of the start, metres.
+    heading : array, shape (...)
+        Heading before the first turn, rad.
+    turns, lengths, curvatures : arrays, shape (..., m)
+        rad, m, 1/m.
+    legs_per_waypoint : int
+        Legs between two waypoints of the path that was read.
+    """
+
+    start: NDArray[np.complex128]
+    heading: Floats
+    turns: Floats
+    lengths: Floats
+    curvatures: Floats
+    legs_per_waypoint: int = 1
+
+    @classmethod
+    def from_odometry(cls, distances_m: ArrayLike, turns_rad: ArrayLike) -> Runs:
+        """A recorded or simulated odometry log: step k turns by ``turns_rad[k]``, then drives ``distances_m[k]``.
+
+        Parameters
+        ----------
+        distances_m, turns_rad : array, shape (..., m)
+            Distances >= 0. The path starts at the origin with heading 0.
+
+        Examples
+        --------
+        >>> Runs.from_odometry([1.0, 1.0], [0.0, 1.5]).lengths
+        array([1., 1.])
+        """
+        lengths, turns = _finite("distances_m", distances_m), _finite("turns_rad", turns_rad)
+        if lengths.shape != turns.shape or lengths.ndim < 1 or lengths.shape[-1] < 1:
+            raise ValueError(
+                f"expected distances_m and turns_rad of one shape (..., m), m >= 1, got {lengths.shape} and {turns.shape}"
+            )
+        if (lengths < 0).any():
+            raise ValueError(f"expected distances_m >= 0, got {lengths.min()}")
+        batch = lengths.shape[:-1]
+        return cls(np.zeros(batch, complex), np.zeros(batch), turns, lengths, np.zeros(lengths.shape))
+
+    def cut(self, distances_m: Floats) -> tuple[Runs, NDArray[np.intp], NDArray[np.intp]]:
+        """One path with extra leg borders at ``distances_m`` (shape (k,), inside the path, increasing).
+
+        Returns the cut path, the border at which each distance now lies (k,), and where the old borders went (m + 1,).
+        A distance that falls on a border takes the last border there, after any turn that drives nowhere.
+        """
+        ends = np.concatenate(([0.0], np.cumsum(self.lengths)))
+        turns, lengths, curvatures = self.turns.tolist(), self.lengths.tolist(), self.curvatures.tolist()
+        old = np.arange(len(ends))
+        at = np.empty(len(distances_m), dtype=np.intp)
+        tolerance = 1e-9 * max(ends[-1], 1.0)
+        for k, s in enumerate(distances_m.tolist()):
+            border = int(np.searchsorted(ends, s + tolerance, side="right")) - 1
+            if s - ends[border] > tolerance:
+                first = s - ends[border]
+                turns.insert(border + 1, 0.0)
+                lengths[border : border + 1] = [first, lengths[border] - first]
+                curvatures.insert(border + 1, curvatures[border])
+                ends = np.insert(ends, border + 1, s)
+                old = np.where(old > border, old + 1, old)
+                border += 1
+            at[k] = border
+        runs = Runs(self.start, self.heading, np.array(turns), np.array(lengths), np.array(curvatures))
+        return runs, at, old
+
+
+def read_path(path: Any, start_heading: float | ArrayLike | None = None) -> Runs:
+    """Runs of a path given as waypoints, poses, runs, or several of these.
+
+    Parameters
+    ----------
+    path :
+        (n, 2) waypoints joined by straight runs; (n, 3) poses x, y, heading: at each the robot turns to face the next
+        waypoint, drives, and turns to the heading asked for; (..., n, 2|3) batches; a list of arrays of different
+        lengths (shorter ones then stand still at their end, which costs nothing); a list of `Run`; `Runs`.
+    start_heading : float or array, optional
+        Heading before the first turn, rad. Default: the heading of the first run (for poses and `Run` lists: the first
+        pose's, and 0).
+
+    Raises
+    ------
+    ValueError
+        For fewer than 2 waypoints, wrong shapes, values that are not finite, negative lengths.
+    """
+    if isinstance(path, Runs):
+        runs = path
+    elif _is_sequence_of(path, Run):
+        runs = _from_runs(path)
+    else:
+        runs = _from_array(_as_array(path))
+        if start_heading is None or runs.legs_per_waypoint == 2:
+            return runs
+        heading = np.broadcast_to(_finite("start_heading", start_heading), runs.heading.shape)
+        turns = runs.turns.copy()
+        turns[..., 0] = wrap(turns[..., 0] + runs.heading - heading)
+        return Runs(runs.start, heading, turns, runs.lengths, runs.curvatures)
+    if start_heading is None:
+        return runs
+    heading = np.broadcast_to(_finite("start_heading", start_heading), np.shape(runs.heading))
+    return Runs(runs.start, heading, runs.turns, runs.lengths, runs.curvatures, runs.legs_per_waypoint)
+
+
+def wrap(angle_rad: Floats) -> Floats:
+    """The same angles in (-π, π].
+
+    Examples
+    --------
+    >>> wrap(np.array([4.0])).round(3)
+    array([-2.283])
+    """
+    return np.asarray(np.pi - np.mod(np.pi - angle_rad, 2 * np.pi))
+
+
+def _from_array(path: Floats) -> Runs:
+    xy = path[..., 0] + 1j * path[..., 1]
+    legs = np.diff(xy, axis=-1)
+    lengths = np.abs(legs)
+    poses = path.shape[-1] == 3
+    course = _course(legs, path[..., 0, 2] if poses else None)
+    if not poses:
+        heading = course[..., 0]
+        turns = np.diff(course, axis=-1, prepend=heading[..., None])
+        return Runs(xy[..., 0], heading, wrap(turns), lengths, np.zeros(lengths.shape))
+    headings = path[..., 2]
+    face = np.where(lengths > 0, wrap(course - headings[..., :-1]), 0.0)
+    settle = wrap(headings[..., 1:] - headings[..., :-1] - face)
+    shape = (*lengths.shape[:-1], 2 * lengths.shape[-1])
+    turns = np.stack([face, settle], axis=-1).reshape(shape)
+    lengths = np.stack([lengths, np.zeros(lengths.shape)], axis=-1).reshape(shape)
+    return Runs(xy[..., 0], headings[..., 0], turns, lengths, np.zeros(shape), legs_per_waypoint=2)
+
+
+def _course(legs: NDArray[np.complex128], first: Floats | None) -> Floats:
+    """Heading of every leg; a leg of no length keeps the heading before it (and before the first run, of that run)."""
+    moves = legs != 0
+    if moves.all():
+        return np.angle(legs)
+    index = np.where(moves, np.arange(legs.shape[-1]), -1)
+    latest = np.maximum.accumulate(index, axis=-1)
+    first_move = np.argmax(moves, axis=-1)[..., None]
+    course = np.take_along_axis(np.angle(legs), np.where(latest < 0, first_move, latest), axis=-1)
+    if first is None:
+        return course
+    return np.where(latest < 0, np.asarray(first)[..., None], course)
+
+
+def _from_runs(runs: Sequence[Run]) -> Runs:
+    columns = [[r.turn_rad for r in runs], [r.length_m for r in runs], [r.curvature_per_m for r in runs]]
+    turns, lengths, curvatures = (
+        _finite(name, column) for name, column in zip(("turn_rad", "length_m", "curvature_per_m"), columns, strict=True)
+    )
+    if (lengths < 0).any():
+        raise ValueError(f"expected length_m >= 0, got {lengths.min()}")
+    return Runs(np.zeros((), complex), np.zeros(()), turns, lengths, curvatures)
+
+
+def _as_array(path: Any) -> Floats:
+    if not isinstance(path, np.ndarray) and isinstance(path, Sequence) and len(path) and _is_ragged(path):
+        path = _padded([_waypoints(p) for p in path])
+    return _waypoints(path)
+
+
+def _is_ragged(paths: Sequence[Any]) -> bool:
+    try:
+        shapes = {np.shape(p) for p in paths}
+    except ValueError:  # one of them is not an array at all: said where it is converted
+        return False
+    return len(shapes) > 1 and all(len(shape) == 2 for shape in shapes)
+
+
+def _padded(paths: list[Floats]) -> Floats:
+    """Paths of one width, the shorter ones standing still at their last waypoint."""
+    if len({p.shape[1] for p in paths}) > 1:
+        raise ValueError("expected all paths of a batch to be (n, 2), or all (n, 3), got both")
+    longest = max(len(p) for p in paths)
+    return np.stack([np.concatenate([p, np.repeat(p[-1:], longest - len(p), axis=0)]) for p in paths])
+
+
+def _waypoints(path: Any) -> Floats:
+    array = _finite("path", path)
+    if array.ndim < 2 or array.shape[-1] not in (2, 3) or array.shape[-2] < 2:
+        raise ValueError(
+            "expected a path of at least 2 waypoints, shape (..., n, 2) in metres or (..., n, 3) with headings in rad, "
+            f"got shape {array.shape}"
+        )
+    return array
+
+
+def _finite(name: str, values: Any) -> Floats:
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError) as err:
+        raise ValueError(f"expected {name} to be numbers, got {type(values).__name__}: {err}") from None
+    if not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise ValueError(f"expected {name} finite, got {array[where]} at index {where}")
+    return array
+
+
+def _is_sequence_of(path: Any, kind: type) -> bool:
+    return isinstance(path, Sequence) and len(path) > 0 and all(isinstance(item, kind) for item in path)

