@@ -6,10 +6,10 @@ All coordinates are metres in the map's frame, x to the right, y up (REP-103).
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
-from math import cos, isfinite, pi
-from typing import Any
+from math import isfinite
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -17,16 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from shapely import MultiPolygon, Polygon
 
 from driftplan.model.noise import OdometryNoise
+from driftplan.world.inflation import Inflation
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
-_QUAD_SEGS = 8
-# A buffer replaces arcs by chords of at most 1.5 * 90°/quad_segs (GEOS rounds the number of chords of an arc to the
-# nearest integer), which pass inside the circle. Growing the radius by 1/cos(half a chord) puts them outside.
-_CHORD_FACTOR = 1 / cos(0.75 * (pi / 2) / _QUAD_SEGS) + 1e-9
 _WALL_DEPTH = 1e-6  # m: a line of sight may graze a wall this deep, so that a beacon mounted on a wall can be seen
-_STEP_IN = 1e-6  # m: points moved into free space are moved this far past its boundary
+_STEP_IN = 1e-6  # m: a point moved into free space is moved this far past its boundary
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,20 +52,29 @@ class Zone:
             raise ValueError(f"expected the noise of a zone to be an OdometryNoise, got {self.noise!r}")
 
 
+class ZonePieces(NamedTuple):
+    """Straight segments cut where they enter or leave zones: ``n`` pieces, in order along each segment."""
+
+    segment: Ints  # (n,) which segment the piece belongs to
+    start: Floats  # (n,) where on it the piece starts and
+    end: Floats  # (n,) ends, as fractions of the segment's length
+    zone: Ints  # (n,) index of the zone in `World.zones`, -1 outside all
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class World:
     """A map as one robot sees it: a disc of ``robot_radius`` that must not touch obstacles nor leave the map.
 
-    The inflation is conservative: whatever ``is_free`` and ``segments_free`` accept keeps the robot's centre at least
-    ``robot_radius`` away from every obstacle and from the edge of the map, and they refuse nothing that is farther away
-    than 1.012 times that.
+    The inflation is conservative: whatever `is_free` and `segments_free` accept keeps the robot's centre at least
+    ``robot_radius`` away from every obstacle and from the edge of the map. What is more than 1.03 times that far away
+    is accepted.
 
     Parameters
     ----------
-    obstacles : shapely geometry of polygons
+    obstacles : shapely MultiPolygon
         Walls as drawn, not inflated.
     bounds : (xmin, ymin, xmax, ymax)
-        The map's extent in metres; the outside counts as an obstacle for driving, and as air for seeing.
+        The map's extent in metres. The outside is an obstacle to driving, not to seeing.
     robot_radius : float
         Metres, >= 0.
     zones : sequence of Zone
@@ -76,7 +83,7 @@ class World:
     Raises
     ------
     ValueError
-        If the bounds are empty, the radius is negative, or anything is not finite.
+        If the bounds are empty, the radius is negative, a polygon is invalid, or anything is not finite.
 
     Examples
     --------
@@ -93,17 +100,17 @@ class World:
     zones: tuple[Zone, ...] = ()
 
     def __post_init__(self) -> None:
-        parts = [_polygon("obstacle", part) for part in shapely.get_parts(self.obstacles)]
-        object.__setattr__(self, "obstacles", MultiPolygon([p for part in parts for p in shapely.get_parts(part)]))
-        object.__setattr__(self, "bounds", _bounds(self.bounds))
+        parts = shapely.get_parts(_polygon("obstacles", self.obstacles)) if not self.obstacles.is_empty else []
         radius = float(self.robot_radius)
         if not (isfinite(radius) and radius >= 0):
             raise ValueError(f"expected robot_radius finite and >= 0 m, got {self.robot_radius!r}")
-        object.__setattr__(self, "robot_radius", radius)
         zones = tuple(self.zones)
         for zone in zones:
             if not isinstance(zone, Zone):
                 raise ValueError(f"expected zones to be Zone(polygon, noise), got {zone!r}")
+        object.__setattr__(self, "obstacles", MultiPolygon(list(parts)))
+        object.__setattr__(self, "bounds", _bounds(self.bounds))
+        object.__setattr__(self, "robot_radius", radius)
         object.__setattr__(self, "zones", zones)
 
     @classmethod
@@ -126,57 +133,64 @@ class World:
         merged = MultiPolygon(list(shapely.get_parts(shapely.union_all(drawn)))) if drawn else MultiPolygon()
         return cls(obstacles=merged, bounds=_bounds(bounds), robot_radius=robot_radius, zones=tuple(zones))
 
+    # Driving
+
     @cached_property
     def free(self) -> Polygon | MultiPolygon:
-        """Where the robot's centre may be, as a shapely area."""
-        xmin, ymin, xmax, ymax = self._inner_bounds
+        """Where the robot's centre may be, as a shapely area (its boundary belongs to the obstacles)."""
+        xmin, ymin, xmax, ymax = self._inflation.bounds
         if xmin >= xmax or ymin >= ymax:
             return Polygon()
-        return shapely.box(xmin, ymin, xmax, ymax).difference(self._inflated)
+        return shapely.box(xmin, ymin, xmax, ymax).difference(self._inflation.obstacles)
 
     @cached_property
     def free_parts(self) -> tuple[Polygon, ...]:
-        """The connected parts of free space, largest first."""
+        """The connected parts of free space, largest first: no route leads from one to another."""
         return tuple(sorted(shapely.get_parts(self.free), key=lambda part: -part.area))
 
     def is_free(self, xy: ArrayLike) -> Bools:
         """Whether the robot's centre may be at each of the points ``(..., 2)``; shape ``(...)``."""
-        xy = _points("xy", xy)
-        x, y = xy[..., 0], xy[..., 1]
-        return np.asarray(self._inside(x, y) & ~shapely.intersects_xy(self._inflated, x, y))
+        return self._inflation.points_free(_points("xy", xy))
 
     def segments_free(self, a: ArrayLike, b: ArrayLike) -> Bools:
         """Whether the robot can drive straight from ``a`` to ``b``, ``(..., 2)`` each, broadcast; shape ``(...)``.
 
-        This is the one test that decides whether a straight motion is free of collisions.
+        The one test that decides whether a straight motion is free of collisions.
         """
-        a, b = np.broadcast_arrays(_points("a", a), _points("b", b))
-        inside = np.asarray(self._inside(a[..., 0], a[..., 1]) & self._inside(b[..., 0], b[..., 1]))
-        lines = shapely.linestrings(np.stack([a[inside], b[inside]], axis=-2))
-        free = inside.copy()
-        free[inside] = ~shapely.intersects(self._inflated, lines)
-        return free
+        return self._inflation.segments_free(*np.broadcast_arrays(_points("a", a), _points("b", b)))
 
     def point_free(self, x: float, y: float) -> bool:
-        """`is_free` for one point, at the least cost per call."""
-        xmin, ymin, xmax, ymax = self._inner_bounds
-        return xmin < x < xmax and ymin < y < ymax and not shapely.intersects_xy(self._inflated, x, y)
+        """The answer of `is_free` for one point, at the least cost per call."""
+        return self._inflation.point_free(x, y)
 
     def segment_free(self, x0: float, y0: float, x1: float, y1: float) -> bool:
-        """`segments_free` for one segment, at the least cost per call."""
-        xmin, ymin, xmax, ymax = self._inner_bounds
-        if not (xmin < x0 < xmax and xmin < x1 < xmax and ymin < y0 < ymax and ymin < y1 < ymax):
-            return False
-        return not shapely.intersects(self._inflated, shapely.linestrings([x0, x1], [y0, y1]))
+        """The answer of `segments_free` for one segment, at the least cost per call."""
+        return self._inflation.segment_free(x0, y0, x1, y1)
 
-    def line_of_sight(self, a: ArrayLike, b: ArrayLike) -> Bools:
-        """Whether ``b`` can be seen from ``a``, ``(..., 2)`` each, broadcast: no (uninflated) obstacle in between.
+    def free_part(self, xy: ArrayLike) -> Ints:
+        """Index into `free_parts` of the part that each of the points ``(..., 2)`` is in; -1 where not free.
 
-        Rays may graze a wall and end on one, so that a beacon mounted on a wall can be seen.
+        Examples
+        --------
+        >>> wall = [(4, 0), (6, 0), (6, 10), (4, 10)]
+        >>> world = World.from_polygons([wall], bounds=(0, 0, 12, 10), robot_radius=0.5)
+        >>> world.free_part([[2, 5], [9, 5], [5, 5]]).tolist(), round(world.free_parts[0].area, 1)
+        ([1, 0, -1], 45.0)
         """
-        a, b = np.broadcast_arrays(_points("a", a), _points("b", b))
-        lines = shapely.linestrings(np.stack([a, b], axis=-2))
-        return np.asarray(~shapely.intersects(self._opaque, lines))
+        xy = _points("xy", xy)
+        part = np.full(xy.shape[:-1], -1, dtype=np.int64)
+        to_place = np.asarray(self.is_free(xy))
+        for i, polygon in enumerate(self.free_parts):
+            if not to_place.any():
+                break
+            shapely.prepare(polygon)
+            here = to_place.copy()
+            here[to_place] = shapely.intersects_xy(polygon, xy[to_place])
+            part[here] = i
+            to_place &= ~here
+        if to_place.any():  # free, yet a round-off outside of all parts
+            part[to_place] = shapely.STRtree(self.free_parts).nearest(shapely.points(xy[to_place]))
+        return part
 
     def nearest_free(self, xy: ArrayLike) -> Floats:
         """The free point nearest to ``xy`` (2,), up to micrometres; ``xy`` itself where that is free.
@@ -190,32 +204,145 @@ class World:
         if self.point_free(x, y):
             return np.array([x, y])
         here = shapely.Point(x, y)
-        for margin in (_STEP_IN, 100 * _STEP_IN, 1e4 * _STEP_IN):  # slivers thinner than the last one do not count
+        for margin in (_STEP_IN, 100 * _STEP_IN, 1e4 * _STEP_IN):  # the larger ones for coordinates of many digits
             roomy = self.free.buffer(-margin, join_style="mitre")
             if roomy.is_empty:
                 break
-            nearest = shapely.shortest_line(roomy, here).coords[0]
-            if self.point_free(*nearest):
-                return np.array(nearest)
+            nearest = np.array(shapely.shortest_line(roomy, here).coords[0])
+            if self.is_free(nearest):
+                return nearest
         raise ValueError(f"no place of this map is free for a robot of radius {self.robot_radius} m")
 
-    @cached_property
-    def _inner_bounds(self) -> tuple[float, float, float, float]:
-        xmin, ymin, xmax, ymax = self.bounds
-        return xmin + self.robot_radius, ymin + self.robot_radius, xmax - self.robot_radius, ymax - self.robot_radius
+    def corners(self, tolerance_m: float | None = None) -> Floats:
+        """Free points just off the convex corners of the inflated obstacles, (n, 2): where shortest paths bend.
+
+        The outline of the inflated obstacles is moved out by 1.5 tolerances and thinned out by Douglas and Peucker's
+        method, to the tolerance where it bulges. Dents may be as deep as the shortest edge of a wall before they count,
+        so that the stairs of a grid map give no corners. What remains are vertices of the moved outline that are free.
+
+        Parameters
+        ----------
+        tolerance_m : float, optional
+            Default: a twentieth of the robot's radius, at least 1e-5 m. Paths round these corners are longer than the
+            shortest by a few tolerances per corner; passages narrower than 3 tolerances get no corners.
+
+        Examples
+        --------
+        >>> pillar = [(4, 4), (6, 4), (6, 6), (4, 6)]
+        >>> corners = World.from_polygons([pillar], bounds=(0, 0, 10, 10), robot_radius=0.5).corners()
+        >>> corners.shape, corners.min(axis=0).round(2).tolist()
+        ((16, 2), [3.46, 3.46])
+        """
+        tolerance = max(self.robot_radius / 20, 1e-5) if tolerance_m is None else float(tolerance_m)
+        if not (isfinite(tolerance) and tolerance > 0):
+            raise ValueError(f"expected tolerance_m finite and > 0 m, got {tolerance_m!r}")
+        walls = [np.diff(shapely.get_coordinates(ring), axis=0) for ring in shapely.get_rings(self.obstacles.geoms)]
+        if not walls:
+            return np.zeros((0, 2))
+        dent = max(tolerance, float(np.min(np.hypot(*np.concatenate(walls).T))))
+        outline = shapely.orient_polygons(self._inflation.obstacles.buffer(1.5 * tolerance, join_style="mitre"))
+        found = []
+        for ring in shapely.get_rings(shapely.get_parts(outline)):  # obstacles lie to the left of every ring
+            corner = _thin_out(shapely.get_coordinates(ring), bulge_m=tolerance, dent_m=dent)[:-1]
+            before, after = corner - np.roll(corner, 1, axis=0), np.roll(corner, -1, axis=0) - corner
+            found.append(corner[before[:, 0] * after[:, 1] > before[:, 1] * after[:, 0]])
+        corners = np.concatenate(found)
+        return corners[self.is_free(corners)]
+
+    # Seeing
+
+    def line_of_sight(self, a: ArrayLike, b: ArrayLike) -> Bools:
+        """Whether ``b`` can be seen from ``a``, ``(..., 2)`` each, broadcast: no (uninflated) obstacle in between.
+
+        A ray may graze a wall and end on one, so that a beacon mounted on a wall can be seen.
+        """
+        a, b = np.broadcast_arrays(_points("a", a), _points("b", b))
+        return np.asarray(~shapely.intersects(self._opaque, shapely.linestrings(np.stack([a, b], axis=-2))))
+
+    # Zones
+
+    def zone_at(self, xy: ArrayLike) -> Ints:
+        """Index into `zones` of the zone that holds at each of the points ``(..., 2)``; -1 outside all of them."""
+        xy = _points("xy", xy)
+        index = np.full(xy.shape[:-1], -1, dtype=np.int64)
+        for i, zone in enumerate(self.zones):
+            shapely.prepare(zone.polygon)
+            index[shapely.intersects_xy(zone.polygon, xy[..., 0], xy[..., 1])] = i
+        return index
+
+    def noise_at(self, xy: ArrayLike, elsewhere: OdometryNoise) -> OdometryNoise:
+        """The noise that holds at one point (2,): its zone's, or ``elsewhere``."""
+        index = int(self.zone_at(_point("xy", xy)))
+        return elsewhere if index < 0 else self.zones[index].noise
+
+    def zone_pieces(self, a: ArrayLike, b: ArrayLike) -> ZonePieces:
+        """Cut the segments from ``a`` to ``b``, (n, 2) each, where the zone that holds changes.
+
+        Examples
+        --------
+        >>> wet = Zone([(2, -1), (4, -1), (4, 1), (2, 1)], OdometryNoise(heading_var_per_m=1e-3))
+        >>> world = World.from_polygons([], bounds=(-1, -1, 9, 1), robot_radius=0.1, zones=[wet])
+        >>> pieces = world.zone_pieces([[0, 0]], [[8, 0]])
+        >>> pieces.start.tolist(), pieces.end.tolist(), pieces.zone.tolist()
+        ([0.0, 0.25, 0.5], [0.25, 0.5, 1.0], [-1, 0, -1])
+        """
+        a, b = np.broadcast_arrays(_points("a", a), _points("b", b))
+        if a.ndim != 2:
+            raise ValueError(f"expected segments (n, 2), got ends of shape {a.shape}")
+        every = np.arange(len(a))
+        segment, fraction = [every, every], [np.zeros(len(a)), np.ones(len(a))]
+        lines = shapely.linestrings(np.stack([a, b], axis=-2))
+        along = b - a
+        length2 = np.einsum("ij,ij->i", along, along)
+        for zone in self.zones:
+            near = np.flatnonzero((length2 > 0) & shapely.intersects(zone.polygon, lines))
+            cut, which = shapely.get_coordinates(
+                shapely.intersection(lines[near], zone.polygon.boundary), return_index=True
+            )
+            segment.append(near[which])
+            fraction.append(np.einsum("ij,ij->i", cut - a[near[which]], along[near[which]]) / length2[near[which]])
+        cut_segment, cut_fraction = np.concatenate(segment), np.clip(np.concatenate(fraction), 0.0, 1.0)
+        order = np.lexsort((cut_fraction, cut_segment))
+        which, at = cut_segment[order], cut_fraction[order]
+        # Cuts closer than 1e-12 of the segment's length bound no piece; a segment of no length is one piece.
+        keep = (which[1:] == which[:-1]) & ((at[1:] - at[:-1] > 1e-12) | (length2[which[1:]] == 0))
+        which, start, end = which[1:][keep], at[:-1][keep], at[1:][keep]
+        zone_of = self.zone_at(a[which] + (0.5 * (start + end))[:, None] * along[which])
+        merge = np.concatenate([[True], (which[1:] != which[:-1]) | (zone_of[1:] != zone_of[:-1])])[: len(which)]
+        first = np.flatnonzero(merge)
+        last = np.append(first[1:], len(which)) - 1 if len(first) else first
+        return ZonePieces(which[first], start[first], end[last], zone_of[first])
+
+    def cut_at_zones(self, path: ArrayLike) -> tuple[Floats, Ints]:
+        """The same path (n, 2) with waypoints added where the zone changes, and the zone of each of its legs.
+
+        Returns
+        -------
+        path : (m, 2) array
+        zone : (m - 1,) array
+            Index into `zones`, -1 outside all of them.
+
+        Examples
+        --------
+        >>> wet = Zone([(2, -1), (4, -1), (4, 1), (2, 1)], OdometryNoise(heading_var_per_m=1e-3))
+        >>> world = World.from_polygons([], bounds=(-1, -1, 9, 9), robot_radius=0.1, zones=[wet])
+        >>> path, zone = world.cut_at_zones([[0, 0], [3, 0], [3, 5]])
+        >>> path.tolist(), zone.tolist()
+        ([[0.0, 0.0], [2.0, 0.0], [3.0, 0.0], [3.0, 1.0], [3.0, 5.0]], [-1, 0, 0, -1])
+        """
+        path = _points("path", path)
+        if path.ndim != 2 or len(path) < 2:
+            raise ValueError(f"expected a path (n, 2) of 2 or more waypoints, got an array of shape {path.shape}")
+        pieces = self.zone_pieces(path[:-1], path[1:])
+        start, end = path[:-1][pieces.segment], path[1:][pieces.segment]
+        cuts = np.where((pieces.end < 1)[:, None], start + pieces.end[:, None] * (end - start), end)
+        return np.concatenate([path[:1], cuts]), pieces.zone
+
+    # Derived once, never copied: a pickled world is its map, and derives again.
 
     @cached_property
-    def _inflated(self) -> Any:
-        """Where the robot's centre would hit an obstacle, prepared; a little more than that, never less."""
-        if self.robot_radius > 0:  # part by part, then merged: several times faster than all at once
-            grown = shapely.buffer(
-                shapely.get_parts(self.obstacles), self.robot_radius * _CHORD_FACTOR, quad_segs=_QUAD_SEGS
-            )
-            inflated = shapely.union_all(grown)
-        else:
-            inflated = self.obstacles
-        shapely.prepare(inflated)
-        return inflated
+    def _inflation(self) -> Inflation:
+        return Inflation(self.obstacles, self.bounds, self.robot_radius)
 
     @cached_property
     def _opaque(self) -> Any:
@@ -223,9 +350,44 @@ class World:
         shapely.prepare(opaque)
         return opaque
 
-    def _inside(self, x: Floats, y: Floats) -> Bools:
-        xmin, ymin, xmax, ymax = self._inner_bounds
-        return (x > xmin) & (x < xmax) & (y > ymin) & (y < ymax)
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def __repr__(self) -> str:
+        """What a person would want to know, not a page of coordinates."""
+        return (
+            f"World(bounds={self.bounds}, robot_radius={self.robot_radius}, {len(self.obstacles.geoms)} obstacles, "
+            f"{len(self.zones)} zones)"
+        )
+
+
+def _thin_out(ring: Floats, *, bulge_m: float, dent_m: float) -> Floats:
+    """A closed ring (n, 2) with fewer vertices: none left out bulges more, to the right, or dents more than allowed.
+
+    Douglas and Peucker's method (1973), with one tolerance for each side of a chord.
+    """
+    # The first vertex stays: make it one that no chord passes outside of.
+    start = np.lexsort((ring[:-1, 1], ring[:-1, 0]))[0]
+    ring = np.concatenate([ring[start:-1], ring[: start + 1]])
+    keep = np.zeros(len(ring), dtype=bool)
+    far = int(np.argmax(np.hypot(*(ring - ring[0]).T)))
+    keep[[0, far, -1]] = True
+    chords = [(0, far), (far, len(ring) - 1)]
+    while chords:
+        first, last = chords.pop()
+        if last - first < 2:
+            continue
+        along, to = ring[last] - ring[first], ring[first + 1 : last] - ring[first]
+        foot = np.clip(to @ along / max(along @ along, 1e-300), 0.0, 1.0)
+        off = np.hypot(*(to - foot[:, None] * along).T)
+        left = along[0] * to[:, 1] > along[1] * to[:, 0]
+        excess = off / np.where(left, dent_m, bulge_m)
+        worst = int(np.argmax(excess))
+        if excess[worst] > 1:
+            middle = first + 1 + worst
+            keep[middle] = True
+            chords += [(first, middle), (middle, last)]
+    return ring[keep]
 
 
 def _points(name: str, value: ArrayLike) -> Floats:
@@ -259,9 +421,7 @@ def _polygon(name: str, value: Any) -> Polygon | MultiPolygon:
     if not isinstance(value, (Polygon, MultiPolygon)):
         corners = _points(name, value)
         if corners.ndim != 2 or len(corners) < 3:
-            raise ValueError(
-                f"expected {name} to have at least 3 corners (n, 2), got an array of shape {corners.shape}"
-            )
+            raise ValueError(f"expected {name} to have 3 or more corners (n, 2), got an array of shape {corners.shape}")
         value = Polygon(corners)
     if value.is_empty or not np.isfinite(shapely.get_coordinates(value)).all():
         raise ValueError(f"expected {name} to be finite and not empty, got {value.wkt[:80]}")
