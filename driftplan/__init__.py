@@ -1,0 +1,55 @@
+"""driftplan: how lost odometry gets along a path, the route on which that is least, and the fewest beacons to help.
+
+Everything a script needs is importable from here. Names are loaded when first used, so that `import driftplan` costs
+next to nothing and OMPL, matplotlib and the solvers come in only with what needs them.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .errors import DriftplanError as DriftplanError
+    from .errors import GoalError as GoalError
+    from .errors import InfeasibleError as InfeasibleError
+    from .errors import MapError as MapError
+    from .errors import NoPathError as NoPathError
+    from .errors import PlannerError as PlannerError
+    from .errors import StartError as StartError
+    from .errors import TrajectoryError as TrajectoryError
+    from .model.drift import Drift as Drift
+    from .model.drift import PointDrift as PointDrift
+    from .model.drift import predict_drift as predict_drift
+    from .model.fixes import Fix as Fix
+    from .model.noise import OdometryNoise as OdometryNoise
+    from .model.paths import Run as Run
+    from .model.paths import Runs as Runs
+    from .model.simulation import simulate_drift as simulate_drift
+    from .world.world import World as World
+    from .world.world import Zone as Zone
+
+_HOME = {
+    "errors": ("DriftplanError GoalError InfeasibleError MapError NoPathError PlannerError StartError TrajectoryError"),
+    "model.drift": "Drift PointDrift predict_drift",
+    "model.fixes": "Fix",
+    "model.noise": "OdometryNoise",
+    "model.paths": "Run Runs",
+    "model.simulation": "simulate_drift",
+    "world.world": "World Zone",
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
+
+__all__ = sorted(_MODULE_OF)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'driftplan' has no attribute {name!r}")
+    value = getattr(import_module(f".{_MODULE_OF[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -45,12 +45,12 @@ class PointDrift:
     @property
     def heading(self) -> Floats:
         """True heading on arrival, rad, (...)."""
-        return np.angle(self.moments.u)
+        return np.asarray(np.angle(self.moments.u))
 
     @property
     def rms(self) -> Floats:
         """sqrt(E|e|²), metres, (...): the default score."""
-        return np.sqrt(np.maximum(self.moments.N.real, 0.0))
+        return np.asarray(np.sqrt(np.maximum(self.moments.N.real, 0.0)))
 
     @property
     def bias(self) -> Floats:
@@ -151,7 +151,7 @@ class Drift(PointDrift):
         where = np.broadcast_to(np.atleast_1d(wanted), (*batch, *(wanted.shape[-1:] or (1,))))
         length = self.length[..., None]
         if not ((where >= 0) & (where <= length * (1 + 1e-9))).all():
-            raise ValueError(f"expected distances on the path, in [0, {self.length.min():.6g}] m, got {s}")
+            raise ValueError(f"expected distances on the path, in [0, {self.length.min():.6g}] m, got {wanted}")
         found = self._inside(np.minimum(where, length))
         if wanted.ndim == 0:
             return PointDrift(found.distance[..., 0], found.moments[..., 0])
@@ -175,25 +175,23 @@ class Drift(PointDrift):
         return PointDrift(distance[order], joined[order])
 
     def _inside(self, s: Floats) -> PointDrift:
-        """Drift at distances (..., k) on the path: the last border before, and the leg from there."""
+        """Drift at distances (..., k) on the path: the last border before, and the leg from there, if it has begun."""
         borders = self._border_distance
         if borders.ndim == 1:
             leg = np.searchsorted(borders, s, side="right") - 1
         else:
             leg = (borders[..., None, :] <= s[..., :, None]).sum(axis=-1) - 1
-        leg = np.clip(leg, 0, self.runs.lengths.shape[-1] - 1)
+        border = np.clip(leg, 0, self.runs.lengths.shape[-1])
+        leg = np.minimum(border, self.runs.lengths.shape[-1] - 1)
 
-        def pick(x: NDArray[Any]) -> NDArray[Any]:
-            return np.take_along_axis(np.broadcast_to(x, (*s.shape[:-1], x.shape[-1])), leg, axis=-1)
+        def pick(x: NDArray[Any], index: NDArray[np.intp]) -> NDArray[Any]:
+            return np.take_along_axis(np.broadcast_to(x, (*s.shape[:-1], x.shape[-1])), index, axis=-1)
 
-        begin = Moments(*(pick(x[..., :-1]) for x in self._borders.arrays()))
-        piece = _legs(
-            pick(self.runs.turns),
-            np.clip(s - pick(borders[..., :-1]), 0.0, None),
-            pick(self.runs.curvatures),
-            self.noises,
-            pick(self._noise_of_leg),
-        )
+        begin = Moments(*(pick(x, border) for x in self._borders.arrays()))
+        driven = np.clip(s - pick(borders, border), 0.0, None)
+        turns = np.where(driven > 0, pick(self.runs.turns, leg), 0.0)
+        curvatures, noise_of_leg = pick(self.runs.curvatures, leg), pick(self._noise_of_leg, leg)
+        piece = _legs(turns, driven, curvatures, self.noises, noise_of_leg)
         return PointDrift(s, compose(begin, piece))
 
 
@@ -213,8 +211,8 @@ def predict_drift(
     Parameters
     ----------
     path :
-        (n, 2) waypoints in metres, world frame, with turns on the spot between straight runs; (n, 3) with headings in rad,
-        at which the robot turns to its course, drives and turns to the heading; (..., n, 2|3) batches; a list of
+        (n, 2) waypoints in metres, world frame, with turns on the spot between straight runs; (n, 3) with headings in
+        rad, at which the robot turns to its course, drives and turns to the heading; (..., n, 2|3) batches; a list of
         arrays of different lengths; a list of `Run`; or `Runs` (for odometry logs `Runs.from_odometry`).
     noise : OdometryNoise or one per run
         A sequence gives each leg its own noise (floors of different kinds).
@@ -242,9 +240,9 @@ def predict_drift(
     >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
     >>> drift = predict_drift([(0, 0), (30, 0), (30, 10)], noise)
     >>> drift.rms.round(3)
-    array([0.   , 0.532, 0.638])
+    array([0.   , 0.531, 0.621])
     >>> drift.at(15.0).rms.round(3).item()
-    0.197
+    0.195
     """
     runs = read_path(path, start_heading)
     noises, noise_of_leg = _noises(noise, runs.lengths.shape[-1])
@@ -304,7 +302,9 @@ def _cut_at_fixes(
 ) -> tuple[Runs, NDArray[np.intp], NDArray[np.intp], list[tuple[int, Fix]]]:
     """The path with a leg border at every fix, and which border that is."""
     if runs.lengths.ndim != 1:
-        raise ValueError(f"expected one path with fixes, got a batch of shape {runs.lengths.shape[:-1]}: predict one by one")
+        raise ValueError(
+            f"expected one path with fixes, got a batch of shape {runs.lengths.shape[:-1]}: predict one by one"
+        )
     ordered = sorted(fixes, key=lambda fix: fix.s_m)
     length = float(runs.lengths.sum())
     if ordered[-1].s_m > length * (1 + 1e-9):

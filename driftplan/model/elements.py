@@ -154,13 +154,14 @@ def _stretch(
     if plain:
         piece = _straight(h, heading_rate, along, across)
     else:
-        bend = 1j * curvature * h if turning else np.zeros(())
+        bend = np.asarray(1j * curvature * h) if turning else np.zeros(())
         sums = (_sum(c) for c in _taylor(h, bend, speed, mu, double_mu, gamma, cross, along, across))
-        piece = Moments(np.exp(bend), speed * h * _phi(bend), *sums)
+        move = speed * h * _phi(bend) if turning else speed * h
+        piece = Moments(np.exp(bend), move, *sums)
     whole = doubled(piece, halvings)
     if not turning:
         return replace(whole, u=np.ones(length.shape), p=speed * length)
-    bend = 1j * curvature * length
+    bend = np.asarray(1j * curvature * length)
     return replace(whole, u=np.exp(bend), p=speed * length * _phi(bend))
 
 
@@ -190,7 +191,7 @@ _PHI_COEFFICIENTS = (0.0, *(1 / factorial(k + 1) for k in range(1, _ORDER)))  # 
 
 @cache
 def _straight_coefficients() -> tuple[tuple[float, ...], ...]:
-    """Coefficients in x of e1/(h x), N/(h² x), e2/(h² x), a/(h x), b/(h x) for a straight run without distance noise."""
+    """Coefficients in x of e1/(h x), N/(h² x), e2/(h² x), a/(h x), b/(h x) for a straight run, no distance noise."""
     one, none = np.ones(()), np.zeros(())
     series = _taylor(one, none, 1.0, -one / 2, -2 * one, none, None, none, none)
     first = (2, 3, 3, 2, 2)  # the order in s at which each begins
@@ -264,7 +265,9 @@ def _step(
     d1, d2 = shifted(law.d1, law.d2, heading_mean)
     w = np.exp(1j * heading_mean) if np.any(heading_mean) else np.ones(())
     share = noise.heading_distance_corr  # τ = mean + slope θ + independent rest
-    slope = share * np.sqrt(distance_var / np.maximum(heading_var, 1e-300)) if share else np.zeros(np.shape(heading_var))
+    slope = (
+        share * np.sqrt(distance_var / np.maximum(heading_var, 1e-300)) if share else np.zeros(np.shape(heading_var))
+    )
     rest_var = distance_var - slope**2 * heading_var
     theta_r = 1j * law.theta_r * w if share else 0.0
     theta_r2 = 1j * law.theta_r2 * w * w if share else 0.0
@@ -318,5 +321,3 @@ def _sum(series: list[Array]) -> Array:
     for term in reversed(series[:-1]):
         total = total + term
     return np.asarray(total)
-
-

@@ -17,8 +17,9 @@ class Fix:
     """An absolute measurement at the distance ``s_m`` along a path.
 
     The measured quantity's error is replaced by the measurement's, independent of all before: a full fix replaces
-    position and heading error, a position fix (RFID) leaves the heading error, a heading fix the position error. (A filter that used the
-    correlation of position and heading error would also gain heading from a position fix; not modelled.)
+    position and heading error, a position fix (RFID) leaves the heading error, a heading fix the position error.
+    Nothing is fused: a fix less accurate than the estimate makes it worse, and a filter that used the correlation of
+    position and heading error would also gain heading from a position fix.
 
     Attributes
     ----------

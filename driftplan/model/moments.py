@@ -14,6 +14,7 @@ are those of *errors*, never differences of large estimates, so nothing cancels 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,16 @@ class Moments:
     def rotated(self, u: Array | complex) -> Moments:
         """The same pieces after an error-free turn by the unit complex ``u``: cheaper than composing with one."""
         return Moments(
-            u * self.u, u * self.p, self.d1, self.d2, self.D, u * self.e1, self.N, u * u * self.e2, u * self.a, u * self.b
+            u * self.u,
+            u * self.p,
+            self.d1,
+            self.d2,
+            self.D,
+            u * self.e1,
+            self.N,
+            u * u * self.e2,
+            u * self.a,
+            u * self.b,
         )
 
 
@@ -138,9 +148,9 @@ def doubled(X: Moments, times: Array) -> Moments:
 def scan(pieces: Moments, start: Moments) -> Moments:
     """All prefixes: ``start``, ``start·piece_0``, ``start·piece_0·piece_1``, … along the last axis.
 
-    Appending pieces one by one makes every moment obey a linear recurrence ``x ← c x + f`` whose f involves only moments
-    found before it, so each is a cumulative product and a cumulative sum over the whole path. Where the coherence c
-    would underflow the path is cut in chunks.
+    Appending pieces one by one makes every moment obey a linear recurrence ``x ← c x + f`` whose f involves only
+    moments found before it, so each is a cumulative product and a cumulative sum over the whole path. Where the
+    coherence c would underflow the path is cut in chunks.
 
     Parameters
     ----------
@@ -183,7 +193,10 @@ def _scan_chunk(B: Moments, start: Moments) -> Moments:
     a = np.conj(coherence.recur(np.conj(gain_a), np.conj(start.a)))
     b = coherence.recur(gain_b, start.b)
     gain_N = (
-        B.N + _re2(np.conj(d1A) * epsilon) + DA * Q + _re2(np.conj(uA) * (e1A * np.conj(B.e1) + a[..., :-1] * np.conj(q1)))
+        B.N
+        + _re2(np.conj(d1A) * epsilon)
+        + DA * Q
+        + _re2(np.conj(uA) * (e1A * np.conj(B.e1) + a[..., :-1] * np.conj(q1)))
     )
     gain_e2 = uA * (uA * (B.e2 + 2 * d1A * eta + d2A * q2) + 2 * (e1A * B.e1 + b[..., :-1] * q1))
     N = _cumulative(np.add, gain_N, start.N)
@@ -225,7 +238,7 @@ def _chunks(pieces: Moments) -> list[tuple[int, int]]:
     loss = -np.log(np.clip(weakest, _SMALLEST_COHERENCE, 1.0))
     chunk = np.cumsum(loss.reshape(-1, m).max(axis=0)) // _CHUNK_LOG
     edges = [0, *(np.flatnonzero(np.diff(chunk)) + 1).tolist(), m]
-    return list(zip(edges[:-1], edges[1:], strict=True))
+    return list(pairwise(edges))
 
 
 def _cumulative(operation: np.ufunc, x: Array, first: Array) -> Array:

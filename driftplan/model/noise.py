@@ -11,6 +11,9 @@ from dataclasses import dataclass, fields, replace
 from math import inf, isfinite, radians, tau
 from typing import Literal, get_args
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 HeadingLaw = Literal["gaussian", "laplace", "von_mises", "uniform"]
 
 _VARIANCES = (
@@ -52,12 +55,13 @@ class OdometryNoise:
     step_m : float or None
         Length of a step in metres; None for the continuous model.
     heading_law : {"gaussian", "laplace", "von_mises", "uniform"}
-        Distribution of one step's heading error, entering through its exact characteristic function. The von Mises
-        concentration is the reciprocal of the step's heading variance, and it takes no ``heading_distance_corr``. Laws other than the Gaussian need ``step_m``:
+        Distribution of one step's heading error, entering by its exact characteristic function. The von Mises
+        concentration is the reciprocal of the step's heading variance, and it takes no ``heading_distance_corr``.
+        Laws other than the Gaussian need ``step_m``:
         a continuous white error is Gaussian.
     heading_distance_corr : float
-        Correlation, in [-1, 1], of the heading and distance errors of the same step or stretch. In the continuous model it
-        acts half before and half after (Stratonovich), the limit of ever finer odometry.
+        Correlation, in [-1, 1], of the heading and distance errors of the same step or stretch. In the continuous
+        model it acts half before and half after (Stratonovich), the limit of ever finer odometry.
     heading_bias_per_m : float
         Systematic heading error per metre, rad/m; positive when the estimate turns left of the truth.
     heading_bias_per_rad : float
@@ -104,7 +108,9 @@ class OdometryNoise:
         if self.heading_law not in get_args(HeadingLaw):
             raise ValueError(f"expected heading_law one of {get_args(HeadingLaw)}, got {self.heading_law!r}")
         if self.heading_law == "von_mises" and self.heading_distance_corr != 0:
-            raise ValueError("heading_distance_corr is not defined for heading_law='von_mises': use 'gaussian', got both")
+            raise ValueError(
+                "heading_distance_corr is not defined for heading_law='von_mises': use 'gaussian', got both"
+            )
         if self.step_m is not None:
             object.__setattr__(self, "step_m", _positive("step_m", self.step_m))
             return
@@ -113,8 +119,8 @@ class OdometryNoise:
                 raise ValueError(f"{name}={getattr(self, name)!r} needs step_m, the length of a step in metres")
         if self.heading_law != "gaussian":
             raise ValueError(
-                f"heading_law={self.heading_law!r} needs step_m: without steps the heading error is the sum of infinitely "
-                "many increments, which is Gaussian"
+                f"heading_law={self.heading_law!r} needs step_m: without steps the heading error is the sum of "
+                "infinitely many increments, which is Gaussian"
             )
 
     @classmethod
@@ -137,11 +143,15 @@ class OdometryNoise:
         Examples
         --------
         >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
-        >>> round(noise.heading_var_per_m, 9), noise.distance_var_per_m
+        >>> round(noise.heading_var_per_m, 9), round(noise.distance_var_per_m, 9)
         (3.0462e-05, 0.00025)
         """
         after_m = _positive("after_m", after_m)
-        spreads = {"heading_deg": heading_deg, "distance_m": distance_m, "heading_deg_per_full_turn": heading_deg_per_full_turn}
+        spreads = {
+            "heading_deg": heading_deg,
+            "distance_m": distance_m,
+            "heading_deg_per_full_turn": heading_deg_per_full_turn,
+        }
         heading, distance, turn = (_not_negative(name, value) for name, value in spreads.items())
         return cls(
             heading_var_per_m=radians(heading) ** 2 / after_m,
@@ -164,7 +174,7 @@ class OdometryNoise:
 
         Examples
         --------
-        >>> OdometryNoise.per_step(heading_std=0.1, distance_std=0.1, step_m=1.0).heading_std_after(25.0)
+        >>> round(OdometryNoise.per_step(heading_std=0.1, distance_std=0.1, step_m=1.0).heading_std_after(25.0), 9)
         0.5
         """
         spreads = {"heading_std": heading_std, "distance_std": distance_std, "lateral_std": lateral_std}
@@ -196,8 +206,8 @@ class OdometryNoise:
             Always: alphas are tuned so that the filter keeps enough particles, and usually overstate the physics.
         """
         warnings.warn(
-            "amcl's alphas are filter tuning, not physics: expect them to overstate the drift; fit the noise from a log "
-            "when you can",
+            "amcl's alphas are filter tuning, not physics: expect them to overstate the drift; fit the noise from a "
+            "log when you can",
             UserWarning,
             stacklevel=2,
         )
@@ -228,7 +238,7 @@ class OdometryNoise:
         """Standard deviation of the heading error, in rad, after one straight run and turning ``turn_rad`` in all."""
         variance = self.heading_var_per_m * length_m + self.heading_var_per_rad * abs(turn_rad)
         if self.step_m is not None:
-            variance += self.heading_var_per_step * steps_in(length_m, self.step_m)
+            variance += self.heading_var_per_step * float(steps_in(length_m, self.step_m))
         return float(variance**0.5)
 
     @property
@@ -242,15 +252,13 @@ class OdometryNoise:
         return f"OdometryNoise({', '.join(said)})"
 
 
-def steps_in(length_m: float, step_m: float) -> float:
-    """Number of steps that a run of ``length_m`` counts: ``ceil(L/d - 1e-9)``; arrays welcome."""
-    import numpy as np
-
-    return np.ceil(np.asarray(length_m) / step_m - 1e-9)  # type: ignore[return-value]
+def steps_in(length_m: ArrayLike, step_m: float) -> NDArray[np.float64]:
+    """Number of steps that runs of ``length_m`` metres count: ``ceil(L/d - 1e-9)``, any shape."""
+    return np.asarray(np.ceil(np.asarray(length_m, dtype=float) / step_m - 1e-9))
 
 
 def _number(name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) and not hasattr(value, "__float__"):
+    if isinstance(value, bool) or (not isinstance(value, (int, float)) and not hasattr(value, "__float__")):
         raise ValueError(f"expected {name} to be a number, got {value!r}")
     number = float(value)
     if not isfinite(number):

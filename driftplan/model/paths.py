@@ -72,7 +72,7 @@ class Runs:
         lengths, turns = _finite("distances_m", distances_m), _finite("turns_rad", turns_rad)
         if lengths.shape != turns.shape or lengths.ndim < 1 or lengths.shape[-1] < 1:
             raise ValueError(
-                f"expected distances_m and turns_rad of one shape (..., m), m >= 1, got {lengths.shape} and {turns.shape}"
+                f"expected distances_m, turns_rad of one shape (..., m), m >= 1, got {lengths.shape}, {turns.shape}"
             )
         if (lengths < 0).any():
             raise ValueError(f"expected distances_m >= 0, got {lengths.min()}")

@@ -1,10 +1,10 @@
 """How far off is a Gaussian error: expected distance, probability of being within r, radius at a confidence.
 
-All take mean and covariance of a planar error over any leading axes and treat it as Gaussian. The true error of odometry
-is bent like a banana once the heading error is large. Against Monte Carlo of 10⁶ straight drives of 100 m the expected
-distance of the Gaussian with the exact mean and covariance is off by +0.0, +1.6, +4.9, +7.2 % and the 95 % radius by
-+0.1, -0.4, -3.1, -8.3 % at heading errors of 0.05, 0.2, 0.5, 1 rad at the end; the coverage of that radius is 0.950,
-0.949, 0.942, 0.922. L-shaped drives do better (at 1 rad: +4.1 %, -4.8 %, 0.935).
+All take mean and covariance of a planar error over any leading axes and treat it as Gaussian. The true error of
+odometry is bent like a banana once the heading error is large. Against Monte Carlo of 10⁶ straight drives of 100 m,
+the expected distance of the Gaussian with the exact mean and covariance is off by +0.0, +1.6, +4.9, +7.2 % and the 95 %
+radius by +0.1, -0.4, -3.1, -8.3 % at heading errors of 0.05, 0.2, 0.5, 1 rad at the end; the coverage of that radius is
+0.950, 0.949, 0.942, 0.922. L-shaped drives do better (at 1 rad: +4.1 %, -4.8 %, 0.935).
 Whatever the distribution: E|e| <= rms, and the radius at confidence c is at most rms/sqrt(1 - c).
 """
 

@@ -37,8 +37,9 @@ def simulate_drift(
         Number of drives.
     rng : numpy.random.Generator or seed
     substep_m : float, optional
-        In the continuous model each run is driven in substeps of at most this length (default: 1/400 of the path), with half of a
-        substep's heading error before and half after it moves: the error of E|e|² falls with the square of the length.
+        In the continuous model each run is driven in substeps of at most this length (default: 1/400 of the path),
+        with half of a substep's heading error before and half after it moves: the error of E|e|² falls with the square
+        of the length.
 
     Returns
     -------
@@ -143,7 +144,7 @@ class _Drives:
         distance_var: float,
         lateral_var: float,
     ) -> None:
-        """One true arc, and its estimates: a whole step's heading error first (step model), or half first (continuous)."""
+        """One true arc and its estimates: all of a step's heading error first (step model), or half of it."""
         noise = self.noise
         random_part = self._heading_errors(heading_var)
         change = random_part + heading_mean

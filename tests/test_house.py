@@ -1,0 +1,76 @@
+"""The shape of the house: imports go up the design's list only, and importing driftplan costs next to nothing."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "driftplan"
+FLOORS = ["errors", "model", "world", "planning", "beacons", "report"]
+MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p.parent != PACKAGE or p.name == "errors.py")
+
+
+def floor_of(file: Path) -> str:
+    return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imported(file: Path) -> list[str]:
+    """Absolute dotted names of everything a module imports, wherever in the file."""
+    package = ["driftplan", *file.relative_to(PACKAGE).parent.parts]
+    names = []
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            names += [module] if node.module else [f"{module}.{alias.name}" for alias in node.names]
+    return names
+
+
+@pytest.mark.parametrize("file", MODULES, ids=lambda f: str(f.relative_to(PACKAGE)))
+def test_imports_only_go_up_the_list(file):
+    mine = FLOORS.index(floor_of(file))
+    for name in imported(file):
+        if name.startswith("driftplan."):
+            floor = name.split(".")[1]
+            assert floor in FLOORS[: mine + 1], f"{file.relative_to(PACKAGE)} imports {name}"
+
+
+@pytest.mark.parametrize("file", MODULES, ids=lambda f: str(f.relative_to(PACKAGE)))
+def test_only_the_planning_wing_imports_ompl(file):
+    if floor_of(file) != "planning":
+        assert not [name for name in imported(file) if name.split(".")[0] == "ompl"]
+
+
+def test_the_oracle_shares_no_formula_with_what_it_checks():
+    names = imported(PACKAGE / "model/simulation.py")
+    assert not [name for name in names if re.search(r"moments|elements|drift$|heading_laws", name)]
+
+
+def test_every_public_name_can_be_imported():
+    import driftplan
+
+    assert [name for name in driftplan.__all__ if not hasattr(driftplan, name)] == []
+
+
+def test_importing_driftplan_loads_nothing_heavy():
+    heavy = ("ompl", "matplotlib", "scipy", "shapely", "numpy")
+    code = f"import sys, driftplan; print([m for m in {heavy} if m in sys.modules])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
+
+
+def test_predicting_drift_needs_neither_ompl_nor_matplotlib_nor_shapely():
+    code = (
+        "import sys; from driftplan import OdometryNoise, predict_drift;"
+        "predict_drift([(0, 0), (1, 0)], OdometryNoise(heading_var_per_m=1e-4)).end.rms;"
+        "print([m for m in ('ompl', 'matplotlib', 'scipy', 'shapely') if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
