@@ -1,0 +1,148 @@
+"""GeoJSON maps: a FeatureCollection of polygons in metres, each with a "kind".
+
+The one feature of kind "boundary" is the map's area; outside of it everything is an obstacle. Features of kind
+"obstacle" are walls. Features of kind "zone" carry their noise as properties named like the fields of OdometryNoise; a
+later zone covers an earlier one. Coordinates are metres in the map's frame, not the degrees of RFC 7946.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from pathlib import Path
+from reprlib import repr as short
+from typing import Any, NoReturn
+
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from driftplan.errors import MapError
+from driftplan.model.noise import OdometryNoise
+from driftplan.world.world import World, Zone
+
+_KINDS = ("boundary", "obstacle", "zone")
+_NOISE_KEYS = tuple(field.name for field in fields(OdometryNoise))
+_MAX_BYTES = 20_000_000
+
+
+def read_geojson_map(path: Path, *, robot_radius: float) -> World:
+    """World of a GeoJSON file."""
+    boundary: list[Polygon | MultiPolygon] = []
+    obstacles: list[Polygon | MultiPolygon] = []
+    zones: list[Zone] = []
+    for number, feature in enumerate(_features(path), start=1):
+        where = f"{path}, feature {number}"
+        if not (isinstance(feature, dict) and feature.get("type") == "Feature"):
+            raise MapError(f"{where}: expected a Feature, got {short(feature)}")
+        properties = feature.get("properties")
+        properties = properties if isinstance(properties, dict) else {}
+        kind = properties.get("kind")
+        if kind not in _KINDS:
+            raise MapError(f'{where}: expected a property "kind" out of {", ".join(_KINDS)}, got {short(kind)}')
+        area = _area(where, feature.get("geometry"))
+        if kind == "zone":
+            zones.append(Zone(area, _noise(where, properties)))
+            continue
+        for key in properties:
+            if key in _NOISE_KEYS:
+                raise MapError(f"{where}: only zones have noise, but this {kind} has {key!r}")
+        (boundary if kind == "boundary" else obstacles).append(area)
+    if len(boundary) != 1:
+        raise MapError(f'{path}: expected one feature of "kind": "boundary", the area of the map, got {len(boundary)}')
+    outside = shapely.box(*boundary[0].bounds).difference(boundary[0])
+    walls = [*obstacles, *shapely.get_parts(outside)]
+    return World.from_polygons(walls, bounds=boundary[0].bounds, robot_radius=robot_radius, zones=zones)
+
+
+def geojson_map_files(world: World, path: Path) -> dict[Path, bytes]:
+    """Contents of the file to write: nothing is lost but the robot's radius."""
+    features = [_feature(shapely.box(*world.bounds), kind="boundary")]
+    features += [_feature(part, kind="obstacle") for part in world.obstacles.geoms]
+    for zone in world.zones:
+        values = {key: getattr(zone.noise, key) for key in _NOISE_KEYS}
+        standard = {field.name: field.default for field in fields(OdometryNoise)}
+        said = {key: value for key, value in values.items() if value != standard[key]}
+        features.append(_feature(zone.polygon, kind="zone", **said))
+    lines = ",\n".join(json.dumps(feature) for feature in features)
+    return {path: f'{{"type": "FeatureCollection", "features": [\n{lines}\n]}}\n'.encode()}
+
+
+def _feature(area: Any, **properties: Any) -> dict[str, Any]:
+    return {"type": "Feature", "properties": properties, "geometry": json.loads(shapely.to_geojson(area))}
+
+
+def _features(path: Path) -> list[Any]:
+    if path.stat().st_size > _MAX_BYTES:
+        raise MapError(f"{path}: expected at most {_MAX_BYTES} bytes, got {path.stat().st_size}")
+    try:
+        said = json.loads(path.read_bytes(), parse_constant=_refuse_constant, object_pairs_hook=_refuse_twice)
+    except json.JSONDecodeError as err:
+        raise MapError(f"{path}, line {err.lineno}: not JSON: {err.msg}") from err
+    except (ValueError, RecursionError) as err:
+        raise MapError(f"{path}: not JSON: {str(err)[:200]}") from err
+    if not (
+        isinstance(said, dict) and said.get("type") == "FeatureCollection" and isinstance(said.get("features"), list)
+    ):
+        raise MapError(f"{path}: expected a GeoJSON FeatureCollection with a list of features")
+    if "crs" in said and any(name in json.dumps(said["crs"]) for name in ("CRS84", "4326")):
+        raise MapError(f"{path}: coordinates are in degrees (crs); expected metres: project the map first")
+    return list(said["features"])
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is not a number")
+
+
+def _refuse_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    said = dict(pairs)
+    if len(said) < len(pairs):
+        raise ValueError(f"a key occurs twice in {short([key for key, _ in pairs])}")
+    return said
+
+
+def _area(where: str, geometry: Any) -> Polygon | MultiPolygon:
+    kind = geometry.get("type") if isinstance(geometry, dict) else None
+    if kind not in ("Polygon", "MultiPolygon"):
+        raise MapError(f"{where}: expected a Polygon or MultiPolygon, got {short(kind)}")
+    listed = geometry.get("coordinates")
+    if not (isinstance(listed, list) and listed):
+        raise MapError(f"{where}: expected coordinates, got {short(listed)}")
+    polygons = [_polygon(where, rings) for rings in ([listed] if kind == "Polygon" else listed)]
+    area = polygons[0] if kind == "Polygon" else MultiPolygon(polygons)
+    if not area.is_valid or area.is_empty:
+        raise MapError(f"{where}: not a valid polygon: {shapely.is_valid_reason(area)}")
+    return area
+
+
+def _polygon(where: str, rings: Any) -> Polygon:
+    if not (isinstance(rings, list) and rings):
+        raise MapError(f"{where}: expected a list of rings, got {short(rings)}")
+    closed = []
+    for ring in rings:
+        if not (isinstance(ring, list) and len(ring) >= 4 and ring[0] == ring[-1]):
+            raise MapError(
+                f"{where}: expected rings of 4 or more positions, the last like the first, got {short(ring)}"
+            )
+        closed.append([_position(where, position) for position in ring])
+    return Polygon(closed[0], closed[1:])
+
+
+def _position(where: str, position: Any) -> tuple[float, float]:
+    if isinstance(position, list) and len(position) in (2, 3):  # a height is allowed, and of no use here
+        x, y = position[:2]
+        if type(x) in (int, float) and type(y) in (int, float) and abs(x) < 1e9 and abs(y) < 1e9:
+            return float(x), float(y)
+    raise MapError(f"{where}: expected positions [x, y] in metres, got {short(position)}")
+
+
+def _noise(where: str, properties: dict[str, Any]) -> OdometryNoise:
+    said = {key: value for key, value in properties.items() if key not in ("kind", "name")}
+    for key in said:
+        if key not in _NOISE_KEYS:
+            raise MapError(f"{where}: unknown noise {short(key)}; known are {', '.join(_NOISE_KEYS)}")
+    if not said:
+        raise MapError(f"{where}: expected the zone's noise, such as heading_var_per_m, got none")
+    try:
+        return OdometryNoise(**said)
+    except (ValueError, TypeError, OverflowError) as err:
+        raise MapError(f"{where}: {err}") from err

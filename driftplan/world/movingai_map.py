@@ -1,0 +1,84 @@
+"""MovingAI grid maps (`.map`), as in the benchmarks of N. Sturtevant (IEEE T-CIAIG 4(2), 2012).
+
+Four lines of header (type, height, width, map), then one character per cell, the first row at the top. '.' and 'G' are
+ground and 'S' is swamp: passable. '@' and 'O' are out of bounds, 'T' trees and 'W' water, which nothing enters from the
+ground: not passable. (Format: movingai.com/benchmarks/formats.html)
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from reprlib import repr as short
+
+import numpy as np
+
+from driftplan.errors import MapError
+from driftplan.world.cells import MAX_CELLS, cells_of_outline, outline_of_cells
+from driftplan.world.world import World
+
+_PASSABLE = b".GS"
+_BLOCKED = b"@OTW"
+_MAX_BYTES = 2 * MAX_CELLS
+
+
+def read_movingai_map(path: Path, *, robot_radius: float, cell_size_m: float) -> World:
+    """World of a `.map` file, its lower left corner at the origin."""
+    if path.stat().st_size > _MAX_BYTES:
+        raise MapError(f"{path}: expected at most {_MAX_BYTES} bytes, got {path.stat().st_size}")
+    lines = [line.rstrip(b"\r") for line in path.read_bytes().split(b"\n")]
+    while lines and not lines[-1].strip():
+        lines.pop()
+    height, width = _read_header(path, lines[:4])
+    rows = lines[4:]
+    if len(rows) != height:
+        raise MapError(f"{path}: expected {height} rows of cells after the header, got {len(rows)}")
+    for number, row in enumerate(rows, start=5):
+        if len(row) != width:
+            raise MapError(f"{path}, line {number}: expected {width} cells, got {len(row)}")
+    cells = np.frombuffer(b"".join(rows), dtype=np.uint8).reshape(height, width)
+    known = np.isin(cells, np.frombuffer(_PASSABLE + _BLOCKED, dtype=np.uint8))
+    if not known.all():
+        row, column = np.argwhere(~known)[0]
+        raise MapError(
+            f"{path}, line {row + 5}, column {column + 1}: expected one of {(_PASSABLE + _BLOCKED).decode()}, "
+            f"got {bytes([cells[row, column]])!r}"
+        )
+    passable = np.isin(cells, np.frombuffer(_PASSABLE, dtype=np.uint8))
+    try:
+        obstacles, bounds = outline_of_cells(~passable[::-1], cell_size_m=cell_size_m, origin=(0.0, 0.0, 0.0))
+    except ValueError as err:
+        raise MapError(f"{path}: {err}") from err
+    return World(obstacles=obstacles, bounds=bounds, robot_radius=robot_radius)
+
+
+def movingai_map_files(world: World, path: Path, *, cell_size_m: float) -> dict[Path, bytes]:
+    """Contents of the file to write."""
+    if world.bounds[:2] != (0.0, 0.0):
+        raise ValueError(f"a .map file has no origin: expected bounds that start at (0, 0), got {world.bounds}")
+    occupied = cells_of_outline(world.obstacles, world.bounds, cell_size_m)[::-1]
+    rows = [row.tobytes() for row in np.where(occupied, np.uint8(ord("@")), np.uint8(ord(".")))]
+    header = b"type octile\nheight %d\nwidth %d\nmap\n" % occupied.shape
+    return {path: header + b"\n".join(rows) + b"\n"}
+
+
+def _read_header(path: Path, lines: list[bytes]) -> tuple[int, int]:
+    """Height and width."""
+    words = [line.split() for line in lines] + [[]] * (4 - len(lines))
+    expected = {
+        "type octile": words[0] in ([b"type", b"octile"], [b"type", b"tile"]),
+        "height N": _is_size(b"height", words[1]),
+        "width N": _is_size(b"width", words[2]),
+        "map": words[3] == [b"map"],
+    }
+    for number, (wanted, found) in enumerate(expected.items(), start=1):
+        if not found:
+            got = short(lines[number - 1]) if number <= len(lines) else "nothing"
+            raise MapError(f"{path}, line {number}: expected {wanted!r}, got {got}")
+    height, width = int(words[1][1]), int(words[2][1])
+    if height * width > MAX_CELLS:
+        raise MapError(f"{path}: expected at most {MAX_CELLS} cells, got {width} x {height}")
+    return height, width
+
+
+def _is_size(name: bytes, words: list[bytes]) -> bool:
+    return len(words) == 2 and words[0] == name and words[1].isdigit() and len(words[1]) < 10 and int(words[1]) > 0
