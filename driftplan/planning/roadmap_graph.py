@@ -1,0 +1,192 @@
+"""A roadmap: points of free space joined by straight collision-free motions, grown in batches and searched in bulk.
+
+Nodes 0 and 1 are start and goal. New nodes are joined to their nearest neighbours, edges that no improving path can
+use are dropped before they are checked for collisions, and all of it is done by numpy, scipy and shapely on arrays.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driftplan.planning.roadmap_pricing import Floats, Ints, Pricing
+
+_START, _GOAL = 0, 1
+
+
+class Shortest(NamedTuple):
+    """The cheapest path of a roadmap: its cost, infinite when there is none, and its nodes."""
+
+    cost: float
+    nodes: Ints
+
+
+class Transitions(NamedTuple):
+    """Directed edges of a roadmap and the turns between them. Edge e + m is edge e driven backwards."""
+
+    tail: Ints  # (2m,)
+    head: Ints  # (2m,)
+    cost: Floats  # (2m,)
+    before: Ints  # (t,) directed edges
+    after: Ints  # (t,) that can follow each other
+    turn_rad: Floats  # (t,) angle between them
+    turn_cost: Floats  # (t,)
+
+
+class Roadmap:
+    """Nodes (n, 2) and undirected edges (m, 2) towards the goal of a `Pricing`."""
+
+    def __init__(self, pricing: Pricing, start: Floats, start_heading: float | None = None) -> None:
+        self.pricing = pricing
+        self.start_heading = start_heading
+        self.xy = np.stack([start, pricing.goal])
+        self.edges = np.zeros((0, 2), dtype=np.int64)
+        self.cost = np.zeros(0)
+        self.zones = np.zeros((0, 2), dtype=np.int64)  # in which each edge leaves and reaches its nodes
+        self.from_start, self.to_goal = self._bounds(self.xy)
+        self._connect(np.array([[_START, _GOAL]]), math.inf)
+
+    def add(self, points: Floats, neighbours: int, limit: float, chain: bool = False) -> None:
+        """Add free ``points`` (k, 2), each with edges to its nearest nodes; with ``chain`` also to the next point.
+
+        ``limit`` is the cost that paths through the new edges must be able to beat.
+        """
+        from scipy.spatial import cKDTree
+
+        first, count = len(self.xy), len(points)
+        if not count:
+            return
+        self.xy = np.concatenate([self.xy, points])
+        from_start, to_goal = self._bounds(points)
+        self.from_start, self.to_goal = np.append(self.from_start, from_start), np.append(self.to_goal, to_goal)
+        k = min(neighbours + 1, len(self.xy))
+        _, near = cKDTree(self.xy).query(points, k=k)
+        pairs = np.stack([np.repeat(np.arange(first, first + count), k), near.ravel()], axis=1)
+        if chain:
+            along = np.arange(first, first + count - 1)
+            pairs = np.concatenate([pairs, np.stack([along, along + 1], axis=1)])
+        self._connect(pairs, limit)
+
+    def prune(self, limit: float) -> None:
+        """Drop the nodes and edges that no path cheaper than ``limit`` can use."""
+        keep = self.from_start + self.to_goal < limit
+        keep[:2] = True
+        number = np.cumsum(keep) - 1
+        useful = keep[self.edges].all(axis=1) & self._promising(self.edges, self.cost, limit)
+        self.edges, self.cost, self.zones = number[self.edges[useful]], self.cost[useful], self.zones[useful]
+        self.xy, self.from_start, self.to_goal = self.xy[keep], self.from_start[keep], self.to_goal[keep]
+
+    def shortest(self) -> Shortest:
+        """The cheapest path from start to goal, turns on the spot included."""
+        if not len(self.edges):
+            return Shortest(math.inf, np.zeros(0, dtype=np.int64))
+        if self.pricing.has_turns:
+            return self._shortest_with_turns()
+        cost, before = self.costs_from(_START)
+        if not math.isfinite(cost[_GOAL]):
+            return Shortest(math.inf, np.zeros(0, dtype=np.int64))
+        return Shortest(float(cost[_GOAL]), _traced(before, _GOAL))
+
+    def costs_from(self, node: int) -> tuple[Floats, NDArray[np.int32]]:
+        """Cost of the cheapest path from ``node`` to every node, turns left out, and each node's predecessor on it."""
+        weight = self.cost + self._tie_break()
+        return _dijkstra(weight, self.edges[:, 0], self.edges[:, 1], len(self.xy), node, directed=False)
+
+    def transitions(self) -> Transitions:
+        """Every pair of edges that can be driven one after the other, there and straight back excluded."""
+        m = len(self.edges)
+        tail = np.concatenate([self.edges[:, 0], self.edges[:, 1]])
+        head = np.concatenate([self.edges[:, 1], self.edges[:, 0]])
+        leaving_zone = np.concatenate([self.zones[:, 0], self.zones[:, 1]])
+        order = np.argsort(tail, kind="stable")
+        degree = np.bincount(tail, minlength=len(self.xy))
+        first = np.cumsum(degree) - degree
+        choices = degree[head]
+        before = np.repeat(np.arange(2 * m), choices)
+        rank = np.arange(len(before)) - np.repeat(np.cumsum(choices) - choices, choices)
+        after = order[first[head[before]] + rank]
+        keep = (after - before) % (2 * m) != m
+        before, after = before[keep], after[keep]
+        step = (self.xy[head] - self.xy[tail]) @ np.array([1.0, 1j])
+        turn = np.angle(step[after] * np.conj(step[before]))
+        turn_cost = self.pricing.turns(self.xy[tail[after]], turn, leaving_zone[after])
+        return Transitions(tail, head, np.tile(self.cost, 2), before, after, turn, turn_cost)
+
+    def first_turns(self, moves: Transitions) -> tuple[Ints, Floats, Floats]:
+        """The directed edges that leave the start, the turn (rad) before each from the start heading, and its cost."""
+        leaving = np.flatnonzero(moves.tail == _START)
+        if self.start_heading is None:
+            return leaving, np.zeros(len(leaving)), np.zeros(len(leaving))
+        step = (self.xy[moves.head[leaving]] - self.xy[_START]) @ np.array([1.0, 1j])
+        turn = np.angle(step * np.exp(-1j * self.start_heading))
+        zone = np.concatenate([self.zones[:, 0], self.zones[:, 1]])[leaving]
+        return leaving, turn, self.pricing.turns(self.xy[moves.tail[leaving]], turn, zone)
+
+    def _shortest_with_turns(self) -> Shortest:
+        """Dijkstra over directed edges: node e of this graph is 'edge e has been driven', node 2m is the start."""
+        moves = self.transitions()
+        tie_break = np.tile(self._tie_break(), 2)
+        leaving, _, turn_cost = self.first_turns(moves)
+        source = len(moves.tail)
+        row = np.append(moves.before, np.full(len(leaving), source))
+        column = np.append(moves.after, leaving)
+        weight = (moves.cost + tie_break)[column] + np.append(moves.turn_cost, turn_cost)
+        cost, before = _dijkstra(weight, row, column, source + 1, source, directed=True)
+        arriving = np.flatnonzero(moves.head == _GOAL)
+        best = arriving[np.argmin(cost[arriving])] if len(arriving) else source
+        if best == source or not math.isfinite(cost[best]):
+            return Shortest(math.inf, np.zeros(0, dtype=np.int64))
+        driven = _traced(before, int(best))[1:]
+        return Shortest(float(cost[best]), np.append(moves.tail[driven], _GOAL))
+
+    def _connect(self, pairs: NDArray[np.int64], limit: float) -> None:
+        pairs = np.unique(np.sort(pairs, axis=1), axis=0)
+        a, b = self.xy[pairs[:, 0]], self.xy[pairs[:, 1]]
+        apart = (a != b).any(axis=1)
+        pairs, a, b = pairs[apart], a[apart], b[apart]
+        prices = self.pricing.edges(a, b)
+        cheap = self._promising(pairs, prices.cost, limit)
+        free = np.zeros(len(pairs), dtype=bool)
+        free[cheap] = self.pricing.space.segments_free(a[cheap], b[cheap])
+        self.edges = np.concatenate([self.edges, pairs[free]])
+        self.cost = np.append(self.cost, prices.cost[free])
+        self.zones = np.concatenate([self.zones, np.stack([prices.zone_a, prices.zone_b], axis=1)[free]])
+
+    def _promising(self, pairs: NDArray[np.int64], cost: Floats, limit: float) -> NDArray[np.bool_]:
+        """Whether a path through the edge, driven the better way round, could be cheaper than ``limit``."""
+        i, j = pairs[:, 0], pairs[:, 1]
+        around = np.minimum(self.from_start[i] + self.to_goal[j], self.from_start[j] + self.to_goal[i])
+        return np.asarray(around + cost <= limit)
+
+    def _bounds(self, points: Floats) -> tuple[Floats, Floats]:
+        lower = self.pricing.lower_bound
+        return lower(self.xy[_START], points), lower(points, self.xy[_GOAL])
+
+    def _tie_break(self) -> Floats:
+        """A price too small to matter: where driving costs nothing, the shorter way is taken."""
+        length = np.linalg.norm(self.xy[self.edges[:, 0]] - self.xy[self.edges[:, 1]], axis=1)
+        scale = float(self.cost.max(initial=0.0)) or 1.0
+        return np.asarray(length * (1e-12 * scale / max(float(length.max(initial=0.0)), 1e-300)))
+
+
+def _dijkstra(
+    weight: Floats, row: Ints, column: Ints, size: int, source: int, *, directed: bool
+) -> tuple[Floats, NDArray[np.int32]]:
+    """Distance of every node from ``source``, and the node before it on the way (negative where there is none)."""
+    from scipy.sparse import csgraph, csr_matrix
+
+    search: Any = csgraph.dijkstra
+    graph = csr_matrix((weight, (row, column)), shape=(size, size))
+    distance, before = search(graph, directed=directed, indices=source, return_predecessors=True)
+    return distance, before
+
+
+def _traced(before: NDArray[np.int32], end: int) -> Ints:
+    """The chain of predecessors that leads to ``end``, in driving order."""
+    chain = [end]
+    while (previous := int(before[chain[-1]])) >= 0:
+        chain.append(previous)
+    return np.array(chain[::-1], dtype=np.int64)

@@ -1,0 +1,140 @@
+"""Prices of straight motions and turns towards one goal, in bulk, on floors of one or several kinds.
+
+Edges that cross zones are cut where the zone changes and priced piece by piece, which is exact since the additive cost
+does not mind the cutting. A turn on the spot is priced with the noise of the run that follows it, as `predict_drift`
+does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driftplan.model.drift import Drift, predict_drift
+from driftplan.model.noise import OdometryNoise
+from driftplan.planning.cost import CostRates, edge_cost, geodesic_cost, turn_cost
+from driftplan.world.world import Zone, ZonePieces
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Minimise = Literal["drift", "length"]
+
+_LENGTH = CostRates(heading=0.0, position=1.0)
+
+
+class Space(Protocol):
+    """What the roadmap asks of the world: a `World`, or anything else that can say where the robot may drive."""
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]: ...
+    @property
+    def zones(self) -> tuple[Zone, ...]: ...
+    def is_free(self, xy: Floats, /) -> Bools: ...
+    def segments_free(self, a: Floats, b: Floats, /) -> Bools: ...
+    def corners(self, tolerance_m: float | None = None, /) -> Floats: ...
+    def zone_pieces(self, a: Floats, b: Floats, /) -> ZonePieces: ...
+
+
+class EdgePrices(NamedTuple):
+    """Prices of straight edges from a to b, the same in both directions."""
+
+    cost: Floats  # (n,) m², or m for the length
+    zone_a: Ints  # (n,) index of the zone in which the edge leaves a, -1 for none,
+    zone_b: Ints  # (n,) and in which it reaches b
+
+
+@dataclass(frozen=True, eq=False)
+class Pricing:
+    """The additive cost of motions towards ``goal`` in ``space``: expected squared drift (m²) or length (m)."""
+
+    space: Space
+    goal: Floats
+    noise: OdometryNoise
+    minimise: Minimise = "drift"
+
+    def __post_init__(self) -> None:
+        rates = [CostRates.of(self.noise), *(CostRates.of(zone.noise) for zone in self.space.zones)]
+        if self.minimise == "length":
+            rates = [_LENGTH]
+        names = ("heading", "position", "turn_heading", "turn_position")
+        floor = CostRates(**{name: min(getattr(rate, name) for rate in rates) for name in names})
+        object.__setattr__(self, "_rates", (*rates[1:], rates[0]))  # zone -1 is the last
+        object.__setattr__(self, "_floor", floor)
+
+    _rates: tuple[CostRates, ...] = ()
+    _floor: CostRates = _LENGTH
+
+    @property
+    def has_zones(self) -> bool:
+        return len(self._rates) > 1
+
+    @property
+    def has_turns(self) -> bool:
+        """Whether turning on the spot costs anything, so that an edge's price depends on the one before."""
+        return any(rate.turn_heading > 0 or rate.turn_position > 0 for rate in self._rates)
+
+    def edges(self, a: Floats, b: Floats) -> EdgePrices:
+        """Prices of the edges from ``a`` to ``b``, (n, 2) each."""
+        if not self.has_zones:
+            nowhere = np.full(len(a), -1, dtype=np.int64)
+            return EdgePrices(edge_cost(a, b, self.goal, self._rates[-1]), nowhere, nowhere)
+        pieces = self.space.zone_pieces(a, b)
+        step = (b - a)[pieces.segment]
+        begin = a[pieces.segment] + pieces.start[:, None] * step
+        end = a[pieces.segment] + pieces.end[:, None] * step
+        cost = _by_zone(pieces.zone, self._rates, lambda rates, at: edge_cost(begin[at], end[at], self.goal, rates))
+        first = np.searchsorted(pieces.segment, np.arange(len(a)))
+        last = np.append(first[1:], len(pieces.segment)) - 1
+        total: Floats = np.bincount(pieces.segment, weights=cost, minlength=len(a)).astype(float)
+        return EdgePrices(total, pieces.zone[first], pieces.zone[last])
+
+    def turns(self, at: Floats, turn_rad: Floats, zone: Ints) -> Floats:
+        """Prices of turns on the spot at ``at`` (n, 2), before runs that begin in ``zone`` (n,)."""
+        return _by_zone(zone, self._rates, lambda rates, i: turn_cost(at[i], turn_rad[i], self.goal, rates))
+
+    def path(self, xy: Floats, start_heading: float | None = None) -> float:
+        """Price of a polyline (n, 2) without repeated points."""
+        prices = self.edges(xy[:-1], xy[1:])
+        total = float(prices.cost.sum())
+        if self.has_turns:
+            total += float(self.turns(xy[:-1], turn_angles(xy, start_heading), prices.zone_a).sum())
+        return total
+
+    def lower_bound(self, a: Floats, b: Floats) -> Floats:
+        """What any motion from ``a`` to ``b`` costs at least, obstacles or not: the best floor everywhere, no turns."""
+        return geodesic_cost(a, b, self.goal, self._floor)
+
+
+def exact_drift(space: Space, path: Floats, noise: OdometryNoise, start_heading: float | None = None) -> Drift:
+    """`predict_drift` along a polyline (n, 2), each stretch with the noise of the zone it is in."""
+    if not space.zones:
+        return predict_drift(path, noise, start_heading=start_heading)
+    pieces = space.zone_pieces(path[:-1], path[1:])
+    step = np.diff(path, axis=0)[pieces.segment]
+    ends = np.where(
+        (pieces.end < 1)[:, None], path[pieces.segment] + pieces.end[:, None] * step, path[pieces.segment + 1]
+    )
+    kinds = (*(zone.noise for zone in space.zones), noise)
+    cut = np.concatenate([path[:1], ends])
+    return predict_drift(cut, [kinds[zone] for zone in pieces.zone], start_heading=start_heading)
+
+
+def turn_angles(xy: Floats, start_heading: float | None) -> Floats:
+    """Angle in [-π, π] turned before each leg of a polyline (n, 2) without repeated points; shape (n - 1,)."""
+    step = xy[1:, 0] - xy[:-1, 0] + 1j * (xy[1:, 1] - xy[:-1, 1])
+    facing = step[:1] if start_heading is None else np.exp(1j * np.array([start_heading]))
+    return np.asarray(np.angle(step * np.conj(np.concatenate([facing, step[:-1]]))))
+
+
+def _by_zone(zone: Ints, rates: tuple[CostRates, ...], price: Callable[[CostRates, Ints], Floats]) -> Floats:
+    """``price`` of every item at the rates of its zone, one bulk call per zone."""
+    cost = np.empty(len(zone))
+    for index in np.unique(zone):
+        items = np.flatnonzero(zone == index)
+        cost[items] = price(rates[index], items)
+    return cost

@@ -1,0 +1,151 @@
+"""plan_on_roadmap: laws of every answer, then cases whose best path is known, then errors."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from driftplan.errors import GoalError, NoPathError, StartError
+from driftplan.model.drift import predict_drift
+from driftplan.model.noise import OdometryNoise
+from driftplan.planning.cost import path_cost
+from driftplan.planning.roadmap_search import Status, plan_on_roadmap
+from driftplan.world.world import World
+
+NOISE = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3)
+TURNING = OdometryNoise(heading_var_per_m=1e-4, heading_var_per_rad=5e-3, distance_var_per_rad=1e-4)
+
+
+def box(x0, y0, x1, y1):
+    return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+
+
+ROOM = World.from_polygons(
+    [box(4, 2, 5, 9), box(8, 0, 9, 6), box(12, 4, 13, 10)], bounds=(0, 0, 16, 10), robot_radius=0.3
+)
+ACROSS = (ROOM, (1, 9), (15, 9))
+EMPTY = World.from_polygons([], bounds=(0, 0, 20, 20), robot_radius=0.2)
+
+
+@st.composite
+def free_points(draw, world=ROOM):
+    coordinate = st.floats(0.5, 9.5)
+    return draw(
+        st.tuples(st.floats(0.5, 15.5), coordinate).map(np.array).filter(lambda xy: bool(world.is_free(xy))),
+    )
+
+
+# Laws
+
+
+@settings(max_examples=15, deadline=None)
+@given(free_points(), free_points(), st.sampled_from([NOISE, TURNING]), st.sampled_from(["drift", "length"]))
+def test_a_path_is_free_joins_its_ends_and_costs_what_it_says(start, goal, noise, minimise):
+    found = plan_on_roadmap(ROOM, start, goal, noise, minimise=minimise, batches=1, time_limit=60)
+    np.testing.assert_array_equal(found.path[[0, -1]], [start, goal])
+    assert ROOM.segments_free(found.path[:-1], found.path[1:]).all()
+    if minimise == "drift":
+        assert found.cost == pytest.approx(predict_drift(found.path, noise).end.rms ** 2, rel=1e-12)
+        assert found.additive_cost == pytest.approx(path_cost(found.path, None, noise), rel=1e-12)
+    else:
+        assert found.cost == pytest.approx(np.linalg.norm(np.diff(found.path, axis=0), axis=1).sum(), rel=1e-12)
+
+
+@settings(max_examples=15, deadline=None)
+@given(free_points(), free_points(), st.sampled_from([NOISE, TURNING]))
+def test_a_path_is_never_worse_than_a_free_straight_run(start, goal, noise):
+    if not (start != goal).any() or not ROOM.segments_free(start, goal):
+        return
+    found = plan_on_roadmap(ROOM, start, goal, noise, batches=1, time_limit=60)
+    assert found.cost <= predict_drift([start, goal], noise).end.rms ** 2
+
+
+@pytest.mark.parametrize("minimise", ["drift", "length"])
+def test_more_batches_never_cost_more(minimise):
+    costs = [
+        plan_on_roadmap(ROOM, (1, 9), (15, 9), NOISE, minimise=minimise, batches=n, time_limit=60).cost
+        for n in (1, 2, 3, 4)
+    ]
+    assert costs == sorted(costs, reverse=True)
+
+
+def test_the_same_seed_gives_the_same_path_and_another_seed_one_as_good():
+    one, again, other = (
+        plan_on_roadmap(ROOM, (1, 9), (15, 9), NOISE, batches=2, seed=s, time_limit=60) for s in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(one.path, again.path)
+    np.testing.assert_array_equal(one.nodes, again.nodes)
+    assert not np.array_equal(one.nodes, other.nodes)
+    assert other.cost == pytest.approx(one.cost, rel=3e-3)  # both near the same optimum
+
+
+# Known best paths
+
+
+def test_a_straight_run_in_the_open_is_known_to_be_optimal_at_once():
+    found = plan_on_roadmap(EMPTY, (1, 1), (19, 15), NOISE)
+    assert found.status is Status.OPTIMAL
+    assert found.batches == 0
+    np.testing.assert_array_equal(found.path, [[1, 1], [19, 15]])
+
+
+def test_the_shortest_way_round_a_wall_touches_its_corner():
+    world = World.from_polygons([box(4, 0, 6, 7)], bounds=(0, 0, 10, 10), robot_radius=0.0)
+    found = plan_on_roadmap(world, (1, 7), (9, 7), NOISE, minimise="length", batches=2, time_limit=60)
+    assert found.cost == pytest.approx(8.0, abs=1e-3)
+    found = plan_on_roadmap(world, (1, 4), (9, 4), NOISE, minimise="length", batches=2, time_limit=60)
+    assert found.cost == pytest.approx(2 * np.hypot(3, 3) + 2, rel=1e-3)
+
+
+def test_the_path_of_least_drift_bends_where_the_flat_metric_says():
+    # Round the corner c of a thin screen the best path is two geodesics of w -> w³/3, one on each side of c.
+    corner, start, goal = np.array([10.0, 8.0]), np.array([3.0, 3.0]), np.array([16.0, 4.0])
+    screen = [(9.999, 0), (10.001, 0), (10.001, 8), (9.999, 8)]
+    world = World.from_polygons([screen], bounds=(0, 0, 20, 20), robot_radius=0.0)
+    noise = OdometryNoise(heading_var_per_m=1e-4)
+    w0, w1 = (complex(*(goal - point)) for point in (start, corner))
+    best = 1e-4 / 3 * (abs(w0**3 - w1**3) + abs(w1) ** 3)
+    found = plan_on_roadmap(world, start, goal, noise, batches=2, time_limit=60)
+    assert found.additive_cost >= best * (1 - 1e-9)
+    assert found.additive_cost == pytest.approx(best, rel=2e-3)  # straight legs in place of curves
+
+
+# Errors
+
+
+def test_start_and_goal_must_be_free():
+    with pytest.raises(StartError, match=r"start \(4.5, 5\) is not free; the nearest free point is \("):
+        plan_on_roadmap(ROOM, (4.5, 5), (15, 9), NOISE)
+    with pytest.raises(GoalError, match=r"goal \(4.5, 5\) is not free; the nearest free point is \("):
+        plan_on_roadmap(ROOM, (15, 9), (4.5, 5), NOISE)
+
+
+def test_what_cannot_be_reached_is_said_with_what_can():
+    world = World.from_polygons([box(4, 0, 5, 10)], bounds=(0, 0, 10, 10), robot_radius=0.3)
+    with pytest.raises(NoPathError, match=r"reaches only 31\.\d* m², x 0.30..3.70, y 0.30..9.70"):
+        plan_on_roadmap(world, (1, 1), (9, 9), NOISE)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"start": (1, np.nan)}, "expected start"),
+        ({"goal": (1, 2, 3)}, "expected goal"),
+        ({"noise": None}, "expected an OdometryNoise"),
+        ({"minimise": "time"}, "expected minimise 'drift' or 'length', got 'time'"),
+        ({"time_limit": 0.0}, "expected time_limit > 0"),
+        ({"time_limit": np.nan}, "expected time_limit > 0"),
+        ({"batches": 0}, "expected batches >= 1"),
+        ({"start_heading": np.inf}, "expected start_heading finite"),
+    ],
+)
+def test_bad_arguments_are_named(changed, message):
+    arguments = {"start": (1, 1), "goal": (15, 9), "noise": NOISE} | changed
+    with pytest.raises(ValueError, match=message):
+        plan_on_roadmap(ROOM, **arguments)
+
+
+def test_standing_still_costs_nothing():
+    found = plan_on_roadmap(ROOM, (1, 1), (1, 1), NOISE)
+    assert found.cost == 0
+    assert found.status is Status.OPTIMAL
