@@ -157,6 +157,8 @@ def _read_states(header: _Header, path: Path) -> NDArray[np.uint8]:
             pixels = np.asarray(picture)
     except MapError:
         raise
+    except Image.DecompressionBombError as err:
+        raise MapError(f"{header.image}: expected at most {MAX_CELLS} pixels, got far more") from err
     except Exception as err:  # decoders raise nearly anything on broken files
         raise MapError(
             f"{header.image}: not a readable PGM, PNG or BMP picture (image of {path}): {str(err)[:200]}"

@@ -146,7 +146,8 @@ class World:
     @cached_property
     def free_parts(self) -> tuple[Polygon, ...]:
         """The connected parts of free space, largest first: no route leads from one to another."""
-        return tuple(sorted(shapely.get_parts(self.free), key=lambda part: -part.area))
+        parts = (part for part in shapely.get_parts(self.free) if not part.is_empty)
+        return tuple(sorted(parts, key=lambda part: -part.area))
 
     def is_free(self, xy: ArrayLike) -> Bools:
         """Whether the robot's centre may be at each of the points ``(..., 2)``; shape ``(...)``."""
@@ -257,7 +258,7 @@ class World:
         A ray may graze a wall and end on one, so that a beacon mounted on a wall can be seen.
         """
         a, b = np.broadcast_arrays(_points("a", a), _points("b", b))
-        return np.asarray(~shapely.intersects(self._opaque, shapely.linestrings(np.stack([a, b], axis=-2))))
+        return np.asarray(~shapely.intersects(self.opaque, shapely.linestrings(np.stack([a, b], axis=-2))))
 
     # Zones
 
@@ -345,7 +346,8 @@ class World:
         return Inflation(self.obstacles, self.bounds, self.robot_radius)
 
     @cached_property
-    def _opaque(self) -> Any:
+    def opaque(self) -> Polygon | MultiPolygon:
+        """What blocks `line_of_sight`: the obstacles without their outermost micrometre."""
         opaque = self.obstacles.buffer(-_WALL_DEPTH, join_style="mitre")
         shapely.prepare(opaque)
         return opaque

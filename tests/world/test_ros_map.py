@@ -1,0 +1,256 @@
+"""ROS maps: pixels mean what map_server says they mean, and broken files are refused by name."""
+
+from __future__ import annotations
+
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from driftplan.errors import MapError
+from driftplan.world.mapfiles import load_world
+
+GOOD = {
+    "image": "map.pgm",
+    "resolution": "0.5",
+    "origin": "[0.0, 0.0, 0.0]",
+    "negate": "0",
+    "occupied_thresh": "0.65",
+    "free_thresh": "0.25",
+}
+
+
+def write_map(folder: Path, pixels: object = ((254, 254), (254, 0)), picture: str = "map.pgm", **changes: str) -> Path:
+    """A YAML file with the keys of GOOD, changed, or left out where None; and its picture, top row first."""
+    if pixels is not None:
+        Image.fromarray(np.array(pixels, dtype=np.uint8)).save(folder / picture)
+    keys = GOOD | {"image": picture} | changes
+    path = folder / "map.yaml"
+    path.write_text("".join(f"{key}: {value}\n" for key, value in keys.items() if value is not None))
+    return path
+
+
+def free_cells(path: Path, **options: bool) -> list[bool]:
+    """Whether the middle of each cell is free for a point robot, the picture's rows from left to right, top first."""
+    world = load_world(path, robot_radius=0.0, **options)
+    width, height = round(world.bounds[2] / 0.5), round(world.bounds[3] / 0.5)
+    return [
+        bool(world.is_free([0.5 * (i + 0.5), 0.5 * (j + 0.5)])) for j in reversed(range(height)) for i in range(width)
+    ]
+
+
+# p = (255 - x)/255: 0 -> 1.0, 89 -> 0.651, 90 -> 0.647, 191 -> 0.251, 192 -> 0.247, 205 -> 0.196, 254 -> 0.004
+GREYS = [[0, 89, 90, 191, 192, 205, 254, 255]]
+
+
+def test_trinary_divides_by_the_two_thresholds(tmp_path):
+    path = write_map(tmp_path, GREYS)
+    assert free_cells(path) == [False] * 4 + [True] * 4
+    assert free_cells(path, unknown_is_free=True) == [False] * 2 + [True] * 6
+
+
+def test_negate_turns_the_greys_round(tmp_path):
+    # p = x/255: 63 -> 0.247 free, 64 -> 0.251 unknown, 165 -> 0.647 unknown, 166 -> 0.651 occupied
+    path = write_map(tmp_path, [[0, 63, 64, 165, 166, 255]], negate="1")
+    assert free_cells(path) == [True, True, False, False, False, False]
+    assert free_cells(path, unknown_is_free=True) == [True, True, True, True, False, False]
+
+
+def test_a_value_on_a_threshold_is_unknown(tmp_path):
+    # (255 - 102)/255 is 0.6, (255 - 204)/255 is 0.2
+    path = write_map(tmp_path, [[101, 102, 204, 205]], occupied_thresh="0.6", free_thresh="0.2")
+    assert free_cells(path) == [False, False, False, True]
+    assert free_cells(path, unknown_is_free=True) == [False, True, True, True]
+
+
+def test_raw_pixels_are_percentages_and_unknown_above_100(tmp_path):
+    path = write_map(tmp_path, [[0, 24, 25, 65, 66, 100, 101, 255]], mode="raw", negate="1")  # raw ignores negate
+    assert free_cells(path) == [True, True, False, False, False, False, False, False]
+    assert free_cells(path, unknown_is_free=True) == [True, True, True, True, False, False, True, True]
+
+
+@pytest.mark.parametrize(
+    ("mode", "free", "not_occupied"),
+    [
+        # r, g, b, alpha averaged: (0+0+0+255)/4 = 63.75 -> 0.75 occupied; (255*3+0)/4 = 191.25 -> 0.25 (not below)
+        ("trinary", [True, False, False, False], [True, False, True, False]),
+        # alpha below 255 is unknown; grey is the mean of r, g, b
+        ("scale", [True, False, False, False], [True, False, True, True]),
+    ],
+)
+def test_transparency_counts_as_a_colour_in_trinary_and_as_unknown_in_scale(tmp_path, mode, free, not_occupied):
+    pixels = [[(255, 255, 255, 255), (0, 0, 0, 255), (255, 255, 255, 0), (0, 0, 0, 0)]]
+    path = write_map(tmp_path, pixels, picture="map.png", mode=mode)
+    assert free_cells(path) == free
+    assert free_cells(path, unknown_is_free=True) == not_occupied
+
+
+def test_colours_are_averaged(tmp_path):
+    # (255+255+64)/3 = 191.33 -> 0.2497 free; (255+255+63)/3 = 191 -> 0.251 unknown; (255, 0, 0) -> 0.667 occupied
+    path = write_map(tmp_path, [[(255, 255, 64), (255, 255, 63), (255, 0, 0)]], picture="map.png")
+    assert free_cells(path) == [True, False, False]
+    assert free_cells(path, unknown_is_free=True) == [True, True, False]
+
+
+def test_palettes_bitmaps_and_deep_greys_are_read(tmp_path):
+    grey = Image.fromarray(np.array([[254, 0]], dtype=np.uint8))
+    for name, picture in {
+        "palette.png": grey.convert("P"),
+        "bits.png": grey.convert("1"),
+        "grey_alpha.png": grey.convert("LA"),
+        "bits.bmp": grey.convert("1"),
+        "deep.png": Image.fromarray(np.array([[65278, 0]], dtype=np.uint16)),
+    }.items():
+        picture.save(tmp_path / name)
+        assert free_cells(write_map(tmp_path, None, picture=name)) == [True, False], name
+    (tmp_path / "plain.pgm").write_text("P2\n# a comment\n2 1\n255\n254 0\n")
+    assert free_cells(write_map(tmp_path, None, picture="plain.pgm")) == [True, False]
+
+
+def test_scale_of_a_picture_without_transparency_is_like_trinary(tmp_path):
+    assert free_cells(write_map(tmp_path, GREYS, mode="scale")) == [False] * 4 + [True] * 4
+
+
+def test_a_marked_cell_is_where_origin_and_yaw_put_it(tmp_path):
+    # Cell (2, 0) of 3 x 2, in the lower right, occupied. Its middle is (1.25, 0.25) from the origin's corner, along
+    # the map's axes; turned by 90° that is (-0.25, 1.25); shifted by (10, -5): (9.75, -3.75).
+    pixels = [[254, 254, 254], [254, 254, 0]]
+    path = write_map(tmp_path, pixels, origin=f"[10.0, -5.0, {pi / 2!r}]")
+    world = load_world(path, robot_radius=0.0)
+    assert world.bounds == pytest.approx((9.0, -5.0, 10.0, -3.5))
+    assert world.is_free([[9.75, -3.75], [9.25, -3.75], [9.75, -4.75]]).tolist() == [False, True, True]
+    turned = load_world(write_map(tmp_path, pixels, origin=f"[10.0, -5.0, {pi / 6!r}]"), robot_radius=0.0)
+    c, s = np.cos(pi / 6), np.sin(pi / 6)
+    middles = [
+        (10 + c * 0.5 * (i + 0.5) - s * 0.5 * (j + 0.5), -5 + s * 0.5 * (i + 0.5) + c * 0.5 * (j + 0.5))
+        for j in (0, 1)
+        for i in (0, 1, 2)
+    ]
+    assert turned.is_free(middles).tolist() == [True, True, False, True, True, True]
+    assert not turned.is_free([10.0 - 0.1, -5.0])  # in the bounds, but beside the turned map
+
+
+def test_numbers_that_yaml_takes_for_words_are_numbers(tmp_path):
+    assert load_world(write_map(tmp_path, resolution="5e-1"), robot_radius=0.0).bounds == (0, 0, 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"resolution": None}, "map.yaml: the key 'resolution' is missing"),
+        ({"image": None}, "map.yaml: the key 'image' is missing"),
+        ({"resolution": ".nan"}, "map.yaml: expected resolution to be a finite number, got nan"),
+        ({"resolution": "0"}, "expected resolution > 0 m per cell, got 0.0"),
+        ({"resolution": "-0.05"}, "expected resolution > 0"),
+        ({"resolution": "fine"}, "expected resolution to be a finite number, got 'fine'"),
+        ({"resolution": "true"}, "expected resolution to be a finite number, got True"),
+        ({"resolution": "1" + "0" * 400}, "expected resolution to be a finite number"),
+        ({"origin": "[0, 0]"}, r"expected origin to be \[x, y, yaw\], got \[0, 0\]"),
+        ({"origin": "[0, 0, .inf]"}, "expected origin to be a finite number, got inf"),
+        ({"occupied_thresh": "0.2"}, "expected 0 <= free_thresh < occupied_thresh <= 1, got 0.25 and 0.2"),
+        ({"occupied_thresh": "1.5"}, "expected 0 <= free_thresh < occupied_thresh <= 1"),
+        ({"negate": "2"}, "expected negate to be 0 or 1, got 2"),
+        ({"negate": "[1]"}, r"expected negate to be 0 or 1, got \[1\]"),
+        ({"mode": "binary"}, "expected mode to be one of trinary, scale, raw, got 'binary'"),
+        ({"mode": "[trinary]"}, "expected mode to be one of"),
+        ({"treshold": "1"}, "unknown key 'treshold'; known are image"),
+        ({"image": "../secret.pgm"}, "image '../secret.pgm' lies outside the map's folder"),
+        ({"image": "/etc/passwd"}, "image '/etc/passwd' lies outside the map's folder"),
+        ({"image": "gone.pgm"}, "image 'gone.pgm' is not a file"),
+        ({"image": "."}, r"image '\.' is not a file"),
+        ({"image": '"a\\0b"'}, "expected image to be a file name"),
+        ({"image": "[a, b]"}, "expected image to be a file name"),
+        (
+            {"image": "!!python/object/apply:os.system ['true']"},
+            "line 1: not plain YAML: could not determine a constructor",
+        ),
+        ({"image": "[" * 10_000}, "not plain YAML"),
+        ({"image": '"' + "x" * 70_000 + '"'}, "at most 65536 bytes"),
+        ({"image": "{a: b, c"}, "line 2: not plain YAML"),
+    ],
+)
+def test_a_bad_key_is_named(tmp_path, changes, message):
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "secret.pgm").write_bytes(b"P5\n1 1\n255\n\0")
+    with pytest.raises(MapError, match=message):
+        load_world(write_map(tmp_path / "maps", **changes), robot_radius=0.3)
+
+
+@pytest.mark.parametrize("text", ["", "just words", "- a\n- b\n", "\x00\x01\x02", "é: \x80"])
+def test_what_is_no_table_of_keys_is_refused(tmp_path, text):
+    path = tmp_path / "map.yaml"
+    path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(MapError, match=r"map.yaml.*(expected the keys|not plain YAML)"):
+        load_world(path, robot_radius=0.3)
+
+
+def test_a_small_yaml_that_unfolds_to_a_giant_is_refused_at_once(tmp_path):
+    laughs = "a: &a [x, x, x, x, x, x, x, x, x]\n"
+    for name, inner in zip("bcdefghij", "abcdefghi", strict=True):
+        laughs += f"{name}: &{name} [{', '.join(['*' + inner] * 9)}]\n"
+    path = tmp_path / "map.yaml"
+    path.write_text(laughs + "image: *j\nresolution: *j\norigin: *j\nnegate: 0\noccupied_thresh: 1\nfree_thresh: 0\n")
+    with pytest.raises(MapError, match="unknown key 'a'"):
+        load_world(path, robot_radius=0.3)
+
+
+def png_of_claimed_size(width: int, height: int) -> bytes:
+    import struct
+    import zlib
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"\0" * 100)) + chunk(b"IEND", b"")
+    )
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "not a readable PGM, PNG or BMP picture"),
+        (b"P5\n4 4\n255\n\0\0\0", "not a readable"),
+        (b"P5\n4", "not a readable"),
+        (b"P5\n1000000 1000000\n255\n", "at most 25000000 pixels, got far more"),
+        (b"P5\n10000 10000\n255\n", "at most 25000000 pixels, got 10000 x 10000"),
+        (b"P5\n0 5\n255\n", "map.pgm"),
+        (b"P5\n-4 -4\n255\n" + b"\0" * 16, "map.pgm"),
+        (b"P5\n2 2\n99999999\n\0\0\0\0", "not a readable"),
+        (b"P2\n2 2\n255\n1 2 x 4\n", "not a readable"),
+        (png_of_claimed_size(100_000, 100_000), "at most 25000000 pixels, got far more"),
+        (png_of_claimed_size(4000, 4000), "not a readable"),
+        (b"\x89PNG\r\n\x1a\n" + b"\xff" * 200, "not a readable"),
+        (b"GIF89a" + b"\0" * 50, "not a readable"),
+        (np.random.default_rng(0).bytes(5000), "not a readable"),
+    ],
+    ids=range(14),
+)
+def test_a_broken_picture_is_named(tmp_path, content, message):
+    (tmp_path / "map.pgm").write_bytes(content)
+    with pytest.raises(MapError, match=message) as caught:
+        load_world(write_map(tmp_path, None), robot_radius=0.3)
+    assert "map.pgm" in str(caught.value)
+
+
+def test_a_picture_of_noise_is_refused(tmp_path):
+    pixels = np.random.default_rng(0).choice([0, 254], (1200, 1200))
+    with pytest.raises(MapError, match=r"map\.pgm: .* this looks like noise"):
+        load_world(write_map(tmp_path, pixels), robot_radius=0.3)
+
+
+def test_a_linked_map_finds_its_picture_beside_the_original(tmp_path):
+    (tmp_path / "source").mkdir()
+    (tmp_path / "installed").mkdir()
+    original = write_map(tmp_path / "source")
+    for name in ("map.yaml", "map.pgm"):
+        (tmp_path / "installed" / name).symlink_to(original.with_name(name))
+    assert load_world(tmp_path / "installed/map.yaml", robot_radius=0.0).obstacles.area == 0.25
+    (tmp_path / "installed/map.pgm").unlink()
+    (tmp_path / "secret.pgm").write_bytes(b"P5\n1 1\n255\n\0")
+    (tmp_path / "installed/map.pgm").symlink_to(tmp_path / "secret.pgm")
+    with pytest.raises(MapError, match="outside the map's folder"):
+        load_world(tmp_path / "installed/map.yaml", robot_radius=0.0)
