@@ -1,0 +1,339 @@
+"""Beacons: things in the world that give a robot an absolute fix while it is in range, and what that does to its drift.
+
+The model of a pass. Along a stretch within range the beacon is read where the stretch begins, where it ends and in
+between at most `BeaconKind.reading_spacing_m` apart; on a stretch of no length (a graze) once. Every reading is a fix
+whose error is fresh (the range and the reader's geometry are part of its standard deviation), and it *replaces* the
+measured part of the robot's error; nothing is averaged. Hence
+
+* within range the drift is that of the fix, grown over the odometry since the last reading; it grows on from where the
+  path leaves the range;
+* the latest reading wins where ranges overlap, and where several beacons are read at the same place the more accurate;
+* a further beacon can make matters worse: a coarse reading replaces a good estimate.
+
+A pass is noticed with probability p = `detection_probability`: each of its n readings succeeds with 1 - (1 - p)^(1/n),
+independently, so that the whole pass is missed with probability 1 - p.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, inf, isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driftplan.beacons.passes import passes_of
+from driftplan.model.drift import Drift, Noises, predict_drift
+from driftplan.model.fixes import Fix
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.paths import Floats
+from driftplan.world.world import World
+
+_POINT_M = 1e-6  # a pass shorter than this is one reading
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BeaconKind:
+    """What a beacon measures, how well, and from how far. Made by `rfid`, `landmark`, `heading`, or in full.
+
+    Parameters
+    ----------
+    name : str
+    range_m : float
+        Metres, > 0: a closed disc around the beacon.
+    position_std_m : float or None
+        Standard deviation of a measured position per axis, metres; None: position is not measured.
+    heading_std : float or None
+        Standard deviation of a measured heading, rad; None: heading is not measured.
+    detection_probability : float
+        Probability in (0, 1] that a pass is noticed.
+    line_of_sight : bool
+        Whether walls block it (when a world is given).
+    reading_spacing_m : float
+        Readings on a long pass are at most this far apart, metres.
+    cost : float
+        What one costs, in any unit, > 0.
+
+    Raises
+    ------
+    ValueError
+        For values that are not finite, out of range, or a kind that measures nothing.
+    """
+
+    name: str
+    range_m: float
+    position_std_m: float | None = None
+    heading_std: float | None = None
+    detection_probability: float = 1.0
+    line_of_sight: bool = False
+    reading_spacing_m: float = 3.0
+    cost: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("range_m", "reading_spacing_m", "cost"):
+            object.__setattr__(self, name, _number(name, getattr(self, name), above=0.0))
+        for name in ("position_std_m", "heading_std"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _number(name, getattr(self, name), least=0.0))
+        if self.position_std_m is None and self.heading_std is None:
+            raise ValueError("expected a kind of beacon with position_std_m, heading_std or both, got neither")
+        object.__setattr__(
+            self, "detection_probability", _number("detection_probability", self.detection_probability, above=0.0)
+        )
+        if self.detection_probability > 1:
+            raise ValueError(f"expected detection_probability in (0, 1], got {self.detection_probability!r}")
+
+    @classmethod
+    def rfid(
+        cls,
+        range_m: float,
+        position_std_m: float,
+        *,
+        detection_probability: float = 1.0,
+        reading_spacing_m: float = 3.0,
+        cost: float = 1.0,
+    ) -> BeaconKind:
+        """A tag that tells the position and leaves the heading error as it is; walls do not block it.
+
+        Examples
+        --------
+        >>> BeaconKind.rfid(range_m=1.5, position_std_m=0.1).heading_std is None
+        True
+        """
+        return cls(
+            name="rfid",
+            range_m=range_m,
+            position_std_m=position_std_m,
+            detection_probability=detection_probability,
+            reading_spacing_m=reading_spacing_m,
+            cost=cost,
+        )
+
+    @classmethod
+    def landmark(
+        cls,
+        range_m: float,
+        position_std_m: float,
+        heading_std: float,
+        *,
+        detection_probability: float = 1.0,
+        line_of_sight: bool = True,
+        reading_spacing_m: float = 3.0,
+        cost: float = 1.0,
+    ) -> BeaconKind:
+        """A full fix, position and heading (rad): an AprilTag, a reflector set, a docking station."""
+        return cls(
+            name="landmark",
+            range_m=range_m,
+            position_std_m=position_std_m,
+            heading_std=heading_std,
+            detection_probability=detection_probability,
+            line_of_sight=line_of_sight,
+            reading_spacing_m=reading_spacing_m,
+            cost=cost,
+        )
+
+    @classmethod
+    def heading(
+        cls,
+        range_m: float,
+        heading_std: float,
+        *,
+        detection_probability: float = 1.0,
+        line_of_sight: bool = False,
+        reading_spacing_m: float = 3.0,
+        cost: float = 1.0,
+    ) -> BeaconKind:
+        """A heading reference (rad) that leaves the position error: a wall of known direction, a light strip."""
+        return cls(
+            name="heading",
+            range_m=range_m,
+            heading_std=heading_std,
+            detection_probability=detection_probability,
+            line_of_sight=line_of_sight,
+            reading_spacing_m=reading_spacing_m,
+            cost=cost,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Beacon:
+    """A beacon at x, y (metres, world frame). Beacons without an ``id`` are numbered where an id is needed.
+
+    Examples
+    --------
+    >>> Beacon(BeaconKind.rfid(range_m=1.5, position_std_m=0.1), x=3.0, y=4.0, id="A7").id
+    'A7'
+    """
+
+    kind: BeaconKind
+    x: float
+    y: float
+    id: str = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.kind, BeaconKind):
+            raise ValueError(f"expected kind to be a BeaconKind, got {self.kind!r}")
+        for name in ("x", "y"):
+            object.__setattr__(self, name, _number(name, getattr(self, name)))
+
+    @property
+    def xy(self) -> Floats:
+        """Metres, (2,)."""
+        return np.array([self.x, self.y])
+
+
+def passes(path: Any, beacon: Beacon, world: World | None = None) -> Floats:
+    """Where a path is within range of a beacon (and in its sight): metres driven on entering and on leaving.
+
+    Parameters
+    ----------
+    path : (n, 2) waypoints in metres, or anything with such a ``path``
+    beacon : Beacon
+    world : World, optional
+        Its walls block beacons that work in line of sight; without it nothing does.
+
+    Returns
+    -------
+    array, shape (k, 2)
+        One row per pass, in driving order; a graze is a row of two equal numbers.
+
+    Examples
+    --------
+    >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
+    >>> passes([(0, 0), (10, 0), (0, 0)], Beacon(tag, x=4.0, y=1.0)).tolist()
+    [[4.0, 4.0], [16.0, 16.0]]
+    """
+    found = passes_of(waypoints_of(path), *_columns([beacon]), world)
+    return np.stack([found.enter, found.leave], axis=-1)
+
+
+def beacon_fixes(path: Any, beacons: Sequence[Beacon], world: World | None = None) -> list[Fix]:
+    """The readings of ``beacons`` along a path as fixes of the drift model, in driving order.
+
+    Examples
+    --------
+    >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
+    >>> [fix.s_m for fix in beacon_fixes([(0, 0), (10, 0)], [Beacon(tag, x=4.0, y=0.0)])]
+    [3.0, 5.0]
+    """
+    if not beacons:
+        return []
+    found = passes_of(waypoints_of(path), *_columns(beacons), world)
+    readings = [
+        (beacons[i].kind, s, chance)
+        for i, enter, leave in zip(found.beacon.tolist(), found.enter.tolist(), found.leave.tolist(), strict=True)
+        for s, chance in readings_of(beacons[i].kind, enter, leave)
+    ]
+    readings.sort(key=lambda reading: (reading[1], accuracy_order(reading[0])))
+    return [
+        Fix(
+            s_m=s,
+            position_cov=None if kind.position_std_m is None else kind.position_std_m**2 * np.eye(2),
+            heading_std=kind.heading_std,
+            detection_probability=chance,
+        )
+        for kind, s, chance in readings
+    ]
+
+
+def drift_with_beacons(
+    path: Any,
+    noise: OdometryNoise,
+    beacons: Sequence[Beacon],
+    world: World | None = None,
+    *,
+    fixes: Sequence[Fix] = (),
+) -> Drift:
+    """Drift along a path of a robot that reads ``beacons`` on its way; exact under the model of this module.
+
+    Parameters
+    ----------
+    path : (n, 2) waypoints in metres, or anything with such a ``path``
+    noise : OdometryNoise
+    beacons : sequence of Beacon
+    world : World, optional
+        Its walls block sight and its zones have their own noise; the result then has a waypoint at every zone border.
+    fixes : sequence of Fix
+        Further fixes, such as one at 0 for an uncertain start. At the same place they come before the beacons'.
+
+    Returns
+    -------
+    Drift
+
+    Examples
+    --------
+    >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
+    >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
+    >>> drift = drift_with_beacons([(0, 0), (30, 0), (30, 10)], noise, [Beacon(tag, x=30.0, y=0.0)])
+    >>> drift.rms.round(3)  # at the corner the tag is in range, read a metre before
+    array([0.   , 0.145, 0.326])
+    """
+    xy = waypoints_of(path)
+    readings = [*fixes, *beacon_fixes(xy, beacons, world)]
+    xy, noises = floor_of(xy, noise, world)
+    return predict_drift(xy, noises, fixes=readings)
+
+
+def waypoints_of(path: Any) -> Floats:
+    """The waypoints (n, 2) of a route (its ``path``) or of a plain array, checked."""
+    raw = getattr(path, "path", path)
+    try:
+        xy = np.asarray(raw, dtype=float)
+    except (TypeError, ValueError) as err:
+        raise ValueError(f"expected a path of numbers (n, 2), got {type(raw).__name__}: {err}") from None
+    if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) < 2:
+        raise ValueError(f"expected a path (n, 2) of at least 2 waypoints in metres, got an array of shape {xy.shape}")
+    if not np.isfinite(xy).all():
+        raise ValueError(f"expected a path of finite coordinates, got {xy[~np.isfinite(xy).all(axis=1)][0].tolist()}")
+    return xy
+
+
+def floor_of(path: Floats, noise: OdometryNoise, world: World | None) -> tuple[Floats, Noises]:
+    """The path with a waypoint at every zone border, and the noise of every leg (one noise when there are no zones)."""
+    if world is None or not world.zones:
+        return path, noise
+    path, zone = world.cut_at_zones(path)
+    return path, [noise if z < 0 else world.zones[z].noise for z in zone.tolist()]
+
+
+def readings_of(kind: BeaconKind, enter_m: float, leave_m: float) -> list[tuple[float, float]]:
+    """Distances (m) at which a pass is read, and the probability of each reading."""
+    length = leave_m - enter_m
+    if length < _POINT_M:
+        return [(enter_m, kind.detection_probability)]
+    count = max(2, ceil(length / kind.reading_spacing_m - 1e-6) + 1)
+    chance = 1.0 if kind.detection_probability == 1 else 1 - (1 - kind.detection_probability) ** (1 / count)
+    return [(s, chance) for s in np.linspace(enter_m, leave_m, count).tolist()]
+
+
+def accuracy_order(kind: BeaconKind) -> tuple[float, float]:
+    """Sort key of simultaneous readings: the more accurate comes later, hence counts."""
+    return (
+        -inf if kind.position_std_m is None else -kind.position_std_m,
+        -inf if kind.heading_std is None else -kind.heading_std,
+    )
+
+
+def _columns(beacons: Sequence[Beacon]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Positions (m, 2), ranges and whether they must be seen, as `passes_of` takes them."""
+    for beacon in beacons:
+        if not isinstance(beacon, Beacon):
+            raise ValueError(f"expected beacons to be Beacon objects, got {beacon!r}")
+    return (
+        np.array([[b.x, b.y] for b in beacons], dtype=float).reshape(-1, 2),
+        np.array([b.kind.range_m for b in beacons], dtype=float),
+        np.array([b.kind.line_of_sight for b in beacons], dtype=bool),
+    )
+
+
+def _number(name: str, value: Any, *, least: float = -inf, above: float = -inf) -> float:
+    if isinstance(value, (bool, str)) or not hasattr(value, "__float__"):
+        raise ValueError(f"expected {name} to be a number, got {value!r}")
+    number = float(value)
+    if not (isfinite(number) and number >= least and number > above):
+        wanted = f" and > {above:g}" if above > -inf else f" and >= {least:g}" if least > -inf else ""
+        raise ValueError(f"expected {name} finite{wanted}, got {value!r}")
+    return number

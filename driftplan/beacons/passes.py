@@ -1,0 +1,174 @@
+"""Where a path passes through the ranges of many beacons: intervals of driven distance, by plain geometry.
+
+Beacons are points with a range; a path is a polyline driven from its first waypoint to its last. A pass is a longest
+stretch of the path within the range and, for beacons that must be seen, in line of sight. Ranges are closed discs: a
+path that touches one in a single point passes it, on a stretch of no length. Distances are rounded to a micrometre,
+so that beacons met at the same place are met at the same distance.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from driftplan.world.world import World
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+DISTANCE_DECIMALS = 6  # distances along a path are rounded to this many decimals of a metre
+_TOUCH = 1e-9  # m: a path this far outside a range counts as touching it
+_FLAT = 1e-9  # m: a beacon this near to the line of a leg is on it
+
+
+class Passes(NamedTuple):
+    """Passes of one path, ordered by beacon, then by distance; arrays of one length."""
+
+    beacon: Ints  # index of the beacon
+    enter: Floats  # metres driven when it comes into range (and sight)
+    leave: Floats  # metres driven when it goes out
+
+
+class _Chords(NamedTuple):
+    """Parts of single legs within range: beacon, leg, and from where to where on the leg, metres."""
+
+    beacon: Ints
+    leg: Ints
+    start: Floats
+    end: Floats
+
+
+def passes_of(path: Floats, xy: Floats, range_m: Floats, must_see: NDArray[np.bool_], world: World | None) -> Passes:
+    """All passes of a path (n, 2) through the ranges of beacons at ``xy`` (m, 2).
+
+    Parameters
+    ----------
+    path : array, shape (n, 2)
+        Waypoints, metres.
+    xy, range_m : arrays, shapes (m, 2) and (m,)
+        Where the beacons are and how far they reach, metres.
+    must_see : bool array, shape (m,)
+        Whether a beacon works in line of sight only.
+    world : World or None
+        Its obstacles block sight; None: nothing does.
+
+    Examples
+    --------
+    >>> path, xy = np.array([[0, 0], [10, 0], [10, 5]]), np.array([[9.0, 0.0]])
+    >>> found = passes_of(path, xy, np.array([2.0]), np.array([False]), None)
+    >>> found.enter.tolist(), found.leave.tolist()
+    ([7.0], [11.732051])
+    """
+    steps = np.diff(path, axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    begins = np.concatenate([[0.0], np.cumsum(lengths)])
+    chords = _chords(path, steps, lengths, xy, range_m)
+    if world is not None and must_see.any():
+        chords = _in_sight(chords, path, steps, lengths, xy, must_see, world)
+    return _merged(chords.beacon, begins[chords.leg] + chords.start, begins[chords.leg] + chords.end, begins[-1])
+
+
+def _chords(path: Floats, steps: Floats, lengths: Floats, xy: Floats, range_m: Floats) -> _Chords:
+    """Every leg's part within every beacon's range."""
+    along = steps / np.where(lengths > 0, lengths, 1.0)[:, None]
+    offset = xy[:, None, :] - path[None, :-1, :]
+    foot = np.einsum("mlk,lk->ml", offset, along)  # where on the leg's line the beacon is abeam
+    off_line = np.abs(offset[..., 0] * along[:, 1] - offset[..., 1] * along[:, 0])
+    off_line = np.where(lengths > 0, off_line, np.hypot(offset[..., 0], offset[..., 1]))
+    half = np.sqrt(np.maximum(range_m[:, None] ** 2 - off_line**2, 0.0))
+    start, end = np.maximum(foot - half, 0.0), np.minimum(foot + half, lengths)
+    inside = (off_line <= range_m[:, None] + _TOUCH) & (start <= end + _TOUCH)
+    beacon, leg = np.nonzero(inside)
+    start, end = start[beacon, leg], end[beacon, leg]
+    middle = 0.5 * (start + end)
+    touch = start > end  # by rounding only
+    return _Chords(beacon, leg, np.where(touch, middle, start), np.where(touch, middle, end))
+
+
+def _merged(beacon: Ints, enter: Floats, leave: Floats, length: float) -> Passes:
+    """Stretches that continue each other, joined; distances rounded, and kept on the path."""
+    order = np.lexsort((enter, beacon))
+    beacon, enter, leave = beacon[order], enter[order], leave[order]
+    if len(beacon):
+        new = np.concatenate([[True], (beacon[1:] != beacon[:-1]) | (enter[1:] > leave[:-1] + 2 * _TOUCH)])
+        first = np.flatnonzero(new)
+        beacon, enter, leave = beacon[first], enter[first], np.maximum.reduceat(leave, first)
+    snapped = (np.round(s, DISTANCE_DECIMALS) for s in (enter, leave))
+    enter, leave = (np.where(s >= length - 10.0**-DISTANCE_DECIMALS, length, s) for s in snapped)
+    return Passes(beacon, enter, leave)
+
+
+def _in_sight(
+    chords: _Chords,
+    path: Floats,
+    steps: Floats,
+    lengths: Floats,
+    xy: Floats,
+    must_see: NDArray[np.bool_],
+    world: World,
+) -> _Chords:
+    """The parts of chords from which the beacon is seen."""
+    along = steps / np.where(lengths > 0, lengths, 1.0)[:, None]
+    eye, unit, origin = xy[chords.beacon], along[chords.leg], path[chords.leg]
+    a, b = origin + chords.start[:, None] * unit, origin + chords.end[:, None] * unit
+    asked = must_see[chords.beacon]
+    point = chords.end - chords.start < _FLAT
+    keep = ~asked
+    keep[asked & point] = world.line_of_sight(a[asked & point], eye[asked & point])
+    stretch = asked & ~point
+    between = shapely.convex_hull(shapely.multipoints(np.stack([eye, a, b], axis=-2)))  # a triangle or a line
+    blocked = stretch & shapely.intersects(world.opaque, between)
+    keep |= stretch & ~blocked
+    walls = shapely.get_parts(world.opaque)
+    tree = shapely.STRtree(walls)
+    seen: list[tuple[int, int, float, float]] = []
+    for k in np.flatnonzero(blocked).tolist():
+        hiding = shapely.get_parts(shapely.intersection(walls[tree.query(between[k])], between[k]))
+        corners = [shapely.get_coordinates(part) for part in hiding if not part.is_empty]
+        start, length = float(chords.start[k]), float(chords.end[k] - chords.start[k])
+        shadow = _shadow_on_line if abs(_cross(unit[k], eye[k] - a[k])) < _FLAT else _shadow
+        shadows = [shadow(eye[k], a[k], b[k], length, part) for part in corners]
+        leg = int(chords.leg[k])
+        seen += [(int(chords.beacon[k]), leg, start + x, start + y) for x, y in _gaps(shadows, length)]
+    found = np.array(seen, dtype=float).reshape(-1, 4).T
+    return _Chords(
+        np.concatenate([chords.beacon[keep], found[0].astype(np.intp)]),
+        np.concatenate([chords.leg[keep], found[1].astype(np.intp)]),
+        np.concatenate([chords.start[keep], found[2]]),
+        np.concatenate([chords.end[keep], found[3]]),
+    )
+
+
+def _shadow(eye: Floats, a: Floats, b: Floats, length: float, corners: Floats) -> tuple[float, float]:
+    """The interval of the chord from a to b, metres from a, that a connected obstacle hides from ``eye``."""
+    ray = corners - eye
+    ray = ray[np.hypot(ray[:, 0], ray[:, 1]) > 0]
+    t = -_cross(a - eye, ray) / _cross(b - a, ray)
+    return float(t.min()) * length, float(t.max()) * length
+
+
+def _shadow_on_line(eye: Floats, a: Floats, b: Floats, length: float, corners: Floats) -> tuple[float, float]:
+    """The same when the beacon is on the chord's line: all that is behind the obstacle."""
+    beacon, wall = ((points - a) @ (b - a) / length for points in (eye, corners))
+    if wall.min() >= beacon:
+        return float(wall.min()), np.inf
+    if wall.max() <= beacon:
+        return -np.inf, float(wall.max())
+    return -np.inf, np.inf
+
+
+def _gaps(shadows: list[tuple[float, float]], length: float) -> list[tuple[float, float]]:
+    """What the shadows leave of [0, length]."""
+    gaps, reached = [], 0.0
+    for start, end in sorted(shadows):
+        gaps.append((reached, min(start, length)))
+        reached = max(reached, end)
+    gaps.append((reached, length))
+    return [(x, y) for x, y in gaps if y - x > 10.0**-DISTANCE_DECIMALS]
+
+
+def _cross(v: Floats, w: Floats) -> Floats:
+    return np.asarray(v[..., 0] * w[..., 1] - v[..., 1] * w[..., 0])
