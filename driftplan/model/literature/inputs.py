@@ -1,0 +1,97 @@
+"""What the functions of this package accept, checked at their edge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[Any]
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+
+def number(name: str, value: object) -> float:
+    """A finite number."""
+    if isinstance(value, bool) or not hasattr(value, "__float__") or np.ndim(value) != 0:  # type: ignore[arg-type]
+        raise ValueError(f"expected {name} to be a number, got {value!r}")
+    result = float(value)
+    if not isfinite(result):
+        raise ValueError(f"expected {name} finite, got {result!r}")
+    return result
+
+
+def not_negative(name: str, value: object) -> float:
+    result = number(name, value)
+    if result < 0:
+        raise ValueError(f"expected {name} >= 0, got {result!r}")
+    return result
+
+
+def positive(name: str, value: object) -> float:
+    result = number(name, value)
+    if result <= 0:
+        raise ValueError(f"expected {name} > 0, got {result!r}")
+    return result
+
+
+def whole(name: str, value: object, *, least: int) -> int:
+    """A whole number >= least."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise ValueError(f"expected {name} a whole number >= {least}, got {value!r}")
+    return int(value)
+
+
+def finite(name: str, values: Any) -> Floats:
+    """An array of finite numbers."""
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError) as err:
+        raise ValueError(f"expected {name} to be numbers: {err}") from None
+    if not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise ValueError(f"expected {name} finite, got {array[where]} at index {where}")
+    return array
+
+
+def shaped(name: str, values: Any, shape: tuple[int, ...]) -> Floats:
+    """An array of finite numbers of exactly this shape."""
+    array = finite(name, values)
+    if array.shape != shape:
+        raise ValueError(f"expected {name} of shape {shape}, got {array.shape}")
+    return array
+
+
+def plane(name: str, values: Any) -> Array:
+    """Planar vectors (..., 2) as complex numbers (...)."""
+    array = finite(name, values)
+    if array.ndim < 1 or array.shape[-1] != 2:
+        raise ValueError(f"expected {name} of shape (..., 2), got {array.shape}")
+    return np.asarray(array[..., 0] + 1j * array[..., 1])
+
+
+def covariance(name: str, matrix: Any, dimensions: Sequence[int] = (2,)) -> Floats:
+    """A covariance matrix of one of these dimensions."""
+    array = finite(name, matrix)
+    if array.ndim != 2 or array.shape[0] != array.shape[1] or array.shape[0] not in dimensions:
+        raise ValueError(
+            f"expected {name} a square matrix of dimension {' or '.join(map(str, dimensions))}, got {array.shape}"
+        )
+    if not np.allclose(array, array.T) or np.linalg.eigvalsh(array)[0] < -1e-12 * np.trace(array):
+        raise ValueError(f"expected {name} symmetric and positive semi-definite, got {array.tolist()}")
+    return array
+
+
+def as_plane(z: ArrayLike) -> Floats:
+    """Complex numbers (...) as planar vectors (..., 2)."""
+    return np.stack([np.real(z), np.imag(z)], axis=-1)
+
+
+def as_covariance(mean: Array, N: Array, e2: Array) -> Floats:
+    """Covariance (..., 2, 2) of a planar error e from E e, E|e|² and E e²."""
+    spread, skew = np.real(N) - np.abs(mean) ** 2, e2 - mean**2
+    xx, yy, xy = (spread + np.real(skew)) / 2, (spread - np.real(skew)) / 2, np.imag(skew) / 2
+    return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
