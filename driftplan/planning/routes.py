@@ -1,0 +1,352 @@
+"""plan_route: the route on which a robot arrives with the least drift; and routes side by side."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from dataclasses import replace as changed
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from driftplan.errors import NoPathError
+from driftplan.model.drift import Drift
+from driftplan.model.noise import OdometryNoise
+from driftplan.planning.cost import CostRates, bracket
+from driftplan.planning.path_polish import polished
+from driftplan.planning.roadmap_pricing import Floats, Pricing, exact_drift
+from driftplan.planning.roadmap_search import Status, check_connected, checked_ends, plan_on_roadmap, said
+from driftplan.world.world import World
+
+Minimise = Literal["drift", "length"]
+ROADMAP = "roadmap"
+_SHARE_OF_SHORTEST = 0.2  # of the time, for the shortest route, whose polished form is a candidate too
+_DETOUR_TRIALS = 5
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Route:
+    """A collision-free route and the drift along it.
+
+    Attributes
+    ----------
+    path : (n, 2) array
+        Waypoints in metres, world frame.
+    drift : Drift
+        Exact along the path, with the noise of the zones it crosses.
+    planner : str
+        Which planner found it.
+    minimise : {"drift", "length"}
+        What it minimises.
+    status : Status
+        Why the search ended, a sentence for people.
+    bound : float
+        Proven lower bound, over all routes, of what was minimised: rms drift at the goal or length, in metres. It takes
+        no notice of obstacles.
+    """
+
+    path: Floats
+    drift: Drift
+    planner: str
+    minimise: Minimise
+    status: Status
+    bound: float
+
+    @property
+    def length(self) -> float:
+        """Metres."""
+        return float(self.drift.length)
+
+    @property
+    def rms(self) -> float:
+        """rms drift at the goal, metres."""
+        return float(self.drift.end.rms)
+
+
+def plan_route(
+    world: World,
+    start: ArrayLike,
+    goal: ArrayLike,
+    noise: OdometryNoise,
+    *,
+    minimise: Minimise = "drift",
+    planner: str = ROADMAP,
+    max_detour: float | None = None,
+    candidates: Iterable[ArrayLike] = (),
+    start_heading: float | None = None,
+    time_limit: float = 1.0,
+    seed: int = 0,
+) -> Route:
+    """The collision-free route on which odometry drifts least by the time the robot is at the goal.
+
+    The planner minimises the additive upper bound of E|e|² (`driftplan.planning.cost`); what it finds is polished, and
+    of all candidates (as found, polished, the shortest route the same planner finds, that polished, and yours) the
+    one with the least exact drift is returned.
+
+    Parameters
+    ----------
+    world : World
+        Its zones override ``noise`` where they are.
+    start, goal : (2,)
+        Metres, world frame.
+    noise : OdometryNoise
+    minimise : {"drift", "length"}
+        rms drift at the goal, or length.
+    planner : str
+        "roadmap", or of OMPL "rrtstar", "informed_rrtstar", "sorrtstar", "bitstar".
+    max_detour : float, optional
+        Greatest length as a multiple of the shortest route found, >= 1.
+    candidates : iterable of (n, 2)
+        Other paths from start to goal to be considered; the route is never worse than the best of them. A path that
+        collides is refused.
+    start_heading : float, optional
+        Heading at the start, rad: then the first turn counts too.
+    time_limit : float
+        Seconds of search, polishing not counted for OMPL's planners.
+    seed : int
+        Same seed, same samples; how many are drawn depends on the time.
+
+    Returns
+    -------
+    Route
+
+    Raises
+    ------
+    StartError, GoalError
+        If start or goal is not in free space; the message names the nearest point that is.
+    NoPathError
+        If no route leads there: the message says what part of the map the start can reach.
+    PlannerError
+        For planners that cannot minimise drift, with the reason.
+    ValueError
+        For numbers that make no sense.
+
+    Examples
+    --------
+    >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
+    >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
+    >>> route = plan_route(world, (2, 2), (8, 2), noise, time_limit=0.3)
+    >>> 13 < route.length < 14.5, 0 < route.bound <= route.rms < 0.2
+    (True, True)
+    """
+    if minimise not in get_args(Minimise):
+        raise ValueError(f"expected minimise one of {get_args(Minimise)}, got {minimise!r}")
+    if max_detour is not None and not (math.isfinite(max_detour) and max_detour >= 1):
+        raise ValueError(f"expected max_detour >= 1, got {max_detour!r}")
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise ValueError(f"expected seed a whole number >= 0, got {seed!r}")
+    if planner != ROADMAP:
+        from driftplan.planning.ompl_solve import check_planner
+
+        check_planner(planner, also=(ROADMAP,))
+    ends = checked_ends(world, start, goal, noise, minimise, time_limit, None, start_heading)
+    check_connected(world, ends)
+    given = [_candidate(world, ends, path) for path in candidates]
+    search = _Search(world, ends, noise, planner, start_heading, int(seed))
+    if minimise == "length":
+        found, status = search.run("length", noise, time_limit)
+        path = min((*found, *given), key=_length)
+        return search.route(path, "length", status)
+
+    shortest, _ = search.run("length", noise, _SHARE_OF_SHORTEST * time_limit)
+    longest = math.inf if max_detour is None else max_detour * min(map(_length, (*shortest, *given)))
+    shares = 1 if max_detour is None else 1 + _DETOUR_TRIALS
+    each = (1 - _SHARE_OF_SHORTEST) * time_limit / shares
+    found, status = search.run("drift", noise, each)
+    pool = [*given, *shortest, *(search.polish(path, noise) for path in shortest), *found]
+    if all(_length(path) > longest for path in found):
+        pool += search.within_detour(longest, each)
+    path = min((p for p in pool if _length(p) <= longest * (1 + 1e-9)), key=search.mean_square)
+    return search.route(path, "drift", status)
+
+
+class _Search:
+    """The searches of one call of `plan_route`."""
+
+    def __init__(
+        self, world: World, ends: Floats, noise: OdometryNoise, planner: str, start_heading: float | None, seed: int
+    ) -> None:
+        self.world, self.ends, self.noise = world, ends, noise
+        self.planner, self.start_heading, self.seed = planner, start_heading, seed
+
+    def run(self, minimise: Minimise, noise: OdometryNoise, time_limit: float) -> tuple[list[Floats], Status]:
+        """Paths found by the planner: the best one as it is, and polished."""
+        if self.planner == ROADMAP:
+            result = plan_on_roadmap(
+                self.world,
+                self.ends[0],
+                self.ends[1],
+                noise,
+                minimise=minimise,
+                time_limit=time_limit,
+                seed=self.seed,
+                start_heading=self.start_heading,
+            )
+            return [result.path], result.status
+        from driftplan.planning.ompl_solve import solve
+
+        priced = noise if minimise == "drift" else None
+        raw = solve(
+            self.world, self.ends[0], self.ends[1], priced, planner=self.planner, time_limit=time_limit, seed=self.seed
+        )
+        if raw is None:
+            raise NoPathError(
+                f"{self.planner} found no path from {said(self.ends[0])} to {said(self.ends[1])} within "
+                f"{time_limit:g} s, though free space connects them: allow more time, or use planner='{ROADMAP}'"
+            )
+        pricing = Pricing(self.world, self.ends[1], noise, minimise)
+        return [raw, polished(pricing, raw, self.start_heading)], Status.TIME_LIMIT
+
+    def polish(self, path: Floats, noise: OdometryNoise) -> Floats:
+        return polished(Pricing(self.world, self.ends[1], noise, "drift"), path, self.start_heading)
+
+    def within_detour(self, longest: float, time_limit: float) -> list[Floats]:
+        """Paths of low drift no longer than ``longest``: a price on length is raised until they fit, then refined.
+
+        A price per metre is a distance variance per metre to the additive cost, so the search need not know of it.
+        """
+        straight = max(float(np.linalg.norm(self.ends[1] - self.ends[0])), 1e-9)
+        low, high = 0.0, self.noise.heading_var_per_m * straight**2 + self.noise.distance_var_per_m + 1e-9
+        fitting: list[Floats] = []
+        for _ in range(_DETOUR_TRIALS):
+            price = high if not fitting else math.sqrt(max(low, high * 1e-3) * high)
+            dearer = changed(self.noise, distance_var_per_m=self.noise.distance_var_per_m + price)
+            found, _ = self.run("drift", dearer, time_limit)
+            fits = [path for path in found if _length(path) <= longest]
+            fitting += fits
+            if fits:
+                high = price
+            else:
+                low, high = price, (4 * price if not fitting else high)
+        return fitting
+
+    def mean_square(self, path: Floats) -> float:
+        return float(exact_drift(self.world, path, self.noise, self.start_heading).end.rms ** 2)
+
+    def route(self, path: Floats, minimise: Minimise, status: Status) -> Route:
+        drift = exact_drift(self.world, path, self.noise, self.start_heading)
+        straight = float(np.linalg.norm(self.ends[1] - self.ends[0]))
+        bound = straight
+        if minimise == "drift":
+            bound = math.sqrt(_least_mean_square(self.world, self.noise, straight, float(drift.end.rms) ** 2))
+        return Route(path=path, drift=drift, planner=self.planner, minimise=minimise, status=status, bound=bound)
+
+
+def _least_mean_square(world: World, noise: OdometryNoise, straight: float, found: float) -> float:
+    """A value that no route's E|e|² falls below, in m², given a route that has ``found``.
+
+    Position noise adds its variance per metre exactly, and no route is shorter than ``straight``. So a route at least
+    as good as the one found is no longer than found/(position variance per metre), which bounds its heading error, and
+    the bracket Λ J <= E|e|² bounds the heading part, J being at least that of the straight run. Turn noise, steps and
+    systematic errors are outside that bracket, and errors that are correlated outside all of this.
+    """
+    kinds = (noise, *(zone.noise for zone in world.zones))
+    if any(kind.heading_distance_corr != 0 for kind in kinds):
+        return 0.0
+    rates = [CostRates.of(kind) for kind in kinds]
+    position = min(rate.position for rate in rates)
+    least = position * straight
+    plain = all(kind.step_m is None and kind.heading_var_per_rad == 0 and not kind.is_systematic for kind in kinds)
+    if plain and position > 0:
+        heading_std = math.sqrt(max(rate.heading for rate in rates) * found / position)
+        least += float(bracket(heading_std)) * min(rate.heading for rate in rates) * straight**3 / 3
+    return min(least, found)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """Routes side by side; printing it prints a table.
+
+    Attributes
+    ----------
+    rows : tuple of dict
+        One per route: name, length_m, rms_m, bias_m (its norm), radius95_m, all at the goal, and planner.
+    """
+
+    rows: tuple[dict[str, Any], ...]
+
+    def to_dicts(self) -> list[dict[str, Any]]:
+        """Copies of the rows, for pandas and JSON."""
+        return [dict(row) for row in self.rows]
+
+    def __str__(self) -> str:
+        header = ("route", "length m", "rms m", "bias m", "radius95 m", "planner")
+        lines = [
+            [row["name"], *(f"{row[key]:.3f}" for key in ("length_m", "rms_m", "bias_m", "radius95_m")), row["planner"]]
+            for row in self.rows
+        ]
+        widths = [max(len(line[k]) for line in (header, *lines)) for k in range(len(header))]
+        left = (0, len(header) - 1)
+        return "\n".join(
+            "  ".join(f"{cell:{'<' if k in left else '>'}{widths[k]}}" for k, cell in enumerate(line)).rstrip()
+            for line in (header, *lines)
+        )
+
+
+def compare_routes(routes: Sequence[Route], names: Sequence[str] | None = None) -> Comparison:
+    """Length and drift of routes, side by side.
+
+    Parameters
+    ----------
+    routes : sequence of Route
+    names : sequence of str, optional
+        Default: what each minimises.
+
+    Raises
+    ------
+    ValueError
+        For no routes, or another number of names.
+
+    Examples
+    --------
+    >>> world = World.from_polygons([], bounds=(0, 0, 10, 10), robot_radius=0.5)
+    >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
+    >>> route = plan_route(world, (2, 2), (8, 2), noise, time_limit=0.1)
+    >>> print(compare_routes([route]))
+    route  length m  rms m  bias m  radius95 m  planner
+    drift     6.000  0.061   0.000       0.106  roadmap
+    """
+    if not routes or not all(isinstance(route, Route) for route in routes):
+        raise ValueError("expected at least one Route, as plan_route returns it")
+    if names is not None and len(names) != len(routes):
+        raise ValueError(f"expected a name for each of {len(routes)} routes, got {len(names)}")
+    rows = []
+    for k, route in enumerate(routes):
+        end = route.drift.end
+        rows.append(
+            {
+                "name": names[k] if names is not None else route.minimise,
+                "length_m": route.length,
+                "rms_m": float(end.rms),
+                "bias_m": float(end.bias_norm),
+                "radius95_m": float(end.radius(0.95)),
+                "planner": route.planner,
+            }
+        )
+    return Comparison(rows=tuple(rows))
+
+
+def _candidate(world: World, ends: Floats, path: ArrayLike) -> Floats:
+    """A path of the caller's, after it has been looked at."""
+    points = np.asarray(path, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
+        raise ValueError(f"expected candidates of at least 2 finite waypoints, shape (n, 2), got shape {points.shape}")
+    if not (np.allclose(points[0], ends[0]) and np.allclose(points[-1], ends[1])):
+        raise ValueError(
+            f"expected candidates from {said(ends[0])} to {said(ends[1])}, got one from {said(points[0])} to "
+            f"{said(points[-1])}"
+        )
+    free = world.segments_free(points[:-1], points[1:])
+    if not free.all():
+        leg = int(np.argmin(free))
+        raise ValueError(
+            f"expected candidates free of collisions, got one that collides between {said(points[leg])} and "
+            f"{said(points[leg + 1])}"
+        )
+    return points
+
+
+def _length(path: Floats) -> float:
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
