@@ -150,7 +150,12 @@ def plan_route(
         path = min((*found, *given), key=_length)
         return search.route(path, "length", status)
 
-    shortest, _ = search.run("length", noise, _SHARE_OF_SHORTEST * time_limit)
+    try:
+        shortest, _ = search.run("length", noise, _SHARE_OF_SHORTEST * time_limit)
+    except NoPathError:  # not in its share of the time; the search for the least drift has more
+        if max_detour is not None:
+            raise
+        shortest = []
     longest = math.inf if max_detour is None else max_detour * min(map(_length, (*shortest, *given)))
     shares = 1 if max_detour is None else 1 + _DETOUR_TRIALS
     each = (1 - _SHARE_OF_SHORTEST) * time_limit / shares

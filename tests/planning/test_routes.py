@@ -1,0 +1,259 @@
+"""plan_route: what a route must be, on worlds with known answers and on real maps; and what is refused."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from driftplan.errors import GoalError, NoPathError, PlannerError, StartError
+from driftplan.model.drift import predict_drift
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.simulation import simulate_drift
+from driftplan.planning.ompl_solve import PLANNERS
+from driftplan.planning.routes import compare_routes, plan_route
+from driftplan.world.mapfiles import load_world
+from driftplan.world.world import World, Zone
+
+DATA = Path(__file__).resolve().parents[3] / "shared/data"
+NOISE = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
+ALL_PLANNERS = ("roadmap", *PLANNERS)
+WALL = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
+
+
+def assert_safe(world, route, start, goal):
+    """From start to goal, the robot's disc touching no wall: shapely's distance to the walls as drawn is the judge."""
+    np.testing.assert_allclose(route.path[[0, -1]], [start, goal])
+    line = shapely.LineString(route.path)
+    assert shapely.distance(line, world.obstacles) >= world.robot_radius - 1e-9
+    xmin, ymin, xmax, ymax = world.bounds
+    assert shapely.box(xmin, ymin, xmax, ymax).contains(line)
+
+
+@pytest.mark.parametrize("planner", ALL_PLANNERS)
+def test_every_planner_finds_a_safe_route_no_worse_than_its_shortest(planner):
+    start, goal = (2.0, 2.0), (8.0, 2.0)
+    shortest = plan_route(WALL, start, goal, NOISE, minimise="length", planner=planner, time_limit=0.4)
+    route = plan_route(WALL, start, goal, NOISE, planner=planner, time_limit=0.4, candidates=[shortest.path])
+    for found in (shortest, route):
+        assert_safe(WALL, found, start, goal)
+        assert found.planner == planner
+        assert found.length == pytest.approx(float(predict_drift(found.path, NOISE).length))
+    assert route.rms <= shortest.rms
+    assert shortest.length <= route.length + 1e-9
+    # tangents √(2² + 5² - ½²), arcs of 73.5° about the wall's two upper corners, 2 m along its top
+    assert shortest.length == pytest.approx(2 * 28.75**0.5 + 2 * 0.5 * np.radians(73.53) + 2, rel=0.01)
+    assert 0 < route.bound <= route.rms
+    assert 0 < shortest.bound <= shortest.length
+    assert route.rms == pytest.approx(float(predict_drift(route.path, NOISE).end.rms), rel=1e-12)
+
+
+def manhattan(streets=6, block=9.0, width=1.0):
+    """A town of square blocks: all monotone staircases through it are equally long."""
+    side = block + width
+    blocks = [
+        shapely.box(width + i * side, width + j * side, (i + 1) * side, (j + 1) * side)
+        for i in range(streets)
+        for j in range(streets // 2)
+    ]
+    size = streets * side + width, streets // 2 * side + width
+    return World.from_polygons(blocks, bounds=(0, 0, *size), robot_radius=0.45), size
+
+
+def test_in_a_town_of_equal_ways_the_long_leg_comes_first():
+    """Heading noise alone. With legs a then b to the goal, E|e|² = q∫|w|² = q(a³/3 + b²a + b³/3) to first order, so the
+    long leg first is best: w, the way still to go as the crow flies, shrinks soonest."""
+    world, (width, height) = manhattan()
+    start, goal = (0.5, 0.5), (width - 0.5, height - 0.5)
+    a, b = goal[0] - start[0], goal[1] - start[1]
+    noise = OdometryNoise(heading_var_per_m=1e-7)
+    route = plan_route(world, start, goal, noise, time_limit=0.5)
+    assert_safe(world, route, start, goal)
+
+    def rms(first, second):
+        return (1e-7 * (first**3 / 3 + second**2 * first + second**3 / 3)) ** 0.5
+
+    assert rms(a, b) < rms(b, a)
+    corner = np.array([goal[0], start[1]])
+    assert np.linalg.norm(route.path - corner, axis=1).min() < 1.0
+    # streets are 10 cm wider than the robot, which lets a route be that much better than the two straight legs
+    assert route.rms == pytest.approx(rms(a, b), rel=0.01)
+    other = predict_drift([start, (start[0], goal[1]), goal], noise).end.rms
+    assert other == pytest.approx(rms(b, a), rel=1e-4)
+    assert 1 - route.rms / float(other) > 0.1
+
+
+def test_the_long_leg_first_saves_at_most_eighteen_percent():
+    """Of two L-shaped routes of equal length the better has √((a³/3 + b²a + b³/3)/(b³/3 + a²b + a³/3)) times the rms;
+    the least of it over the ratio of the legs is 0.82."""
+    ratio = np.linspace(1, 6, 2001)
+    long_first = ratio**3 / 3 + ratio + 1 / 3
+    short_first = ratio**3 / 3 + ratio**2 + 1 / 3
+    saved = 1 - np.sqrt(long_first / short_first)
+    assert saved.max() == pytest.approx(0.18, abs=0.005)
+    best = ratio[saved.argmax()]
+    noise = OdometryNoise(heading_var_per_m=1e-9)
+    one, other = (
+        predict_drift(p, noise).end.rms for p in ([(0, 0), (best, 0), (best, 1)], [(0, 0), (0, 1), (best, 1)])
+    )
+    assert 1 - one / other == pytest.approx(saved.max(), rel=1e-5)
+
+
+REAL = {
+    "depot": ("nav2_depot/depot.yaml", 0.3, (3.0, 3.0), (27.0, 12.0)),
+    "berlin": ("movingai/Berlin_1_256.map", 0.4, (5.5, 5.5), (250.5, 250.5)),
+}
+
+
+def real(name):
+    file, radius, start, goal = REAL[name]
+    if not (DATA / file).exists():
+        pytest.skip(f"no {file} beside the checkout")
+    return load_world(DATA / file, robot_radius=radius), start, goal
+
+
+@pytest.mark.parametrize("name", REAL)
+@pytest.mark.parametrize("planner", ["roadmap", pytest.param("bitstar", marks=pytest.mark.slow)])
+def test_real_maps_are_crossed_safely_and_as_predicted(name, planner):
+    world, start, goal = real(name)
+    noise = OdometryNoise.from_std(heading_deg=0.3, distance_m=0.05, after_m=10.0)
+    limit = 1.0 if planner == "roadmap" else 15.0
+    shortest = plan_route(world, start, goal, noise, minimise="length", planner=planner, time_limit=limit)
+    route = plan_route(world, start, goal, noise, planner=planner, time_limit=limit, candidates=[shortest.path])
+    for found in (shortest, route):
+        assert_safe(world, found, start, goal)
+    assert route.rms <= shortest.rms
+    errors = simulate_drift(route.path, noise, runs=4000, rng=0)[:, -1]
+    square = (errors**2).sum(axis=1)
+    assert abs(square.mean() - route.rms**2) < 4 * square.std() / len(square) ** 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", REAL)
+def test_real_maps_with_twenty_thousand_drives(name):
+    world, start, goal = real(name)
+    route = plan_route(world, start, goal, NOISE, time_limit=2.0)
+    errors = simulate_drift(route.path, NOISE, runs=20_000, rng=1)[:, -1]
+    square = (errors**2).sum(axis=1)
+    assert abs(square.mean() - route.rms**2) < 4 * square.std() / len(square) ** 0.5
+
+
+def test_a_detour_is_bounded():
+    """Bad floor on the direct way: free to choose, the robot goes round it; told not to, it keeps within the limit."""
+    mud = Zone(shapely.box(3, 1, 7, 9), OdometryNoise(heading_var_per_m=0.05))
+    world = World.from_polygons([], bounds=(0, 0, 10, 20), robot_radius=0.1, zones=[mud])
+    start, goal = (1.0, 3.0), (9.0, 3.0)
+    noise = OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-5)
+    free = plan_route(world, start, goal, noise, time_limit=0.4)
+    bounded = plan_route(world, start, goal, noise, time_limit=0.8, max_detour=1.1)
+    shortest = plan_route(world, start, goal, noise, minimise="length", time_limit=0.2)
+    assert shortest.length == pytest.approx(8.0)
+    assert free.length > 1.1 * 8.0
+    assert bounded.length <= 1.1 * 8.0 * (1 + 1e-6)
+    assert free.rms < bounded.rms <= shortest.rms
+
+
+def test_the_start_heading_is_paid_for():
+    noise = OdometryNoise(heading_var_per_rad=1e-3, heading_var_per_m=1e-5)
+    world = World.from_polygons([], bounds=(0, 0, 10, 10), robot_radius=0.1)
+    facing, away = (plan_route(world, (1, 5), (9, 5), noise, time_limit=0.2, start_heading=h).rms for h in (0.0, np.pi))
+    assert facing < away
+
+
+def test_routes_side_by_side():
+    routes = [plan_route(WALL, (2, 2), (8, 2), NOISE, minimise=m, time_limit=0.2) for m in ("length", "drift")]
+    table = compare_routes(routes, names=["short", "sure"])
+    row = table.to_dicts()[1]
+    assert row["rms_m"] == routes[1].rms
+    assert row["length_m"] == routes[1].length
+    assert row["radius95_m"] == float(routes[1].drift.end.radius(0.95))
+    assert [line.split()[0] for line in str(table).splitlines()] == ["route", "short", "sure"]
+    with pytest.raises(ValueError, match="a name for each of 2 routes, got 1"):
+        compare_routes(routes, names=["one"])
+    with pytest.raises(ValueError, match="at least one Route"):
+        compare_routes([])
+
+
+def test_one_seed_gives_one_answer_up_to_the_clock():
+    paths = [plan_route(WALL, (2, 2), (8, 2), NOISE, time_limit=0.3, seed=4).path for _ in range(2)]
+    # how many batches fit into the time may differ, what they converge to does not
+    one, two = (np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in paths)
+    assert one == pytest.approx(two, rel=1e-3)
+
+
+ROOMS = World.from_polygons([[(4.9, 0), (5.1, 0), (5.1, 10), (4.9, 10)]], bounds=(0, 0, 10, 10), robot_radius=0.3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        (
+            {"start": (5, 5)},
+            StartError,
+            r"start \(5, 5\) is not free; the nearest free point is \(2\.\d+, 5\)|nearest free",
+        ),
+        ({"goal": (5, 5)}, GoalError, r"goal \(5, 5\) is not free; the nearest free point is"),
+        ({"start": (-5, 5)}, StartError, "nearest free point"),
+        ({"start": (float("nan"), 2)}, ValueError, "start"),
+        ({"goal": (1, 2, 3)}, ValueError, "goal"),
+        ({"minimise": "time"}, ValueError, "minimise one of"),
+        ({"max_detour": 0.5}, ValueError, "max_detour >= 1, got 0.5"),
+        ({"time_limit": 0.0}, ValueError, "time_limit > 0"),
+        ({"seed": -1}, ValueError, "seed a whole number >= 0"),
+        ({"noise": 0.1}, ValueError, "expected an OdometryNoise"),
+        ({"candidates": [[(2, 2), (3, 3)]]}, ValueError, "candidates from"),
+        ({"candidates": [[(2, 2), (8, 2)]]}, ValueError, "collides between"),
+        ({"candidates": [[(2, 2)]]}, ValueError, "at least 2 finite waypoints"),
+    ],
+)
+def test_bad_input_is_refused(arguments, error, message):
+    call = {"world": WALL, "start": (2, 2), "goal": (8, 2), "noise": NOISE, **arguments}
+    with pytest.raises(error, match=message):
+        plan_route(**call)
+
+
+def test_where_no_route_leads_the_message_says_how_far_one_can_go():
+    with pytest.raises(NoPathError, match=r"reaches only 4\d\.\d+ m², x 0\.30\.\.4\.60"):
+        plan_route(ROOMS, (2, 2), (8, 2), NOISE)
+
+
+@pytest.mark.parametrize(
+    ("planner", "reason"),
+    [
+        ("PRMstar", "a thread that waits for ever"),
+        ("prm", "a thread that waits for ever"),
+        ("RRT", "never asks what a path costs"),
+        ("RRTConnect", "never asks what a path costs"),
+        ("KPIECE1", "never asks what a path costs"),
+        ("fmt", "metric of its nearest-neighbour search"),
+        ("BFMT", "metric of its nearest-neighbour search"),
+        ("AORRTC", "minimises length whatever"),
+        ("SST", "cannot create it"),
+    ],
+)
+def test_planners_that_cannot_minimise_drift_are_refused_with_the_reason(planner, reason):
+    with pytest.raises(PlannerError, match=rf"cannot minimise drift: .*{reason}.*choose one of roadmap, rrtstar"):
+        plan_route(WALL, (2, 2), (8, 2), NOISE, planner=planner)
+
+
+def test_unknown_planners_are_refused():
+    with pytest.raises(PlannerError, match="unknown planner 'dijkstra': choose one of roadmap"):
+        plan_route(WALL, (2, 2), (8, 2), NOISE, planner="dijkstra")
+
+
+def test_planning_is_silent_and_leaks_nothing():
+    """OMPL logs in C++ and nanobind reports leaks at exit: only a process of its own shows either."""
+    code = f"""
+from driftplan.planning.routes import plan_route
+from driftplan.model.noise import OdometryNoise
+from driftplan.world.world import World
+world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
+noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
+routes = [plan_route(world, (2, 2), (8, 2), noise, planner=p, time_limit=0.2) for p in {ALL_PLANNERS!r}]
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
