@@ -26,6 +26,14 @@ if TYPE_CHECKING:
     from .model.paths import Run as Run
     from .model.paths import Runs as Runs
     from .model.simulation import simulate_drift as simulate_drift
+    from .planning.routes import Comparison as Comparison
+    from .planning.routes import Route as Route
+    from .planning.routes import compare_routes as compare_routes
+    from .planning.routes import plan_route as plan_route
+    from .world.mapfiles import bundled_map as bundled_map
+    from .world.mapfiles import bundled_maps as bundled_maps
+    from .world.mapfiles import load_world as load_world
+    from .world.mapfiles import save_world as save_world
     from .world.world import World as World
     from .world.world import Zone as Zone
 
@@ -36,6 +44,8 @@ _HOME = {
     "model.noise": "OdometryNoise",
     "model.paths": "Run Runs",
     "model.simulation": "simulate_drift",
+    "planning.routes": "Comparison Route compare_routes plan_route",
+    "world.mapfiles": "bundled_map bundled_maps load_world save_world",
     "world.world": "World Zone",
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
