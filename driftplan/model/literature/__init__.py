@@ -67,8 +67,8 @@ Read from [O] and [K] as published (for [O] from a text extraction); "z" is (Mon
        is lost. Evidence: 100 steps of 0.5 m at φ = 0.5 with 0.1 rad noise: bias 0.172 m instead of 0.739 m.
 [M] 2. The covariance of P_{t-1} and ΔP_t is left out. Evidence: straight on, the variance is 68 times too small after
        200 steps of 0.5 m with 0.01 m and 0.01 rad noise; for heading noise alone (2n + 1)/3 times after n steps.
-    A warning besides: the distance error enters both turn and move. Taking the two errors of a step as independent would
-       make E|e|² 3.29 m² instead of 1.26 m² (φ = 0.3, σ_d = 0.1 m, 100 steps).
+    A warning besides: the distance error enters both turn and move. To take the two errors of a step as independent
+       would make E|e|² 3.29 m² instead of 1.26 m² (φ = 0.3, σ_d = 0.1 m, 100 steps).
 """
 
 from .ackermann import AckermannDrift as AckermannDrift
