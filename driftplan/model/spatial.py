@@ -120,7 +120,7 @@ def predict_drift_3d(
 
     Examples
     --------
-    A helix, 100 turns to the left and 20 m up:
+    A helix, 16 turns to the left and 20 m up:
 
     >>> c, s = np.cos(0.1), np.sin(0.1)
     >>> turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
