@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from driftplan.planning.roadmap_pricing import Floats, Ints, Pricing
 
-_START, _GOAL = 0, 1
+START, GOAL = 0, 1
 
 
 class Shortest(NamedTuple):
@@ -30,6 +30,7 @@ class Transitions(NamedTuple):
     tail: Ints  # (2m,)
     head: Ints  # (2m,)
     cost: Floats  # (2m,)
+    zone: Ints  # (2m,) in which the edge leaves its tail
     before: Ints  # (t,) directed edges
     after: Ints  # (t,) that can follow each other
     turn_rad: Floats  # (t,) angle between them
@@ -44,10 +45,9 @@ class Roadmap:
         self.start_heading = start_heading
         self.xy = np.stack([start, pricing.goal])
         self.edges = np.zeros((0, 2), dtype=np.int64)
-        self.cost = np.zeros(0)
-        self.zones = np.zeros((0, 2), dtype=np.int64)  # in which each edge leaves and reaches its nodes
+        self.prices = pricing.edges(self.xy[:0], self.xy[:0])
         self.from_start, self.to_goal = self._bounds(self.xy)
-        self._connect(np.array([[_START, _GOAL]]), math.inf)
+        self._connect(np.array([[START, GOAL]]), math.inf)
 
     def add(self, points: Floats, neighbours: int, limit: float, chain: bool = False) -> None:
         """Add free ``points`` (k, 2), each with edges to its nearest nodes; with ``chain`` also to the next point.
@@ -75,8 +75,8 @@ class Roadmap:
         keep = self.from_start + self.to_goal < limit
         keep[:2] = True
         number = np.cumsum(keep) - 1
-        useful = keep[self.edges].all(axis=1) & self._promising(self.edges, self.cost, limit)
-        self.edges, self.cost, self.zones = number[self.edges[useful]], self.cost[useful], self.zones[useful]
+        useful = keep[self.edges].all(axis=1) & self._promising(self.edges, self.prices.cost, limit)
+        self.edges, self.prices = number[self.edges[useful]], self.prices.pick(useful)
         self.xy, self.from_start, self.to_goal = self.xy[keep], self.from_start[keep], self.to_goal[keep]
 
     def shortest(self) -> Shortest:
@@ -85,14 +85,13 @@ class Roadmap:
             return Shortest(math.inf, np.zeros(0, dtype=np.int64))
         if self.pricing.has_turns:
             return self._shortest_with_turns()
-        cost, before = self.costs_from(_START)
-        if not math.isfinite(cost[_GOAL]):
+        distance, before = self.distances(self.prices.cost + self._tie_break(), START)
+        if not math.isfinite(distance[GOAL]):
             return Shortest(math.inf, np.zeros(0, dtype=np.int64))
-        return Shortest(float(cost[_GOAL]), _traced(before, _GOAL))
+        return self._priced(_traced(before, GOAL))
 
-    def costs_from(self, node: int) -> tuple[Floats, NDArray[np.int32]]:
-        """Cost of the cheapest path from ``node`` to every node, turns left out, and each node's predecessor on it."""
-        weight = self.cost + self._tie_break()
+    def distances(self, weight: Floats, node: int) -> tuple[Floats, NDArray[np.int32]]:
+        """Least sum of the edges' ``weight`` from ``node`` to every node, and each one's predecessor on the way."""
         return _dijkstra(weight, self.edges[:, 0], self.edges[:, 1], len(self.xy), node, directed=False)
 
     def transitions(self) -> Transitions:
@@ -100,7 +99,6 @@ class Roadmap:
         m = len(self.edges)
         tail = np.concatenate([self.edges[:, 0], self.edges[:, 1]])
         head = np.concatenate([self.edges[:, 1], self.edges[:, 0]])
-        leaving_zone = np.concatenate([self.zones[:, 0], self.zones[:, 1]])
         order = np.argsort(tail, kind="stable")
         degree = np.bincount(tail, minlength=len(self.xy))
         first = np.cumsum(degree) - degree
@@ -112,35 +110,44 @@ class Roadmap:
         before, after = before[keep], after[keep]
         step = (self.xy[head] - self.xy[tail]) @ np.array([1.0, 1j])
         turn = np.angle(step[after] * np.conj(step[before]))
-        turn_cost = self.pricing.turns(self.xy[tail[after]], turn, leaving_zone[after])
-        return Transitions(tail, head, np.tile(self.cost, 2), before, after, turn, turn_cost)
+        zone = np.concatenate([self.prices.zone_a, self.prices.zone_b])
+        turn_cost = self.pricing.turns(self.xy[tail[after]], turn, zone[after])
+        return Transitions(tail, head, np.tile(self.prices.cost, 2), zone, before, after, turn, turn_cost)
 
     def first_turns(self, moves: Transitions) -> tuple[Ints, Floats, Floats]:
         """The directed edges that leave the start, the turn (rad) before each from the start heading, and its cost."""
-        leaving = np.flatnonzero(moves.tail == _START)
+        leaving = np.flatnonzero(moves.tail == START)
         if self.start_heading is None:
             return leaving, np.zeros(len(leaving)), np.zeros(len(leaving))
-        step = (self.xy[moves.head[leaving]] - self.xy[_START]) @ np.array([1.0, 1j])
+        step = (self.xy[moves.head[leaving]] - self.xy[START]) @ np.array([1.0, 1j])
         turn = np.angle(step * np.exp(-1j * self.start_heading))
-        zone = np.concatenate([self.zones[:, 0], self.zones[:, 1]])[leaving]
-        return leaving, turn, self.pricing.turns(self.xy[moves.tail[leaving]], turn, zone)
+        return leaving, turn, self.pricing.turns(self.xy[moves.tail[leaving]], turn, moves.zone[leaving])
 
-    def _shortest_with_turns(self) -> Shortest:
-        """Dijkstra over directed edges: node e of this graph is 'edge e has been driven', node 2m is the start."""
-        moves = self.transitions()
-        tie_break = np.tile(self._tie_break(), 2)
+    def costs_of_edges(self, moves: Transitions) -> Floats:
+        """Cost of the cheapest way from the start to the end of every directed edge, turns included."""
+        return self._ways_to_edges(moves, moves.cost)[0][:-1]
+
+    def _ways_to_edges(self, moves: Transitions, weight: Floats) -> tuple[Floats, NDArray[np.int32]]:
+        """Least sum of weights and turns to the end of every directed edge, and the edge before; the last entry stands
+        for being at the start."""
         leaving, _, turn_cost = self.first_turns(moves)
         source = len(moves.tail)
         row = np.append(moves.before, np.full(len(leaving), source))
         column = np.append(moves.after, leaving)
-        weight = (moves.cost + tie_break)[column] + np.append(moves.turn_cost, turn_cost)
-        cost, before = _dijkstra(weight, row, column, source + 1, source, directed=True)
-        arriving = np.flatnonzero(moves.head == _GOAL)
-        best = arriving[np.argmin(cost[arriving])] if len(arriving) else source
-        if best == source or not math.isfinite(cost[best]):
+        total = weight[column] + np.append(moves.turn_cost, turn_cost)
+        return _dijkstra(total, row, column, source + 1, source, directed=True)
+
+    def _shortest_with_turns(self) -> Shortest:
+        moves = self.transitions()
+        distance, before = self._ways_to_edges(moves, moves.cost + np.tile(self._tie_break(), 2))
+        arriving = np.flatnonzero(moves.head == GOAL)
+        if not len(arriving) or not math.isfinite(distance[arriving].min()):
             return Shortest(math.inf, np.zeros(0, dtype=np.int64))
-        driven = _traced(before, int(best))[1:]
-        return Shortest(float(cost[best]), np.append(moves.tail[driven], _GOAL))
+        driven = _traced(before, int(arriving[np.argmin(distance[arriving])]))[1:]
+        return self._priced(np.append(moves.tail[driven], GOAL))
+
+    def _priced(self, nodes: Ints) -> Shortest:
+        return Shortest(self.pricing.path(self.xy[nodes], self.start_heading), nodes)
 
     def _connect(self, pairs: NDArray[np.int64], limit: float) -> None:
         pairs = np.unique(np.sort(pairs, axis=1), axis=0)
@@ -152,8 +159,7 @@ class Roadmap:
         free = np.zeros(len(pairs), dtype=bool)
         free[cheap] = self.pricing.space.segments_free(a[cheap], b[cheap])
         self.edges = np.concatenate([self.edges, pairs[free]])
-        self.cost = np.append(self.cost, prices.cost[free])
-        self.zones = np.concatenate([self.zones, np.stack([prices.zone_a, prices.zone_b], axis=1)[free]])
+        self.prices = self.prices.joined(prices.pick(free))
 
     def _promising(self, pairs: NDArray[np.int64], cost: Floats, limit: float) -> NDArray[np.bool_]:
         """Whether a path through the edge, driven the better way round, could be cheaper than ``limit``."""
@@ -163,12 +169,12 @@ class Roadmap:
 
     def _bounds(self, points: Floats) -> tuple[Floats, Floats]:
         lower = self.pricing.lower_bound
-        return lower(self.xy[_START], points), lower(points, self.xy[_GOAL])
+        return lower(self.xy[START], points), lower(points, self.xy[GOAL])
 
     def _tie_break(self) -> Floats:
         """A price too small to matter: where driving costs nothing, the shorter way is taken."""
         length = np.linalg.norm(self.xy[self.edges[:, 0]] - self.xy[self.edges[:, 1]], axis=1)
-        scale = float(self.cost.max(initial=0.0)) or 1.0
+        scale = float(self.prices.cost.max(initial=0.0)) or 1.0
         return np.asarray(length * (1e-12 * scale / max(float(length.max(initial=0.0)), 1e-300)))
 
 

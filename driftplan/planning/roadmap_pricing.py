@@ -8,8 +8,8 @@ does.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,9 +43,19 @@ class Space(Protocol):
 class EdgePrices(NamedTuple):
     """Prices of straight edges from a to b, the same in both directions."""
 
-    cost: Floats  # (n,) m², or m for the length
+    cost: Floats  # (n,) m², or m for the length; of it
+    position: Floats  # (n,) what position noise contributes
+    heading_var: Floats  # (n,) variance that the heading gains, rad²
     zone_a: Ints  # (n,) index of the zone in which the edge leaves a, -1 for none,
     zone_b: Ints  # (n,) and in which it reaches b
+
+    def pick(self, which: NDArray[Any]) -> EdgePrices:
+        """The prices of some of the edges."""
+        return EdgePrices(*(column[which] for column in self))
+
+    def joined(self, other: EdgePrices) -> EdgePrices:
+        """These prices, then the others."""
+        return EdgePrices(*(np.concatenate(columns) for columns in zip(self, other, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +66,8 @@ class Pricing:
     goal: Floats
     noise: OdometryNoise
     minimise: Minimise = "drift"
+    _rates: tuple[CostRates, ...] = field(init=False, repr=False)  # of the zones, and last of everywhere else
+    _floor: CostRates = field(init=False, repr=False)  # the least of all
 
     def __post_init__(self) -> None:
         rates = [CostRates.of(self.noise), *(CostRates.of(zone.noise) for zone in self.space.zones)]
@@ -63,15 +75,17 @@ class Pricing:
             rates = [_LENGTH]
         names = ("heading", "position", "turn_heading", "turn_position")
         floor = CostRates(**{name: min(getattr(rate, name) for rate in rates) for name in names})
-        object.__setattr__(self, "_rates", (*rates[1:], rates[0]))  # zone -1 is the last
+        object.__setattr__(self, "_rates", (*rates[1:], rates[0]))
         object.__setattr__(self, "_floor", floor)
-
-    _rates: tuple[CostRates, ...] = ()
-    _floor: CostRates = _LENGTH
 
     @property
     def has_zones(self) -> bool:
         return len(self._rates) > 1
+
+    @property
+    def worst_turn(self) -> float:
+        """Heading variance per radian turned where that is greatest, rad."""
+        return max(rate.turn_heading for rate in self._rates)
 
     @property
     def has_turns(self) -> bool:
@@ -81,21 +95,30 @@ class Pricing:
     def edges(self, a: Floats, b: Floats) -> EdgePrices:
         """Prices of the edges from ``a`` to ``b``, (n, 2) each."""
         if not self.has_zones:
+            rates, length = self._rates[-1], np.linalg.norm(b - a, axis=-1)
             nowhere = np.full(len(a), -1, dtype=np.int64)
-            return EdgePrices(edge_cost(a, b, self.goal, self._rates[-1]), nowhere, nowhere)
+            cost = edge_cost(a, b, self.goal, rates)
+            return EdgePrices(cost, rates.position * length, rates.heading * length, nowhere, nowhere)
         pieces = self.space.zone_pieces(a, b)
         step = (b - a)[pieces.segment]
         begin = a[pieces.segment] + pieces.start[:, None] * step
         end = a[pieces.segment] + pieces.end[:, None] * step
-        cost = _by_zone(pieces.zone, self._rates, lambda rates, at: edge_cost(begin[at], end[at], self.goal, rates))
+        length = np.linalg.norm(end - begin, axis=-1)
+        prices = (
+            self._by_zone(pieces.zone, lambda rates, at: edge_cost(begin[at], end[at], self.goal, rates)),
+            self._by_zone(pieces.zone, lambda rates, at: rates.position * length[at]),
+            self._by_zone(pieces.zone, lambda rates, at: rates.heading * length[at]),
+        )
+        cost, position, heading_var = (
+            np.bincount(pieces.segment, weights=price, minlength=len(a)).astype(float) for price in prices
+        )
         first = np.searchsorted(pieces.segment, np.arange(len(a)))
-        last = np.append(first[1:], len(pieces.segment)) - 1
-        total: Floats = np.bincount(pieces.segment, weights=cost, minlength=len(a)).astype(float)
-        return EdgePrices(total, pieces.zone[first], pieces.zone[last])
+        last = np.searchsorted(pieces.segment, np.arange(len(a)), side="right") - 1
+        return EdgePrices(cost, position, heading_var, pieces.zone[first], pieces.zone[last])
 
     def turns(self, at: Floats, turn_rad: Floats, zone: Ints) -> Floats:
         """Prices of turns on the spot at ``at`` (n, 2), before runs that begin in ``zone`` (n,)."""
-        return _by_zone(zone, self._rates, lambda rates, i: turn_cost(at[i], turn_rad[i], self.goal, rates))
+        return self._by_zone(zone, lambda rates, i: turn_cost(at[i], turn_rad[i], self.goal, rates))
 
     def path(self, xy: Floats, start_heading: float | None = None) -> float:
         """Price of a polyline (n, 2) without repeated points."""
@@ -108,6 +131,14 @@ class Pricing:
     def lower_bound(self, a: Floats, b: Floats) -> Floats:
         """What any motion from ``a`` to ``b`` costs at least, obstacles or not: the best floor everywhere, no turns."""
         return geodesic_cost(a, b, self.goal, self._floor)
+
+    def _by_zone(self, zone: Ints, price: Callable[[CostRates, Ints], Floats]) -> Floats:
+        """``price`` of every item at the rates of its zone, one bulk call per zone."""
+        cost = np.empty(len(zone))
+        for index in np.unique(zone):
+            items = np.flatnonzero(zone == index)
+            cost[items] = price(self._rates[index], items)
+        return cost
 
 
 def exact_drift(space: Space, path: Floats, noise: OdometryNoise, start_heading: float | None = None) -> Drift:
@@ -129,12 +160,3 @@ def turn_angles(xy: Floats, start_heading: float | None) -> Floats:
     step = xy[1:, 0] - xy[:-1, 0] + 1j * (xy[1:, 1] - xy[:-1, 1])
     facing = step[:1] if start_heading is None else np.exp(1j * np.array([start_heading]))
     return np.asarray(np.angle(step * np.conj(np.concatenate([facing, step[:-1]]))))
-
-
-def _by_zone(zone: Ints, rates: tuple[CostRates, ...], price: Callable[[CostRates, Ints], Floats]) -> Floats:
-    """``price`` of every item at the rates of its zone, one bulk call per zone."""
-    cost = np.empty(len(zone))
-    for index in np.unique(zone):
-        items = np.flatnonzero(zone == index)
-        cost[items] = price(rates[index], items)
-    return cost

@@ -213,7 +213,7 @@ def plan_on_roadmap(
     (True, 0.19)
     """
     began = time.perf_counter()
-    ends = _checked(world, start, goal, noise, minimise, time_limit, batches, start_heading)
+    ends = checked_ends(world, start, goal, noise, minimise, time_limit, batches, start_heading)
     pricing = Pricing(world, ends[1], noise, minimise)
     if (ends[0] == ends[1]).all():
         return RoadmapResult(
@@ -233,11 +233,11 @@ def plan_on_roadmap(
     while not (late() or search.is_optimal or search.batches == batches):
         search.grow(late)
         if search.path is None:
-            _check_connected(world, ends)
+            check_connected(world, ends)
     status = Status.OPTIMAL if search.is_optimal else Status.TIME_LIMIT if late() else Status.BATCHES_DONE
     if search.path is None:
         raise NoPathError(
-            f"no path found from {_said(ends[0])} to {_said(ends[1])} within {time_limit:g} s and {search.batches} "
+            f"no path found from {said(ends[0])} to {said(ends[1])} within {time_limit:g} s and {search.batches} "
             "batches, though free space connects them: allow more time"
         )
     return RoadmapResult(
@@ -251,18 +251,18 @@ def plan_on_roadmap(
     )
 
 
-def _check_connected(world: World, ends: Floats) -> None:
+def check_connected(world: World, ends: Floats) -> None:
     start_part, goal_part = world.free_part(ends)
     if start_part != goal_part:
         part = world.free_parts[start_part]
         xmin, ymin, xmax, ymax = part.bounds
         raise NoPathError(
-            f"no path from {_said(ends[0])} to {_said(ends[1])}: a robot of radius {world.robot_radius:g} m that "
+            f"no path from {said(ends[0])} to {said(ends[1])}: a robot of radius {world.robot_radius:g} m that "
             f"starts there reaches only {part.area:.4g} m², x {xmin:.2f}..{xmax:.2f}, y {ymin:.2f}..{ymax:.2f} m"
         )
 
 
-def _checked(
+def checked_ends(
     world: World,
     start: ArrayLike,
     goal: ArrayLike,
@@ -290,10 +290,10 @@ def _checked(
             raise ValueError(f"expected {name} (x, y) in metres, finite, got {value!r}")
         if not world.is_free(point):
             nearest = world.nearest_free(point)
-            raise error(f"{name} {_said(point)} is not free; the nearest free point is {_said(nearest)}")
+            raise error(f"{name} {said(point)} is not free; the nearest free point is {said(nearest)}")
         points.append(point)
     return np.stack(points)
 
 
-def _said(point: Floats) -> str:
+def said(point: Floats) -> str:
     return f"({point[0]:.6g}, {point[1]:.6g})"
