@@ -7,7 +7,7 @@ The formulas are those of `driftplan.planning.cost`, which explains them and doe
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import acos, atan2, cos, hypot, pi, remainder, sin, sqrt, tau
+from math import atan2, cos, hypot, pi, remainder, sin, sqrt, tau
 from typing import Any
 
 from ompl import base as ob
@@ -142,8 +142,7 @@ def _flight(goal: Point, rates: CostRates) -> Price:
 
     def motion(a: Any, b: Any) -> Any:
         x0, y0, z0, x1, y1, z1 = a.getX(), a.getY(), a.getZ(), b.getX(), b.getY(), b.getZ()
-        p, q = a.rotation(), b.rotation()
-        turn = 2 * acos(min(abs(p.x * q.x + p.y * q.y + p.z * q.z + p.w * q.w), 1.0))
+        turn = attitude_step(a.rotation(), b.rotation())
         u, v, w = gx - x0 - x1, gy - y0 - y1, gz - z0 - z1
         dx, dy, dz = x0 - x1, y0 - y1, z0 - z1
         d = dx * dx + dy * dy + dz * dz
@@ -152,6 +151,14 @@ def _flight(goal: Point, rates: CostRates) -> Price:
         return Cost(by_heading * mean_square + rates.position * length + rates.turn_position * turn)
 
     return motion
+
+
+def attitude_step(p: Any, q: Any) -> float:
+    """Angle in [0, π] between two attitudes (OMPL's SO(3) states), exact for small ones too."""
+    px, py, pz, pw, qx, qy, qz, qw = p.x, p.y, p.z, p.w, q.x, q.y, q.z, q.w
+    apart = hypot(px - qx, py - qy, pz - qz, pw - qw)
+    opposite = hypot(px + qx, py + qy, pz + qz, pw + qw)
+    return 4 * atan2(min(apart, opposite), max(apart, opposite))
 
 
 # Curves

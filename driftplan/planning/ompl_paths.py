@@ -16,6 +16,7 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Runs
 from driftplan.model.spatial import SpatialDrift, predict_flight_drift
 from driftplan.planning.curves import after_arc
+from driftplan.planning.motion_prices import attitude_step
 from driftplan.planning.spaces import CurveFinder, SpaceKind, position_reader, space_kind
 from driftplan.planning.zone_lookup import ZoneLookup
 from driftplan.world.world import World
@@ -83,7 +84,11 @@ def predict_ompl_path(path: Any, si: Any, noise: OdometryNoise, world: World | N
     if kind.dimensions == 3:
         if zones:
             raise ValueError("expected a world without zones in three dimensions: zones are polygons of the floor")
-        return _flight(positions, _attitude_steps(states) if kind is SpaceKind.FLIGHT else None, noise)
+        turns = None
+        if kind is SpaceKind.FLIGHT:
+            attitudes = [state.rotation() for state in states]
+            turns = np.array([attitude_step(p, q) for p, q in pairwise(attitudes)])
+        return _flight(positions, turns, noise)
     lookup = ZoneLookup(zones, [zone.noise for zone in zones], noise)
     if kind.is_curved:
         heading = float(states[0].getYaw())
@@ -120,12 +125,6 @@ def _flight(positions: NDArray[np.float64], turns: NDArray[np.float64] | None, n
         distance_var_per_m=noise.distance_var_per_m + noise.distance_var_per_rad * rate,
         lateral_var_per_m=noise.lateral_var_per_m,
     )
-
-
-def _attitude_steps(states: Any) -> NDArray[np.float64]:
-    """Angle, rad, between the attitudes of successive SE(3) states."""
-    attitudes = np.array([[r.x, r.y, r.z, r.w] for r in (state.rotation() for state in states)])
-    return np.asarray(2 * np.arccos(np.minimum(np.abs((attitudes[:-1] * attitudes[1:]).sum(axis=1)), 1.0)))
 
 
 def _straight_legs(
