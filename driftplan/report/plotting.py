@@ -35,8 +35,8 @@ ROUTE_STYLES: tuple[dict[str, Any], ...] = (  # colours of Okabe and Ito, told a
     {"color": "#000000", "linestyle": ":", "marker": "D"},
     {"color": "#AA4499", "linestyle": (0, (6, 1, 1, 1, 1, 1)), "marker": "v"},
 )
-_OBSTACLE: dict[str, Any] = {"facecolor": "0.80", "edgecolor": "0.45", "linewidth": 0.6}
-_ZONE: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.35", "linewidth": 0.8, "hatch": "///"}
+_OBSTACLE: dict[str, Any] = {"facecolor": "0.80", "edgecolor": "0.45", "linewidth": 0.5}
+_ZONE: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.5", "linewidth": 0.8, "hatch": "///"}
 _START: dict[str, Any] = {
     "marker": "o",
     "markersize": 9,
@@ -289,8 +289,11 @@ def plot_drift(
         thin: dict[str, Any] = {"color": lines[0].get_color(), "linestyle": (0, (1, 1.5)), "linewidth": 1.2}
         lines += ax.plot(profile.distance, profile.radius(radius_at), label=said, **thin)
     ax.set(xlabel="distance driven (m)", ylabel="rms drift (m)" if radius_at is None else "drift (m)")
-    ax.set_xlim(0, max(float(ax.get_xlim()[1]), float(drift.length) * 1.03))
-    ax.set_ylim(bottom=0)
+    ax.update_datalim([(0.0, 0.0)])
+    for line in lines:  # no margin below zero; limits stay automatic, for whatever is drawn next
+        line.sticky_edges.x.append(0.0)
+        line.sticky_edges.y.append(0.0)
+    ax.autoscale_view()
     ax.grid(visible=True, color="0.9", linewidth=0.6)
     ax.set_axisbelow(True)
     return list(lines)
@@ -327,7 +330,6 @@ def plot_comparison(
         drawn.append(plot_route(drift, ax=on_map, magnify=magnify, spacing_m=spacing, confidence=confidence, **style))
         said = f"{label}: {_metric(float(drift.length))} m, rms {_metric(float(drift.end.rms))} m at the end"
         handles += plot_drift(drift, ax=on_drift, label=said, spacing_m=spacing, **style)
-    on_drift.set_xlim(0, max(float(d.length) for d in drifts.values()) * 1.03 or 1.0)
     handles += [drawn[0].start, drawn[0].goal, drawn[0].ellipses[0]]
     handles += [patch for patch in (drawn_world.obstacles, *drawn_world.zones[:1]) if patch is not None]
     _legend_below(figure, handles)

@@ -195,6 +195,16 @@ def test_the_marks_on_the_map_and_on_the_curve_are_the_same_places(ax):
     np.testing.assert_allclose(marks, np.column_stack([expected.distance, expected.rms]), atol=1e-9)
 
 
+def test_all_curves_are_in_view_from_zero_up(ax):
+    low, high = predict_drift(PATH, NOISE), predict_drift([*PATH, (3, 27)], NOISE.scaled(4.0))
+    known = predict_drift(PATH, NOISE, fixes=[Fix.full(0.0, position_std_m=1.0, heading_std=0.01)])
+    for drift in (low, high, known):
+        plot_drift(drift, ax=ax)
+    assert (ax.get_xlim()[0], ax.get_ylim()[0]) == (0, 0)
+    assert high.length <= ax.get_xlim()[1] < 1.1 * high.length
+    assert high.rms.max() <= ax.get_ylim()[1] < 1.1 * high.rms.max()
+
+
 def test_a_fix_shows_as_a_saw_tooth(ax):
     drift = predict_drift(PATH, NOISE, fixes=[Fix.full(20.0, position_std_m=0.01, heading_std=0.01)])
     (line,) = plot_drift(drift, ax=ax)

@@ -1,0 +1,75 @@
+"""Tables, JSON and files: what scripts read must be what the library computed, and whole."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+
+from driftplan.model.drift import predict_drift
+from driftplan.model.noise import OdometryNoise
+from driftplan.report.cli_output import drift_as_json, drift_csv, drift_geojson, drift_table, json_text, write_files
+
+NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.1, after_m=10.0)
+DRIFT = predict_drift([(0, 0), (10, 0), (10, -7.5)], NOISE)
+
+
+def test_csv_keeps_every_digit():
+    rows = list(csv.DictReader(drift_csv(DRIFT).decode().splitlines()))
+    for name, value in {
+        "rms_m": DRIFT.rms,
+        "x_m": DRIFT.xy[:, 0],
+        "y_m": DRIFT.xy[:, 1],
+        "cov_xy_m2": DRIFT.cov[:, 0, 1],
+    }.items():
+        assert [float(row[name]) for row in rows] == value.tolist()
+
+
+def test_json_objects_are_the_drift_at_each_point():
+    points = drift_as_json(DRIFT)
+    assert [p["radius95_m"] for p in points] == DRIFT.radius(0.95).tolist()
+    assert [p["heading_std_rad"] for p in points] == DRIFT.heading_std.tolist()
+    assert [[p["bias_x_m"], p["bias_y_m"]] for p in points] == DRIFT.bias.tolist()
+    assert all(name.rsplit("_", 1)[1] in ("m", "m2", "rad") for name in points[0])
+
+
+def test_what_is_not_finite_becomes_null():
+    lost = predict_drift(
+        [(0, 0), (1e6, 0)], NOISE
+    )  # heading error of thousands of rad: its circular deviation is infinite
+    assert math.isinf(lost.end.heading_std)
+    text = json_text({"points": drift_as_json(lost), "nan": math.nan})
+    assert json.loads(text)["points"][1]["heading_std_rad"] is None
+    assert json.loads(text)["nan"] is None
+
+
+def test_the_table_shows_degrees_and_lines_its_columns_up():
+    lines = drift_table(DRIFT).splitlines()
+    header = "distance m  x m  y m  rms m  bias m  95 % radius m  heading std deg"
+    assert lines[0].split() == header.split()
+    assert len({len(line) for line in lines}) == 1
+    assert float(lines[-1].split()[3]) == pytest.approx(DRIFT.end.rms, rel=1e-3)
+    assert float(lines[-1].split()[-1]) == pytest.approx(np.degrees(DRIFT.end.heading_std), rel=1e-2)
+
+
+def test_a_geojson_route_is_a_line_in_metres_with_its_drift():
+    collection = json.loads(drift_geojson(DRIFT, {"planner": "none"}))
+    (feature,) = collection["features"]
+    assert feature["geometry"] == {"type": "LineString", "coordinates": DRIFT.xy.tolist()}
+    assert feature["properties"]["rms_m"] == DRIFT.rms.tolist()
+    assert feature["properties"]["planner"] == "none"
+
+
+def test_files_are_written_all_or_none(tmp_path):
+    good, bad = tmp_path / "a.csv", tmp_path / "missing" / "b.csv"
+    good.write_bytes(b"old")
+    with pytest.raises(FileNotFoundError):
+        write_files({good: b"new", bad: b"new"})
+    assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
+    assert good.read_bytes() == b"old"
+    write_files({good: b"new"})
+    assert good.read_bytes() == b"new"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
