@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.model.rotations import RotationNoise
+from driftplan.model.rotations import RotationNoise, orthonormal
 from driftplan.model.spatial import predict_drift_3d
 from driftplan.model.spatial_simulation import simulate_drift_3d
-from driftplan.model.spatial_steps import flight_steps
+from driftplan.model.spatial_steps import flight_steps, read_steps
 
 GOOD = {"rotations": [np.eye(3)] * 3, "translations": np.ones((3, 3)), "rotation_noise": RotationNoise.isotropic(0.1)}
 
@@ -81,3 +81,14 @@ def test_bad_steps_say_what_was_expected(changed, message):
 def test_bad_cuts_say_what_was_expected(path, step, message):
     with pytest.raises(ValueError, match=message):
         flight_steps(path, step)
+
+
+def test_rounded_rotations_are_made_orthonormal():
+    """Single precision is good enough for a rotation matrix, and its roundings do not pile up."""
+    exact = RotationNoise.isotropic(0.6).sample(np.random.default_rng(1), 200)
+    for rough in (exact.astype(np.float32).astype(float), exact * (1 + 4e-7)):
+        R, *_ = read_steps(rough, np.ones((200, 3)), RotationNoise.isotropic(0.1), None, None)
+        np.testing.assert_allclose(R @ np.swapaxes(R, 1, 2), np.broadcast_to(np.eye(3), R.shape), rtol=0, atol=2e-15)
+        np.testing.assert_allclose(R, exact, rtol=0, atol=2e-7)
+    twisted = exact + 1e-4 * exact @ np.diag([1.0, -1.0, 0.5])
+    np.testing.assert_allclose(orthonormal(orthonormal(twisted)), exact, rtol=0, atol=1e-14)  # error 1e-4, 1e-8, 1e-16
