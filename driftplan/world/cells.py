@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon
 
 Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
 MAX_CELLS = 25_000_000  # 5000 x 5000: a map of 250 m at 0.05 m
-MAX_RECTANGLES = 200_000  # walls need thousands; more is noise, and would take minutes to merge
+MAX_SIDES = 2_000_000  # between occupied and other cells
+MAX_RINGS = 20_000  # walls need hundreds; more is noise, and would take minutes to inflate
+_NOISE = "this looks like noise, not walls"
 
 
 def outline_of_cells(
@@ -21,33 +24,28 @@ def outline_of_cells(
 ) -> tuple[MultiPolygon, tuple[float, float, float, float]]:
     """Obstacles and bounds of a grid, row 0 at the bottom, whose lower left corner is at ``origin`` (x, y, yaw).
 
-    The cells are merged in whole numbers, so the polygons have exactly the cells' outline. With yaw, what the bounds
+    The cells are traced in whole numbers, so the polygons have exactly the cells' outline. With yaw, what the bounds
     hold beside the turned grid is an obstacle too.
 
     Raises
     ------
     ValueError
-        If the cells fall into more than `MAX_RECTANGLES` rectangles.
+        If the cells have more than `MAX_SIDES` free sides, or `MAX_RINGS` outlines.
     """
-    height, width = occupied.shape
-    bottom, top, left, right = _rectangles(occupied)
-    if len(bottom) > MAX_RECTANGLES:
-        raise ValueError(
-            f"the occupied cells make more than {MAX_RECTANGLES} rectangles; this looks like noise, not walls"
-        )
-    # simplify(0) drops the vertices that the union leaves on straight walls.
-    merged = shapely.simplify(shapely.union_all(shapely.box(left, bottom, right, top)), 0)
+    merged = _polygons(occupied)
     x, y, yaw = origin
     turn = cell_size_m * np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
 
     def placed(geometry: Any) -> Any:
         return shapely.transform(geometry, lambda cells: cells @ turn + (x, y))
 
-    obstacles, frame = placed(merged), placed(shapely.box(0, 0, width, height))
+    obstacles = MultiPolygon(list(placed(merged)))
+    frame = placed(shapely.box(0, 0, occupied.shape[1], occupied.shape[0]))
     bounds = tuple(float(v) for v in frame.bounds)
     if yaw != 0:
-        obstacles = shapely.union_all([obstacles, shapely.box(*bounds).difference(frame)])
-    return MultiPolygon([part for part in shapely.get_parts(obstacles) if not part.is_empty]), bounds  # type: ignore[return-value]
+        beside = shapely.union(obstacles, shapely.box(*bounds).difference(frame))
+        obstacles = MultiPolygon([part for part in shapely.get_parts(beside) if not part.is_empty])
+    return obstacles, bounds  # type: ignore[return-value]
 
 
 def cells_of_outline(obstacles: MultiPolygon, bounds: tuple[float, float, float, float], cell_size_m: float) -> Bools:
@@ -91,15 +89,102 @@ def cells_of_outline(obstacles: MultiPolygon, bounds: tuple[float, float, float,
     return occupied
 
 
-def _rectangles(occupied: Bools) -> tuple[NDArray[np.int64], ...]:
-    """Runs of occupied cells along the rows, equal runs of neighbouring rows merged: bottom, top, left, right."""
-    edges = np.diff(np.pad(occupied, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    row, left = np.nonzero(edges == 1)
-    right = np.nonzero(edges == -1)[1]
-    order = np.lexsort((row, right, left))
-    row, left, right = row[order], left[order], right[order]
-    starts = np.ones(len(row), dtype=bool)
-    starts[1:] = (left[1:] != left[:-1]) | (right[1:] != right[:-1]) | (row[1:] != row[:-1] + 1)
-    first = np.flatnonzero(starts)
-    last = np.append(first[1:], len(row))[: len(first)] - 1
-    return row[first], row[last] + 1, left[first], right[first]
+def _polygons(occupied: Bools) -> Any:
+    """Polygons around the occupied cells, in units of cells: one for each group of cells that share sides.
+
+    Follows the sides between occupied and other cells with the occupied one to the left, and turns left where two
+    groups meet in a point. A walk that returns to a vertex has closed a ring: around a group, or around a hole in it.
+    """
+    width = occupied.shape[1] + 1  # vertices in a row
+    start, direction = _sides(occupied)
+    if len(start) == 0:
+        return np.array([], dtype=object)
+    if len(start) > MAX_SIDES:
+        raise ValueError(f"the occupied cells have more than {MAX_SIDES} free sides; {_NOISE}")
+    key = 4 * start + direction
+    end = start + np.array([1, width, -1, -width])[direction]
+    following = np.empty(len(key), dtype=np.int64)
+    for turned in (3, 0, 1):  # right, straight on, left: the last that exists counts
+        wanted = 4 * end + (direction + turned) % 4
+        place = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
+        following[key[place] == wanted] = place[key[place] == wanted]
+    rings = _rings(start.tolist(), following.tolist())
+    side = np.concatenate([np.array(ring) for ring in rings])
+    ring = np.repeat(np.arange(len(rings)), [len(sides) for sides in rings])
+    first = np.flatnonzero(np.diff(ring, prepend=-1))
+    before = np.roll(side, 1)
+    before[first] = side[np.append(first[1:], len(side)) - 1]
+    turn = (direction[side] - direction[before] + 1) % 4 - 1  # 1 to the left, -1 to the right
+    hole = np.bincount(ring, turn) < 0
+    ring_of_side = np.empty(len(key), dtype=np.int64)
+    ring_of_side[side] = ring
+    owner = _outer_rings(hole, ring_of_side, start, direction, width)
+
+    # Keep the vertices where a ring turns, each outer ring followed by its holes.
+    order = np.lexsort((np.arange(len(side)), ring, hole[ring], owner[ring]))
+    order = order[turn[order] != 0]
+    begins = np.diff(ring[order], prepend=-1) != 0
+    row, column = np.divmod(start[side[order]], width)
+    outlines = shapely.linearrings(np.stack([column, row], axis=-1), indices=np.cumsum(begins) - 1)
+    group = np.unique(owner[ring[order][begins]], return_inverse=True)[1]
+    return shapely.polygons(outlines, indices=group)
+
+
+def _sides(occupied: Bools) -> tuple[Ints, Ints]:
+    """Sides of occupied cells that face others: the vertex where each starts, counted row by row, and its direction.
+
+    Sorted by both. Directions count from 0 for east, counter-clockwise; the occupied cell is to the left.
+    """
+    width = occupied.shape[1] + 1
+    padded = np.pad(occupied, 1)
+    east, north, west, south = padded[1:-1, 2:], padded[2:, 1:-1], padded[1:-1, :-2], padded[:-2, 1:-1]
+    keys = []
+    for number, (beyond, right, up) in enumerate(((south, 0, 0), (east, 1, 0), (north, 1, 1), (west, 0, 1))):
+        row, column = np.nonzero(occupied & ~beyond)
+        keys.append(4 * ((row + up) * width + column + right) + number)
+    start, direction = np.divmod(np.sort(np.concatenate(keys)), 4)
+    return start, direction
+
+
+def _rings(start: list[int], following: list[int]) -> list[list[int]]:
+    """Rings of sides, each visiting a vertex once, that the walks from side to following side fall into."""
+    rings: list[list[int]] = []
+    done = bytearray(len(start))
+    for side in range(len(start)):
+        walk: list[int] = []
+        place: dict[int, int] = {}
+        while True:
+            vertex = start[side]
+            if vertex in place:
+                if len(rings) == MAX_RINGS:
+                    raise ValueError(f"the occupied cells make more than {MAX_RINGS} outlines; {_NOISE}")
+                rings.append(walk[place[vertex] :])
+                del walk[place[vertex] :]
+                for passed in rings[-1]:
+                    del place[start[passed]]
+            if done[side]:
+                break
+            done[side] = True
+            place[vertex] = len(walk)
+            walk.append(side)
+            side = following[side]
+    return rings
+
+
+def _outer_rings(hole: Bools, ring_of_side: Ints, start: Ints, direction: Ints, width: int) -> Ints:
+    """For each ring the outer ring of its group.
+
+    A hole's westernmost wall is a run of occupied cells, and the western end of that run belongs to another ring of the
+    group, farther west: the outer one, or another hole, and so on.
+    """
+    owner = np.arange(len(hole))
+    walls = np.flatnonzero(hole[ring_of_side] & (direction == 1))  # they face a hole in their east
+    walls = walls[np.lexsort((start[walls] % width, ring_of_side[walls]))]
+    walls = walls[np.diff(ring_of_side[walls], prepend=-1) > 0]
+    western = np.flatnonzero(direction == 3)
+    # A wall starts at the lower east corner of its cell, a western side at the upper west corner: in the row above.
+    end = np.searchsorted(start[western], start[walls] + width - 1, side="right") - 1
+    owner[ring_of_side[walls]] = ring_of_side[western[end]]
+    while (owner[owner] != owner).any():
+        owner = owner[owner]
+    return owner

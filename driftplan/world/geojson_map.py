@@ -13,6 +13,7 @@ from pathlib import Path
 from reprlib import repr as short
 from typing import Any, NoReturn
 
+import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
@@ -23,6 +24,10 @@ from driftplan.world.world import World, Zone
 _KINDS = ("boundary", "obstacle", "zone")
 _NOISE_KEYS = tuple(field.name for field in fields(OdometryNoise))
 _MAX_BYTES = 20_000_000
+# Beyond these, merging the walls and growing them would take minutes; plans of buildings stay far below.
+_MAX_POSITIONS = 50_000
+_MAX_CROSSINGS = 20_000
+_MAX_NEAR = 2_000_000  # pairs of edges that might cross
 
 
 def read_geojson_map(path: Path, *, robot_radius: float) -> World:
@@ -49,8 +54,9 @@ def read_geojson_map(path: Path, *, robot_radius: float) -> World:
         (boundary if kind == "boundary" else obstacles).append(area)
     if len(boundary) != 1:
         raise MapError(f'{path}: expected one feature of "kind": "boundary", the area of the map, got {len(boundary)}')
+    _refuse_tangles(path, [*boundary, *obstacles])
     outside = shapely.box(*boundary[0].bounds).difference(boundary[0])
-    walls = [*obstacles, *shapely.get_parts(outside)]
+    walls = obstacles if outside.is_empty else [*obstacles, outside]
     return World.from_polygons(walls, bounds=boundary[0].bounds, robot_radius=robot_radius, zones=zones)
 
 
@@ -112,6 +118,25 @@ def _area(where: str, geometry: Any) -> Polygon | MultiPolygon:
     if not area.is_valid or area.is_empty:
         raise MapError(f"{where}: not a valid polygon: {shapely.is_valid_reason(area)}")
     return area
+
+
+def _refuse_tangles(path: Path, areas: list[Polygon | MultiPolygon]) -> None:
+    """Raise MapError for so many positions, or crossings of edges, that they cannot be merged in bounded time."""
+    count = int(np.sum(shapely.get_num_coordinates(areas)))
+    if count > _MAX_POSITIONS:
+        raise MapError(f"{path}: expected at most {_MAX_POSITIONS} positions of walls, got {count}")
+    rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(areas))]
+    edges = shapely.linestrings(np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in rings]))
+    tree, near, crossing = shapely.STRtree(edges), 0, 0
+    for first in range(0, len(edges), 100):
+        some, others = tree.query(edges[first : first + 100])
+        near += len(some)
+        if near <= _MAX_NEAR:
+            crossing += int(np.sum(shapely.crosses(edges[first + some], edges[others])))
+        if near > _MAX_NEAR or crossing > 2 * _MAX_CROSSINGS:  # every pair is met twice
+            raise MapError(
+                f"{path}: the walls cross each other more than {_MAX_CROSSINGS} times; merge or simplify them"
+            )
 
 
 def _polygon(where: str, rings: Any) -> Polygon:
