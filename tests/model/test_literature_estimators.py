@@ -107,6 +107,17 @@ def test_no_correction_changes_nothing():
         assert getattr(same, name) == pytest.approx(getattr(noise, name), rel=1e-14), name
 
 
+def test_one_correction_after_another_is_one_correction():
+    noise = StepNoise.additive(**SECTION_6, gain_m_per_rad=(0.3, 0.2))
+    first, second = bias_reduction(noise), Correction(rotation=0.9 * np.exp(0.1j), translation_m=0.2 - 0.1j)
+    both = Correction(
+        rotation=first.rotation * second.rotation, translation_m=first.translation_m + second.translation_m
+    )
+    twice, once = corrected(corrected(noise, first), second), corrected(noise, both)
+    for name in StepNoise.__slots__:
+        assert getattr(twice, name) == pytest.approx(getattr(once, name), rel=1e-12), name
+
+
 @pytest.mark.parametrize("gain", [0j, 0.3 + 0.2j])
 @pytest.mark.parametrize("correct", [bias_reduction, de_meaning, lambda noise: Correction()])
 def test_the_estimators_are_confirmed_by_simulation(correct, gain):

@@ -19,7 +19,8 @@ Sources
 
 Misprints
 ---------
-Read from [O] and [K] as published (for [O] from a text extraction); "z" is (Monte Carlo - formula)/standard error.
+Read from the papers as published ([O] from a text extraction); "z" is (Monte Carlo - formula)/standard error, x is
+E R̃, and the other letters are those of the modules named above.
 
 [O] 1. Table I, A: printed ½cos²T (e^(-2iδ_θ²) + 1); correct ½cos²T (1 - e^(-2iδ_θ²)).
        Evidence: z = -3094 against -0.1 in 10⁶ drives; D, its mirror image, is printed right.
@@ -52,9 +53,10 @@ Read from [O] and [K] as published (for [O] from a text extraction); "z" is (Mon
        straight line of Section 4.2.
 [K] 4. Theorem 3, w(j): printed ρ_i; correct ρ_{i+1}. Rotation errors must have one mean, which Assumption 1 does not
        list. (33): sums to n; correct n - 1. "0 <= m < p" means 1 <= m <= p. (34): E[t] means E[t̂], ω(p) means w(p).
-       Evidence: with ρ_i the bias of a hexagon with uneven noise is off by 0.1 to 0.3 m.
-[K] 5. (29): the product is printed from k and i-1 to j; correct from i+1 to j. Proof of Lemma 1: α₀ = τ² + τb + τρ/γ +
-       bρ/γ. (10) says >= where the proof needs >; it is not needed at all, see `second_moment_lower_bound`.
+       Evidence: round a hexagon of 1 m with biases of about 0.3 m, other at every step, the printed bias is off by
+       0.4 m after 6 steps and 1.7 m after 23.
+[K] 5. (29): the product is printed from k and i-1 to j; correct from i+1 to j. Proof of Lemma 1: printed
+       α₀ = τ² + τb + τρ; correct τ² + τb + τρ/γ + bρ/γ. (10) says >= where the proof needs >; it is not needed at all, see `second_moment_lower_bound`.
        Assumption 1 bounds Tr P_k, the text says eigenvalues.
 [K] 6. Constants of Section 4: 1 - c = 1.2873·10⁻⁵ is printed, λ = 3.6·10⁻³ gives 1.29598·10⁻⁵. Tr P = 1.2479·10⁻⁴ is
        printed, the noise stated gives 2.0838·10⁻⁴ (1.2291·10⁻⁴ without its distance part). γ = 0.9997 is printed for

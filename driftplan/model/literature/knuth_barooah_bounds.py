@@ -43,8 +43,8 @@ def theorem_1(
 ) -> Theorem1:
     """Bounds on bias and variance for any motion in the plane or in space (Theorem 1).
 
-    Corrected: the α₀ in the proof of Lemma 1 is (τ + ρ/γ)(τ + b), its b ρ/γ is missing in print; in (29) the product
-    runs from i+1 to j. The theorem's condition (10) on the motion is not needed: see `second_moment_lower_bound`.
+    Corrected: α₀ in the proof of Lemma 1 is (τ + ρ/γ)(τ + b), printed τ² + τb + τρ; in (29) the product runs from i+1
+    to j. The theorem's condition (10) on the motion is not needed: see `second_moment_lower_bound`.
 
     Parameters
     ----------
