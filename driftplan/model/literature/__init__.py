@@ -56,8 +56,8 @@ E R̃, and the other letters are those of the modules named above.
        Evidence: round a hexagon of 1 m with biases of about 0.3 m, other at every step, the printed bias is off by
        0.4 m after 6 steps and 1.7 m after 23.
 [K] 5. (29): the product is printed from k and i-1 to j; correct from i+1 to j. Proof of Lemma 1: printed
-       α₀ = τ² + τb + τρ; correct τ² + τb + τρ/γ + bρ/γ. (10) says >= where the proof needs >; it is not needed at all, see `second_moment_lower_bound`.
-       Assumption 1 bounds Tr P_k, the text says eigenvalues.
+       α₀ = τ² + τb + τρ; correct τ² + τb + τρ/γ + bρ/γ. (10) says >= where the proof needs >; it is not needed at
+       all, see `second_moment_lower_bound`. Assumption 1 bounds Tr P_k, the text says eigenvalues.
 [K] 6. Constants of Section 4: 1 - c = 1.2873·10⁻⁵ is printed, λ = 3.6·10⁻³ gives 1.29598·10⁻⁵. Tr P = 1.2479·10⁻⁴ is
        printed, the noise stated gives 2.0838·10⁻⁴ (1.2291·10⁻⁴ without its distance part). γ = 0.9997 is printed for
        the von Mises-Fisher law with κ = 10⁴, ‖E R̃‖ is 0.9996000. The mean rotation 6.8·10⁻⁵ is in rad, not m.
