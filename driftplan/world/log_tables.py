@@ -36,6 +36,7 @@ class Table(NamedTuple):
 
     values: Floats
     names: tuple[str, ...] | None
+    names_are_a_comment: bool = False  # and so, perhaps, not names at all
 
 
 def read_table(path: str | os.PathLike[str], variable: str | None = None) -> Table:
@@ -45,8 +46,8 @@ def read_table(path: str | os.PathLike[str], variable: str | None = None) -> Tab
     ----------
     path :
         ``.mat`` (MATLAB up to 7.2) or text: columns separated by blanks, tabs, commas or semicolons; gzipped if it ends
-        in ``.gz``. Lines that begin with ``#`` or ``%`` are comments. Names of columns are taken from a first line that is
-        not numbers, or from the last comment before the numbers if it names as many columns, as in
+        in ``.gz``. Lines that begin with ``#`` or ``%`` are comments. Names of columns are taken from a first line that
+        is not numbers, or from the last comment before the numbers if it names as many columns, as in
         ``# Time [s]  x [m]  y [m]``. Units ns, us, ms, mm, cm, km, deg, deg/s in brackets are converted to SI.
     variable : str, optional
         Name of the array in a MATLAB file.
@@ -141,14 +142,14 @@ def _text(file: Path) -> Table:
     if names is None:
         return Table(values, None)
     scale = np.array([_UNITS.get(unit, 1.0) for _, unit in names])
-    return Table(values * scale, tuple(name for name, _ in names))
+    return Table(values * scale, tuple(name for name, _ in names), names_are_a_comment=header is None)
 
 
 def _lines(file: Path) -> list[str]:
-    opened = gzip.open(file, "rb") if file.suffix.lower() == ".gz" else file.open("rb")
-    with opened as stream:
+    with file.open("rb") as stream:
         try:
-            raw = stream.read(_MOST_BYTES + 1)
+            text = gzip.GzipFile(fileobj=stream) if file.suffix.lower() == ".gz" else stream
+            raw = text.read(_MOST_BYTES + 1)
         except (gzip.BadGzipFile, zlib.error, EOFError) as err:
             raise TrajectoryError(f"{file}: broken gzip file ({err})") from err
     if len(raw) > _MOST_BYTES:
