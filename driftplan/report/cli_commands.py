@@ -31,20 +31,23 @@ def predict(args: argparse.Namespace) -> None:
     from driftplan.world.trajectories import read_path
 
     noise = noise_from(args)
-    drifts = {name: predict_drift(read_path(name), noise, start_heading=_heading(args)) for name in args.paths}
-    shown: dict[str, PointDrift] = {name: drift.at(args.at) if args.at else drift for name, drift in drifts.items()}
+    drifts = [predict_drift(read_path(file), noise, start_heading=_heading(args)) for file in args.paths]
+    shown: list[PointDrift] = [drift.at(args.at) if args.at else drift for drift in drifts]
     if args.png:
-        output.write_files({args.png: _picture(None, drifts)})
+        output.write_files({args.png: _picture(None, dict(zip(args.paths, drifts, strict=True)))})
+    lengths = [float(drift.length) for drift in drifts]
     if args.json:
         paths = [
-            {"file": name, "length_m": float(drifts[name].length), "points": output.drift_as_json(points)}
-            for name, points in shown.items()
+            {"file": file, "length_m": length, "points": output.drift_as_json(points)}
+            for file, length, points in zip(args.paths, lengths, shown, strict=True)
         ]
         _print_json(args, noise=noise_as_json(noise), paths=paths)
         return
-    for i, (name, points) in enumerate(shown.items()):
-        print(f"{'' if i == 0 else chr(10)}{name}: {float(drifts[name].length):.2f} m")
-        print(output.drift_table(points))
+    tables = (
+        f"{file}: {length:.2f} m\n{output.drift_table(points)}"
+        for file, length, points in zip(args.paths, lengths, shown, strict=True)
+    )
+    print("\n\n".join(tables))
 
 
 def maps(args: argparse.Namespace) -> None:
@@ -86,7 +89,7 @@ def plan(args: argparse.Namespace) -> None:
     summary = _planned(name, route)
     files = {}
     if args.csv:
-        files[args.csv] = output.drift_csv(route.drift)
+        files[args.csv] = output.path_csv(route.drift)
     if args.geojson:
         files[args.geojson] = output.drift_geojson(route.drift, {"noise": noise_as_json(noise), **summary})
     if args.png:

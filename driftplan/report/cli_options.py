@@ -139,8 +139,8 @@ def add_heading_option(parser: argparse._ActionsContainer) -> None:
 def add_output_options(parser: argparse.ArgumentParser, *kinds: str) -> None:
     """Files to write besides the answer on stdout."""
     said = {
-        "csv": "write the waypoints and their drift as CSV, which `driftplan predict` reads back",
-        "geojson": "write the route as a GeoJSON LineString, coordinates in metres",
+        "csv": "write the waypoints x,y as CSV, metres; `driftplan predict` and `compare` read it back",
+        "geojson": "write the route and the drift along it as a GeoJSON LineString, coordinates in metres",
         "png": "draw the map, the routes, their error ellipses and their drift against distance",
     }
     group = parser.add_argument_group("files")

@@ -6,7 +6,6 @@ people have degrees.
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import os
@@ -117,14 +116,10 @@ def json_text(value: Any) -> str:
     return json.dumps(_finite_or_null(value), indent=2, allow_nan=False)
 
 
-def drift_csv(drift: Drift) -> bytes:
-    """Waypoints and their drift as CSV that ``driftplan predict`` reads back."""
-    columns = drift_columns(drift)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(np.column_stack(list(columns.values())).tolist())  # repr of a float: nothing is rounded
-    return text.getvalue().encode()
+def path_csv(drift: Drift) -> bytes:
+    """The waypoints as CSV that ``driftplan predict`` and ``compare`` read back."""
+    lines = ["x_m,y_m", *(f"{x!r},{y!r}" for x, y in drift.xy.tolist())]  # repr of a float: nothing is rounded
+    return ("\n".join(lines) + "\n").encode()
 
 
 def drift_geojson(drift: Drift, properties: Mapping[str, Any]) -> bytes:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 
@@ -308,10 +307,6 @@ def test_a_planned_route_can_be_predicted_from_its_csv(run, map_file, tmp_path):
     _, predicted, _ = run("predict", file, "--json")
     at_end = json.loads(predicted)["paths"][0]["points"][-1]
     assert at_end["rms_m"] == pytest.approx(json.loads(planned)["route"]["rms_m"], rel=1e-12)
-    with file.open() as lines:
-        assert [float(row["rms_m"]) for row in csv.DictReader(lines)] == [
-            p["rms_m"] for p in json.loads(planned)["route"]["waypoints"]
-        ]
 
 
 def test_plan_writes_geojson_and_a_picture(run, map_file, tmp_path):
