@@ -26,6 +26,13 @@ if TYPE_CHECKING:
     from .model.paths import Run as Run
     from .model.paths import Runs as Runs
     from .model.simulation import simulate_drift as simulate_drift
+    from .model.rotations import RotationNoise as RotationNoise
+    from .model.spatial import SpatialDrift as SpatialDrift
+    from .model.spatial import predict_drift_3d as predict_drift_3d
+    from .model.spatial import predict_flight_drift as predict_flight_drift
+    from .model.spatial_simulation import simulate_drift_3d as simulate_drift_3d
+    from .model.spatial_steps import flight_steps as flight_steps
+    from .planning.objective import DriftObjective as DriftObjective
     from .planning.routes import Comparison as Comparison
     from .planning.routes import Route as Route
     from .planning.routes import compare_routes as compare_routes
@@ -43,7 +50,12 @@ _HOME = {
     "model.fixes": "Fix",
     "model.noise": "OdometryNoise",
     "model.paths": "Run Runs",
+    "model.rotations": "RotationNoise",
     "model.simulation": "simulate_drift",
+    "model.spatial": "SpatialDrift predict_drift_3d predict_flight_drift",
+    "model.spatial_simulation": "simulate_drift_3d",
+    "model.spatial_steps": "flight_steps",
+    "planning.objective": "DriftObjective",
     "planning.routes": "Comparison Route compare_routes plan_route",
     "world.mapfiles": "bundled_map bundled_maps load_world save_world",
     "world.world": "World Zone",
