@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from .model.noise import OdometryNoise as OdometryNoise
     from .model.paths import Run as Run
     from .model.paths import Runs as Runs
-    from .model.simulation import simulate_drift as simulate_drift
     from .model.rotations import RotationNoise as RotationNoise
+    from .model.simulation import simulate_drift as simulate_drift
     from .model.spatial import SpatialDrift as SpatialDrift
     from .model.spatial import predict_drift_3d as predict_drift_3d
     from .model.spatial import predict_flight_drift as predict_flight_drift
