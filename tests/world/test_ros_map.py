@@ -237,7 +237,7 @@ def test_a_broken_picture_is_named(tmp_path, content, message):
 
 
 def test_a_picture_of_noise_is_refused(tmp_path):
-    pixels = np.random.default_rng(0).choice([0, 254], (1200, 1200))
+    pixels = np.random.default_rng(0).choice([0, 254], (600, 600))
     with pytest.raises(MapError, match=r"map\.pgm: .* this looks like noise"):
         load_world(write_map(tmp_path, pixels), robot_radius=0.3)
 

@@ -82,6 +82,17 @@ def test_what_is_accepted_keeps_the_radius_and_what_keeps_a_little_more_is_accep
     assert accepted[(gap > 1.03 * world.robot_radius) & (gap > 0)].all()
 
 
+@some
+@given(seed=seeds)
+def test_the_whole_outline_of_the_free_area_keeps_the_radius(seed):
+    world, _ = random_world(seed)
+    # The middle of a chord that replaces an arc comes nearest.
+    chords = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(world.free))]
+    middles = np.concatenate([0.5 * (ring[1:] + ring[:-1]) for ring in chords] or [np.zeros((0, 2))])
+    to_wall = np.nan_to_num(shapely.distance(world.obstacles, shapely.points(middles)), nan=np.inf)
+    assert (np.minimum(to_wall, distance_to_edge(world, middles)) >= world.robot_radius - 1e-9).all()
+
+
 @few
 @given(seed=seeds)
 def test_the_answer_for_many_segments_is_that_for_each_one_alone(seed):
@@ -172,10 +183,10 @@ def test_no_free_segment_leads_from_one_part_to_another(seed):
     part_a, part_b = world.free_part(a), world.free_part(b)
     assert ((part_a >= 0) == world.is_free(a)).all()
     assert (part_a == part_b)[world.segments_free(a, b)].all()
-    # shares of the map by area, within 4 standard errors of 300 points
+    # shares of the map by area, within 6 standard errors of 300 points: hypothesis draws new worlds every time
     xmin, ymin, xmax, ymax = world.bounds
     share = sum(part.area for part in world.free_parts) / (1.1**2 * (xmax - xmin) * (ymax - ymin))
-    assert abs((part_a >= 0).mean() - share) < 4 * np.sqrt(0.25 / 300)
+    assert abs((part_a >= 0).mean() - share) < 6 * np.sqrt(0.25 / 300)
 
 
 def test_parts_come_largest_first():
