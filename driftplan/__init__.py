@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from .model.noise import OdometryNoise as OdometryNoise
     from .model.paths import Run as Run
     from .model.paths import Runs as Runs
+    from .model.presets import PRESETS as PRESETS
+    from .model.presets import Preset as Preset
     from .model.rotations import RotationNoise as RotationNoise
     from .model.simulation import simulate_drift as simulate_drift
     from .model.spatial import SpatialDrift as SpatialDrift
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
     from .world.mapfiles import bundled_maps as bundled_maps
     from .world.mapfiles import load_world as load_world
     from .world.mapfiles import save_world as save_world
+    from .world.trajectories import read_path as read_path
     from .world.world import World as World
     from .world.world import Zone as Zone
 
@@ -50,6 +53,7 @@ _HOME = {
     "model.fixes": "Fix",
     "model.noise": "OdometryNoise",
     "model.paths": "Run Runs",
+    "model.presets": "PRESETS Preset",
     "model.rotations": "RotationNoise",
     "model.simulation": "simulate_drift",
     "model.spatial": "SpatialDrift predict_drift_3d predict_flight_drift",
@@ -58,6 +62,7 @@ _HOME = {
     "planning.objective": "DriftObjective",
     "planning.routes": "Comparison Route compare_routes plan_route",
     "world.mapfiles": "bundled_map bundled_maps load_world save_world",
+    "world.trajectories": "read_path",
     "world.world": "World Zone",
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
