@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, inf, isfinite
-from typing import Any
+from math import inf, isfinite
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -206,7 +206,8 @@ def passes(path: Any, beacon: Beacon, world: World | None = None) -> Floats:
     >>> passes([(0, 0), (10, 0), (0, 0)], Beacon(tag, x=4.0, y=1.0)).tolist()
     [[4.0, 4.0], [16.0, 16.0]]
     """
-    found = passes_of(waypoints_of(path), *_columns([beacon]), world)
+    columns = BeaconColumns.of([beacon])
+    found = passes_of(waypoints_of(path), columns.xy, columns.range_m, columns.must_see, world)
     return np.stack([found.enter, found.leave], axis=-1)
 
 
@@ -221,22 +222,14 @@ def beacon_fixes(path: Any, beacons: Sequence[Beacon], world: World | None = Non
     """
     if not beacons:
         return []
-    found = passes_of(waypoints_of(path), *_columns(beacons), world)
-    readings = [
-        (beacons[i].kind, s, chance)
-        for i, enter, leave in zip(found.beacon.tolist(), found.enter.tolist(), found.leave.tolist(), strict=True)
-        for s, chance in readings_of(beacons[i].kind, enter, leave)
-    ]
-    readings.sort(key=lambda reading: (reading[1], accuracy_order(reading[0])))
-    return [
-        Fix(
-            s_m=s,
-            position_cov=None if kind.position_std_m is None else kind.position_std_m**2 * np.eye(2),
-            heading_std=kind.heading_std,
-            detection_probability=chance,
-        )
-        for kind, s, chance in readings
-    ]
+    found = readings_on(waypoints_of(path), BeaconColumns.of(beacons), world)
+    order = np.lexsort((found.rank, found.s_m))
+    fixes = []
+    for i, s, chance in zip(*(x[order].tolist() for x in (found.beacon, found.s_m, found.chance)), strict=True):
+        kind = beacons[i].kind
+        position_cov = None if kind.position_std_m is None else kind.position_std_m**2 * np.eye(2)
+        fixes.append(Fix(s_m=s, position_cov=position_cov, heading_std=kind.heading_std, detection_probability=chance))
+    return fixes
 
 
 def drift_with_beacons(
@@ -299,34 +292,58 @@ def floor_of(path: Floats, noise: OdometryNoise, world: World | None) -> tuple[F
     return path, [noise if z < 0 else world.zones[z].noise for z in zone.tolist()]
 
 
-def readings_of(kind: BeaconKind, enter_m: float, leave_m: float) -> list[tuple[float, float]]:
-    """Distances (m) at which a pass is read, and the probability of each reading."""
-    length = leave_m - enter_m
-    if length < _POINT_M:
-        return [(enter_m, kind.detection_probability)]
-    count = max(2, ceil(length / kind.reading_spacing_m - 1e-6) + 1)
-    chance = 1.0 if kind.detection_probability == 1 else 1 - (1 - kind.detection_probability) ** (1 / count)
-    return [(s, chance) for s in np.linspace(enter_m, leave_m, count).tolist()]
+class Readings(NamedTuple):
+    """Readings along one path, arrays of one length."""
+
+    beacon: NDArray[np.intp]
+    s_m: Floats
+    chance: Floats  # that it succeeds
+    rank: NDArray[np.intp]  # of simultaneous readings the one with the highest rank, the most accurate, comes last
 
 
-def accuracy_order(kind: BeaconKind) -> tuple[float, float]:
-    """Sort key of simultaneous readings: the more accurate comes later, hence counts."""
-    return (
-        -inf if kind.position_std_m is None else -kind.position_std_m,
-        -inf if kind.heading_std is None else -kind.heading_std,
-    )
+class BeaconColumns(NamedTuple):
+    """Beacons as arrays of one length."""
+
+    xy: Floats
+    range_m: Floats
+    must_see: NDArray[np.bool_]
+    reading_spacing_m: Floats
+    detection_probability: Floats
+    rank: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, beacons: Sequence[Beacon]) -> BeaconColumns:
+        """The columns of beacons; other things are refused."""
+        for beacon in beacons:
+            if not isinstance(beacon, Beacon):
+                raise ValueError(f"expected beacons to be Beacon objects, got {beacon!r}")
+        kinds = [b.kind for b in beacons]
+        accuracy = [
+            tuple(-inf if std is None else -std for std in (kind.position_std_m, kind.heading_std)) for kind in kinds
+        ]
+        rank = {key: k for k, key in enumerate(sorted(set(accuracy)))}
+        return cls(
+            np.array([[b.x, b.y] for b in beacons], dtype=float).reshape(-1, 2),
+            np.array([kind.range_m for kind in kinds], dtype=float),
+            np.array([kind.line_of_sight for kind in kinds], dtype=bool),
+            np.array([kind.reading_spacing_m for kind in kinds], dtype=float),
+            np.array([kind.detection_probability for kind in kinds], dtype=float),
+            np.array([rank[key] for key in accuracy], dtype=np.intp),
+        )
 
 
-def _columns(beacons: Sequence[Beacon]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Positions (m, 2), ranges and whether they must be seen, as `passes_of` takes them."""
-    for beacon in beacons:
-        if not isinstance(beacon, Beacon):
-            raise ValueError(f"expected beacons to be Beacon objects, got {beacon!r}")
-    return (
-        np.array([[b.x, b.y] for b in beacons], dtype=float).reshape(-1, 2),
-        np.array([b.kind.range_m for b in beacons], dtype=float),
-        np.array([b.kind.line_of_sight for b in beacons], dtype=bool),
-    )
+def readings_on(path: Floats, beacons: BeaconColumns, world: World | None) -> Readings:
+    """All readings along a path (n, 2), by beacon, in driving order."""
+    found = passes_of(path, beacons.xy, beacons.range_m, beacons.must_see, world)
+    length = found.leave - found.enter
+    parts = np.maximum(np.ceil(length / beacons.reading_spacing_m[found.beacon] - 1e-6), 1)
+    count = np.where(length < _POINT_M, 1, parts + 1).astype(np.intp)
+    k = np.repeat(np.arange(len(count)), count)
+    step = np.arange(len(k)) - np.repeat(np.cumsum(count) - count, count)
+    beacon = found.beacon[k]
+    missed = (1 - beacons.detection_probability[beacon]) ** (1 / count[k])
+    s_m = found.enter[k] + length[k] * step / np.maximum(count[k] - 1, 1)
+    return Readings(beacon, s_m, 1 - missed, beacons.rank[beacon])
 
 
 def _number(name: str, value: Any, *, least: float = -inf, above: float = -inf) -> float:

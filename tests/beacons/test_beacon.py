@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.special import ndtr
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, beacon_fixes, drift_with_beacons, passes, readings_of
+from driftplan.beacons.beacon import Beacon, BeaconKind, beacon_fixes, drift_with_beacons, passes
 from driftplan.beacons.capture import capture
 from driftplan.model.drift import predict_drift
 from driftplan.model.fixes import Fix
@@ -127,7 +127,7 @@ def test_a_pole_splits_a_pass_and_a_wall_ends_it():
     )
     behind_the_pole = Beacon(SIGN, 5.0, 2.0)
     found = passes([(0, 0), (12, 0)], behind_the_pole, pole)
-    # Rays through the pole's corners at distance 0.9 (the near ones, half-width 0.1) spread to 0.1 * 2 / 0.9 at the path.
+    # Rays through the pole's near corners, 0.9 below and 0.1 beside the beacon, have spread to 0.2/0.9 at the path.
     half = 4 * np.sqrt(0.75)
     np.testing.assert_allclose(found, [[5 - half, 5 - 0.2 / 0.9], [5 + 0.2 / 0.9, 5 + half]], atol=5e-6)
 
@@ -159,11 +159,12 @@ def test_a_beacon_straight_ahead_is_hidden_behind_a_wall_across_the_path():
 @pytest.mark.parametrize("length", [0.0, 2.0, 7.0])
 def test_a_whole_pass_is_missed_with_the_stated_probability(p, length):
     kind = BeaconKind.landmark(5.0, 0.1, 0.01, detection_probability=p, reading_spacing_m=2.5)
-    readings = readings_of(kind, 10.0, 10.0 + length)
-    assert np.prod([1 - chance for _, chance in readings]) == pytest.approx(1 - p)
-    assert readings[0][0] == 10.0
-    assert readings[-1][0] == pytest.approx(10.0 + length)
-    assert max(np.diff([s for s, _ in readings]), default=0.0) <= 2.5
+    off_line = (5.0**2 - (length / 2) ** 2) ** 0.5
+    readings = beacon_fixes([(0, 0), (30, 0)], [Beacon(kind, 10.0 + length / 2, off_line)])
+    assert np.prod([1 - fix.detection_probability for fix in readings]) == pytest.approx(1 - p)
+    assert readings[0].s_m == pytest.approx(10.0, abs=1e-6)
+    assert readings[-1].s_m == pytest.approx(10.0 + length, abs=1e-6)
+    assert max(np.diff([fix.s_m for fix in readings]), default=0.0) <= 2.5
 
 
 def test_drift_in_range_is_the_fix_and_grows_from_where_the_range_ends():

@@ -1,0 +1,442 @@
+"""Cheapest covers by implicit hitting sets: the combinatorial core of beacon placement, on plain arrays.
+
+It knows sites (columns with a cost), demands on them and an oracle; it knows no geometry and no drift. With y the 0/1
+vector of chosen sites it solves
+
+    (1)  min  Σ cost_i y_i
+    (2)  Σ w_i y_i >= least         for every demand given, and every cut the oracle may ever return
+    (3)  Σ w_i y_i >= least         for every cap (w <= 0: conflicts, budgets, "at most k of these")
+    (4)  y_i = 1                    for fixed sites
+
+The oracle is asked about whole layouts: it returns no cut if the layout is acceptable, else cuts of form (2) that the
+layout violates and that *every acceptable layout satisfies*. The master problem (1)-(4) with the cuts found so far is a
+relaxation, so its optimum (HiGHS, through scipy) is a lower bound, and when its optimal layout passes the oracle that
+is the optimum. Nothing else is assumed: acceptable layouts need not stay acceptable when a site is added.
+
+In the meantime every rejected layout is completed greedily to an acceptable one, so that there is an answer early.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from math import ceil, inf
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Ints = NDArray[np.intp]
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+_EPS = 1e-6  # activities of integral rows are compared with this much room
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cut:
+    """Σ weights · y[columns] >= least. ``where`` is whatever tells the caller what the cut is about."""
+
+    columns: Ints
+    weights: Floats
+    least: float
+    where: tuple[int, int] = (-1, -1)
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether no layout at all satisfies it."""
+        return float(np.maximum(self.weights, 0.0).sum()) < self.least - _EPS
+
+
+class Oracle(Protocol):
+    """Judge of whole layouts."""
+
+    def cuts(self, chosen: Bools, near: int | None = None) -> Sequence[Cut]:
+        """Cuts that ``chosen`` violates and no acceptable layout does; none if it is acceptable.
+
+        With ``near``, only what can have changed by adding or removing that site needs to be looked at.
+        """
+        ...
+
+
+class Outcome(Enum):
+    """How a search ended."""
+
+    OPTIMAL = "Proven optimal."
+    GOOD_ENOUGH = "Good enough for what was asked; not proven optimal."
+    STOPPED_EARLY = "Time limit reached; this is the best answer so far, see `gap`."
+    INFEASIBLE = "Proven that no layout will do."
+    UNKNOWN = "Time limit reached before any answer was found."
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cover:
+    """Result of `cheapest_cover`."""
+
+    outcome: Outcome
+    chosen: Bools | None
+    cost: float  # inf without a layout
+    lower_bound: float
+    hopeless: Cut | None  # when infeasible: a cut that nothing satisfies, if it is a single one
+    rounds: int
+    cuts: int
+
+
+Progress = Callable[[float, float, float], None]  # seconds, cost so far, lower bound
+
+
+def cheapest_cover(
+    cost: Floats,
+    oracle: Oracle,
+    *,
+    demands: Sequence[Cut] = (),
+    caps: Sequence[Cut] = (),
+    fixed: Bools | None = None,
+    hint: Bools | None = None,
+    stop_at_first: bool = False,
+    time_limit: float = inf,
+    progress: Progress | None = None,
+) -> Cover:
+    """The cheapest acceptable layout; see the module's docstring.
+
+    Parameters
+    ----------
+    cost : array (n,), > 0 (fixed sites may cost 0)
+    oracle : Oracle
+    demands, caps : sequences of Cut
+    fixed : bool array (n,)
+        Sites that are there anyway.
+    hint : bool array (n,)
+        A layout to start from.
+    stop_at_first : bool
+        Stop at the first acceptable layout (`Outcome.GOOD_ENOUGH`) instead of looking for the cheapest.
+    time_limit : float
+        Seconds.
+    progress : callable, optional
+        Called with seconds, cost of the best layout and lower bound whenever one of them changes.
+
+    Returns
+    -------
+    Cover
+
+    Examples
+    --------
+    Three sites, of which the oracle wants two neighbours:
+
+    >>> class Neighbours:
+    ...     def cuts(self, chosen, near=None):
+    ...         ok = (chosen[:-1] & chosen[1:]).any()
+    ...         return [] if ok else [Cut(np.flatnonzero(~chosen), np.ones((~chosen).sum()), 1.0)]
+    >>> found = cheapest_cover(np.array([3.0, 1.0, 2.0]), Neighbours())
+    >>> found.chosen.tolist(), found.cost, found.outcome.name
+    ([False, True, True], 3.0, 'OPTIMAL')
+    """
+    search = _Search(cost, oracle, demands, caps, fixed, time_limit, progress)
+    return search.run(hint, stop_at_first)
+
+
+class _Rows:
+    """Cuts as one sparse matrix that grows."""
+
+    def __init__(self, columns: int, cuts: Sequence[Cut]):
+        self.columns, self.cuts = columns, list(cuts)
+        self._seen = {_key(cut) for cut in self.cuts}
+        self._built: tuple[int, Any, Any, Floats] | None = None
+
+    def add(self, cuts: Sequence[Cut]) -> int:
+        new = [cut for cut in cuts if (key := _key(cut)) not in self._seen and not self._seen.add(key)]  # type: ignore[func-returns-value]
+        self.cuts += new
+        return len(new)
+
+    @property
+    def matrix(self) -> tuple[Any, Any, Floats]:
+        """The rows as CSR and as CSC, and their least activities."""
+        from scipy.sparse import csr_array
+
+        if self._built is None or self._built[0] != len(self.cuts):
+            sizes = [len(cut.columns) for cut in self.cuts]
+            data = np.concatenate([cut.weights for cut in self.cuts]) if self.cuts else np.zeros(0)
+            index = np.concatenate([cut.columns for cut in self.cuts]) if self.cuts else np.zeros(0, dtype=np.intp)
+            rows = csr_array(
+                (data, index, np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)), (len(sizes), self.columns)
+            )
+            least = np.array([cut.least for cut in self.cuts], dtype=float)
+            self._built = (len(self.cuts), rows, rows.tocsc(), least)
+        return self._built[1:]
+
+
+class _Search:
+    def __init__(
+        self,
+        cost: Floats,
+        oracle: Oracle,
+        demands: Sequence[Cut],
+        caps: Sequence[Cut],
+        fixed: Bools | None,
+        time_limit: float,
+        progress: Progress | None,
+    ):
+        self.cost, self.oracle, self.progress = np.asarray(cost, dtype=float), oracle, progress
+        self.n = len(self.cost)
+        self.fixed = np.zeros(self.n, dtype=bool) if fixed is None else np.asarray(fixed, dtype=bool)
+        self.rows, self.caps = _Rows(self.n, demands), _Rows(self.n, caps)
+        self.began = time.monotonic()
+        self.deadline = self.began + time_limit
+        self.step = _common_step(self.cost)
+        self.best: Bools | None = None
+        self.best_cost, self.bound = inf, 0.0
+        self.rounds = 0
+        self.hopeless = next((cut for cut in self.rows.cuts if cut.hopeless), None)
+
+    # The loop
+
+    def run(self, hint: Bools | None, stop_at_first: bool) -> Cover:
+        if self._impossible():
+            return self._result(Outcome.INFEASIBLE)
+        for start in (hint, self.fixed):
+            if start is not None and (self.best is None or not stop_at_first):
+                self._complete(start | self.fixed)
+        while not self._impossible() and not self._closed():
+            if stop_at_first and self.best is not None:
+                return self._result(Outcome.GOOD_ENOUGH)
+            if time.monotonic() >= self.deadline:
+                return self._result(Outcome.UNKNOWN if self.best is None else Outcome.STOPPED_EARLY)
+            self.rounds += 1
+            chosen, bound, solved, impossible = self._master()
+            if impossible:
+                if self.best is not None:
+                    raise RuntimeError("the cuts exclude a layout that the oracle accepts: a bug in the oracle")
+                return self._result(Outcome.INFEASIBLE)
+            self._raise_bound(bound)
+            if chosen is None:
+                continue
+            if not self._judge(chosen):
+                self._accept(chosen)
+                if solved:
+                    self._raise_bound(float(self.cost @ chosen))
+            elif not self._closed():
+                self._complete(chosen)
+        if self._impossible() and self.best is None:
+            return self._result(Outcome.INFEASIBLE)
+        self._settle()
+        return self._result(Outcome.OPTIMAL)
+
+    def _result(self, outcome: Outcome) -> Cover:
+        bound = self.best_cost if outcome is Outcome.OPTIMAL else min(self.bound, self.best_cost)
+        return Cover(outcome, self.best, self.best_cost, bound, self.hopeless, self.rounds, len(self.rows.cuts))
+
+    def _impossible(self) -> bool:
+        return self.hopeless is not None
+
+    def _closed(self) -> bool:
+        return self.best is not None and self.best_cost <= self.bound + 1e-9 * max(1.0, self.best_cost)
+
+    def _raise_bound(self, bound: float) -> None:
+        if self.step > 0:
+            bound = self.step * ceil((bound - _EPS) / self.step)
+        if bound > self.bound:
+            self.bound = bound
+            self._report()
+
+    def _accept(self, chosen: Bools) -> None:
+        value = float(self.cost @ chosen)
+        if value < self.best_cost - 1e-12:
+            self.best, self.best_cost = chosen.copy(), value
+            self._report()
+
+    def _report(self) -> None:
+        if self.progress is not None:
+            self.progress(time.monotonic() - self.began, self.best_cost, min(self.bound, self.best_cost))
+
+    def _judge(self, chosen: Bools) -> Sequence[Cut]:
+        """The oracle's cuts, remembered."""
+        cuts = self.oracle.cuts(chosen)
+        self.rows.add(cuts)
+        self.hopeless = self.hopeless or next((cut for cut in cuts if cut.hopeless), None)
+        return cuts
+
+    # Lower bounds
+
+    def _master(self) -> tuple[Bools | None, float, bool, bool]:
+        """The relaxation (1)-(4): a layout, a lower bound, whether the layout is optimal, whether there is none."""
+        from scipy.optimize import Bounds, LinearConstraint, milp
+        from scipy.sparse import vstack
+
+        blocks = [rows.matrix for rows in (self.rows, self.caps) if rows.cuts]
+        constraints = []
+        if blocks:
+            least = np.concatenate([block[2] for block in blocks])
+            constraints.append(LinearConstraint(vstack([block[0] for block in blocks], format="csr"), lb=least))
+        found = _interruptible(
+            lambda: milp(
+                self.cost,
+                integrality=np.ones(self.n, dtype=np.intp),
+                bounds=Bounds(self.fixed.astype(float), 1.0),
+                constraints=constraints,
+                options={"time_limit": max(0.05, self.deadline - time.monotonic()), "mip_rel_gap": 0.0},
+            )
+        )
+        chosen = None if found.x is None else np.asarray(found.x > 0.5)
+        bound = found.mip_dual_bound
+        bound = 0.0 if bound is None or not np.isfinite(bound) else float(bound)
+        return chosen, bound, found.status == 0, found.status == 2
+
+    # Upper bounds
+
+    def _complete(self, start: Bools) -> None:
+        """Add sites to ``start`` until the oracle accepts, then drop what is not needed."""
+        chosen = start.copy()
+        if not self._within_caps(chosen):
+            chosen = self.fixed.copy()
+            if not self._within_caps(chosen):
+                return
+        for _ in range(4 * self.n + 100):
+            if not self._cover_rows(chosen):
+                return
+            cuts = self._judge(chosen)
+            if not cuts:
+                break
+            if time.monotonic() > self.deadline or self._impossible():
+                return
+        else:
+            return
+        self._accept(chosen)
+        if time.monotonic() < self.deadline:
+            self._accept(self._pruned(chosen))
+
+    def _cover_rows(self, chosen: Bools) -> bool:
+        """Greedy set cover of the known rows; False if it gets stuck."""
+        matrix, by_column, least = self.rows.matrix
+        missing = least - matrix @ chosen
+        room = self._room(chosen)
+        while True:
+            short = missing > _EPS
+            if not short.any():
+                return True
+            gain = _gain(by_column, np.where(short, missing, 0.0))
+            gain[chosen] = 0.0
+            gain[~self._fits(room)] = 0.0
+            worth = gain / np.maximum(self.cost, 1e-12)
+            site = int(np.argmax(worth))
+            if worth[site] <= 0:
+                return False
+            chosen[site] = True
+            missing -= _column(by_column, site, len(least))
+            room += _column(self.caps.matrix[1], site, len(room))  # weights <= 0
+
+    def _pruned(self, chosen: Bools) -> Bools:
+        """Without the sites that are not needed: the dearest are tried first, then the last in the list."""
+        chosen = chosen.copy()
+        mine = np.flatnonzero(chosen & ~self.fixed)
+        for site in sorted(mine.tolist(), key=lambda i: (-self.cost[i], -i)):
+            chosen[site] = False
+            if not self._meets_rows(chosen) or self.oracle.cuts(chosen, near=site):
+                chosen[site] = True
+            if time.monotonic() > self.deadline:
+                break
+        return chosen
+
+    def _settle(self) -> None:
+        """The tie-break: exchange sites one by one for equally dear ones listed earlier, while that is accepted."""
+        assert self.best is not None
+        chosen, moved = self.best.copy(), True
+        while moved and time.monotonic() < self.deadline:
+            moved = False
+            for site in np.flatnonzero(chosen & ~self.fixed).tolist():
+                for other in self._stand_ins(chosen, site):
+                    trial = chosen.copy()
+                    trial[site], trial[other] = False, True
+                    fits = self._meets_rows(trial) and self._within_caps(trial)
+                    if fits and not any(self.oracle.cuts(trial, near=moved_site) for moved_site in (site, other)):
+                        chosen, moved = trial, True
+                        break
+                    if time.monotonic() > self.deadline:
+                        break
+        self.best = chosen
+
+    def _stand_ins(self, chosen: Bools, site: int) -> list[int]:
+        """Sites listed before ``site``, equally dear, that meet every row which needs it."""
+        matrix, _, least = self.rows.matrix
+        without = chosen.copy()
+        without[site] = False
+        missing = least - matrix @ without
+        short = np.flatnonzero(missing > _EPS)
+        fit = (np.arange(self.n) < site) & ~chosen & (self.cost == self.cost[site])
+        if len(short):
+            rows = matrix[short].tocsc()
+            columns = np.flatnonzero(fit)
+            enough = (rows[:, columns].toarray() >= missing[short, None] - _EPS).all(axis=0)
+            return [int(i) for i in columns[enough]]
+        return [int(i) for i in np.flatnonzero(fit)]
+
+    def _meets_rows(self, chosen: Bools) -> bool:
+        matrix, _, least = self.rows.matrix
+        return bool((matrix @ chosen >= least - _EPS).all())
+
+    def _within_caps(self, chosen: Bools) -> bool:
+        return bool((self._room(chosen) >= -_EPS).all())
+
+    def _room(self, chosen: Bools) -> Floats:
+        """By how much every cap is undercut."""
+        matrix, _, least = self.caps.matrix
+        return np.asarray(matrix @ chosen - least, dtype=float)
+
+    def _fits(self, room: Floats) -> Bools:
+        """Sites that no cap forbids to add."""
+        by_column = self.caps.matrix[1]
+        if not self.caps.cuts:
+            return np.ones(self.n, dtype=bool)
+        column = np.repeat(np.arange(self.n), np.diff(by_column.indptr))
+        over = by_column.data + room[by_column.indices] < -_EPS
+        forbids: Ints = np.bincount(column[over], minlength=self.n)
+        return np.asarray(forbids == 0)
+
+
+def _gain(by_column: Any, missing: Floats) -> Floats:
+    """How much of what rows miss each site would give: a row of weight w that misses m gets min(w, m)."""
+    given = np.minimum(by_column.data, missing[by_column.indices])
+    given[missing[by_column.indices] <= 0] = 0.0
+    column = np.repeat(np.arange(by_column.shape[1]), np.diff(by_column.indptr))
+    return np.asarray(np.bincount(column, weights=given, minlength=by_column.shape[1]), dtype=float)
+
+
+def _column(by_column: Any, site: int, rows: int) -> Floats:
+    out = np.zeros(rows)
+    part = slice(by_column.indptr[site], by_column.indptr[site + 1])
+    out[by_column.indices[part]] = by_column.data[part]
+    return out
+
+
+def _common_step(cost: Floats) -> float:
+    """The greatest step of which all costs are multiples, if they are whole numbers; else 0."""
+    whole = np.round(cost)
+    if not (len(cost) and np.array_equal(whole, cost) and cost.max() < 1e9):
+        return 0.0
+    return float(np.gcd.reduce(whole.astype(np.int64)))
+
+
+def _key(cut: Cut) -> tuple[bytes, bytes, float]:
+    return cut.columns.tobytes(), cut.weights.tobytes(), cut.least
+
+
+def _interruptible(work: Callable[[], Any]) -> Any:
+    """The result of ``work``, computed beside the main thread so that Ctrl-C is heard at once."""
+    outcome: list[Any] = []
+
+    def run() -> None:
+        try:
+            outcome.append((work(), None))
+        except BaseException as err:
+            outcome.append((None, err))
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    while thread.is_alive():
+        thread.join(0.1)
+    result, err = outcome[0]
+    if err is not None:
+        raise err
+    return result

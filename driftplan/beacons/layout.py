@@ -1,0 +1,136 @@
+"""Layout: beacons, what they cost, what is proven about them, and how each of them matters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from driftplan.beacons.beacon import Beacon, drift_with_beacons, passes
+from driftplan.beacons.covering import Outcome
+from driftplan.model.drift import Drift, PointDrift
+from driftplan.model.fixes import Fix
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.paths import Floats
+from driftplan.world.world import World
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Task:
+    """What a layout is for."""
+
+    world: World | None
+    routes: tuple[Floats, ...]
+    noise: OdometryNoise
+    start_fix: Fix | None = None
+    confidence: float | None = None
+    redundancy: int = 1
+
+    def drift(self, route: int, beacons: Sequence[Beacon]) -> Drift:
+        """Drift along one route with the given beacons alive."""
+        fixes = () if self.start_fix is None else (self.start_fix,)
+        return drift_with_beacons(self.routes[route], self.noise, beacons, self.world, fixes=fixes)
+
+    def score(self, drift: PointDrift) -> Floats:
+        """The score that limits are about: rms, or the radius at the task's confidence."""
+        return drift.rms if self.confidence is None else drift.radius(self.confidence)
+
+    def worst(self, drift: Drift) -> float:
+        """Greatest score along a route: at the waypoints, both sides of every fix and 200 points between."""
+        profile = drift.profile()
+        if self.confidence is not None:  # integrals are dear: only where the greatest can be
+            profile = PointDrift(profile.distance, profile.moments[profile.rms >= 0.4 * profile.rms.max()])
+        return float(np.max(self.score(profile)))
+
+    def met(self, beacons: Sequence[Beacon], route: int) -> list[Beacon]:
+        """Those of the beacons that a route meets."""
+        return [b for b in beacons if len(passes(self.routes[route], b, self.world))]
+
+    def failures(self, beacons: Sequence[Beacon], route: int) -> Iterator[tuple[tuple[Beacon, ...], Drift]]:
+        """Every set of at most redundancy - 1 dead beacons on a route, and the drift without them."""
+        met = self.met(beacons, route)
+        for dead in range(self.redundancy):
+            for gone in combinations(met, dead):
+                yield gone, self.drift(route, [b for b in met if b not in gone])
+
+
+class Importance(NamedTuple):
+    """What one beacon does."""
+
+    beacon: Beacon
+    routes: tuple[int, ...]  # that meet it
+    worst_if_dead: float  # greatest drift on any of them without it, metres (nan if no route meets it)
+    worst_route: int  # where that is; -1 if no route meets it
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Layout:
+    """Result of `driftplan.beacons.placement.place_beacons`.
+
+    Attributes
+    ----------
+    beacons : tuple of Beacon
+        Those to be installed, in the order of the candidates.
+    existing : tuple of Beacon
+        Those that were there.
+    cost : float
+        Of `beacons`.
+    lower_bound : float
+        No layout that keeps the limit costs less.
+    proven : bool
+        Whether the layout is proven to be the best: for a limit, `cost` equals `lower_bound`; for a budget, the worst
+        drift is within the tolerance of `drift_bound`.
+    status : Outcome
+    max_drift : tuple of float, metres
+        The limit of every route.
+    drift_bound : float
+        For a budget: no layout within it has a smaller worst drift, metres. For a limit: 0.
+    drifts : tuple of Drift
+        One per route, all beacons alive.
+    seconds : float
+    task : Task
+    """
+
+    beacons: tuple[Beacon, ...]
+    existing: tuple[Beacon, ...]
+    cost: float
+    lower_bound: float
+    proven: bool
+    status: Outcome
+    max_drift: tuple[float, ...]
+    drift_bound: float
+    drifts: tuple[Drift, ...]
+    seconds: float
+    task: Task
+
+    @property
+    def gap(self) -> float:
+        """How much dearer than `lower_bound`, as a share of the cost."""
+        return 0.0 if self.cost <= self.lower_bound else (self.cost - self.lower_bound) / self.cost
+
+    @cached_property
+    def worst_drifts(self) -> tuple[float, ...]:
+        """Greatest drift on every route, all beacons alive, metres (rms, or the radius at the task's confidence)."""
+        return tuple(self.task.worst(drift) for drift in self.drifts)
+
+    @property
+    def worst_drift(self) -> float:
+        """Greatest drift on any route, all beacons alive, metres."""
+        return max(self.worst_drifts)
+
+    @cached_property
+    def importance(self) -> tuple[Importance, ...]:
+        """For every beacon, old and new: the routes that meet it and the worst drift without it."""
+        everyone = (*self.existing, *self.beacons)
+        met = [self.task.met(everyone, r) for r in range(len(self.task.routes))]
+        found = []
+        for beacon in everyone:
+            routes = tuple(r for r, here in enumerate(met) if beacon in here)
+            without = {r: self.task.worst(self.task.drift(r, [b for b in met[r] if b != beacon])) for r in routes}
+            worst = max(without, key=lambda r: without[r], default=-1)
+            found.append(Importance(beacon, routes, without.get(worst, float("nan")), worst))
+        return tuple(found)
