@@ -473,6 +473,21 @@ def test_compare_draws_all_routes(run, map_file, path_file, tmp_path, monkeypatc
     assert (tmp_path / "all.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_the_lowest_drift_route_is_never_worse_than_the_shortest_beside_it(run, map_file, monkeypatch):
+    asked = []
+
+    def spy(*words, **options):
+        route = plan_route(*words, **options)
+        asked.append((options, route))
+        return route
+
+    monkeypatch.setattr("driftplan.planning.routes.plan_route", spy)
+    run("compare", map_file, "--start", "-3,-3", "--goal", "2,-3", *QUICK)
+    (_, shortest), (options, _) = asked
+    assert [shortest.minimise, options["minimise"]] == ["length", "drift"]
+    np.testing.assert_array_equal(options["candidates"], [shortest.path])
+
+
 def test_compare_wants_something_to_compare(refused, map_file):
     refused("compare", map_file, match="expected something to compare")
     refused("compare", map_file, "--start", "1,1", match="expected both --start and --goal")
