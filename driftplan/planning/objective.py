@@ -40,9 +40,7 @@ class DriftObjective(ob.OptimizationObjective):
     goal : (x, y), (x, y, z), State, GoalState or GoalStates
         Where accuracy is wanted, metres: one position. Drift is weighed by the distance to it.
     world : World, optional
-        Its zones have noise of their own (plane only). Straight motions are cut exactly where the zone changes; along
-        curves, each zone's border is sought on chords of at most 0.1 rad, which misplaces it by at most 0.13 % of
-        the turning radius.
+        Its zones have noise of their own (plane only). Motions, arcs included, are cut exactly where the zone changes.
     length_weight : float
         m² per metre, >= 0, added to the cost: prefers shorter ways among similar ones.
 

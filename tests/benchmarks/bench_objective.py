@@ -1,0 +1,165 @@
+"""What DriftObjective costs: per motion against an empty Python override, and as growth of the tree of RRT*.
+
+Every figure is a ratio of two timings of the same process, taken in turns; the best of many repetitions counts, since
+whatever else the machine does only adds to them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import shapely
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
+
+from driftplan.model.noise import OdometryNoise
+from driftplan.planning.collision import use_world
+from driftplan.planning.objective import DriftObjective
+from driftplan.world.mapfiles import bundled_map, load_world
+from driftplan.world.world import World, Zone
+
+NOISE = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0, heading_deg_per_full_turn=2.0)
+MOTIONS = 1000
+REPETITIONS = 60
+
+
+class Empty(ob.OptimizationObjective):
+    """The least that a Python objective can do."""
+
+    def stateCost(self, state: Any) -> Any:
+        return ob.Cost(0.0)
+
+    def motionCost(self, a: Any, b: Any) -> Any:
+        return ob.Cost(1.0)
+
+
+def spaces() -> dict[str, Any]:
+    return {
+        "R^2": ob.RealVectorStateSpace(2),
+        "SE(2)": ob.SE2StateSpace(),
+        "Dubins": ob.DubinsStateSpace(1.0),
+        "Reeds-Shepp": ob.ReedsSheppStateSpace(1.0),
+        "R^3": ob.RealVectorStateSpace(3),
+        "SE(3)": ob.SE3StateSpace(),
+    }
+
+
+def random_path(si: Any, spatial: bool) -> Any:
+    """States at random in a square (or cube) of 100 m: every motion crosses most of the map."""
+    ou.RNG.setSeed(1)
+    space = si.getStateSpace()
+    bounds = ob.RealVectorBounds(3 if spatial else 2)
+    bounds.setLow(-50.0)
+    bounds.setHigh(50.0)
+    space.setBounds(bounds)
+    path, state, sampler = og.PathGeometric(si), si.allocState(), si.allocStateSampler()
+    for _ in range(MOTIONS + 1):
+        sampler.sampleUniform(state)
+        path.append(state)
+    return path
+
+
+def per_motion(path: Any, objectives: dict[str, Any]) -> dict[str, float]:
+    """Microseconds that OMPL needs to price a motion."""
+    best = dict.fromkeys(objectives, float("inf"))
+    for _ in range(REPETITIONS):
+        for name, objective in objectives.items():
+            began = time.perf_counter()
+            path.cost(objective)
+            best[name] = min(best[name], time.perf_counter() - began)
+    return {name: 1e6 * seconds / MOTIONS for name, seconds in best.items()}
+
+
+def callbacks() -> None:
+    print(f"cost of one motion, {MOTIONS} random motions, best of {REPETITIONS}")
+    print(f"{'space':12} {'C++ length':>10} {'empty':>8} {'drift':>8} {'drift/empty':>12}")
+    for name, space in spaces().items():
+        si = ob.SpaceInformation(space)
+        spatial = name in ("R^3", "SE(3)")
+        path = random_path(si, spatial)
+        took = per_motion(
+            path,
+            {
+                "length": ob.PathLengthOptimizationObjective(si),
+                "empty": Empty(si),
+                "drift": DriftObjective(si, NOISE, (40.0, 10.0, 5.0) if spatial else (40.0, 10.0)),
+            },
+        )
+        print(
+            f"{name:12} {took['length']:8.3f}us {took['empty']:6.3f}us {took['drift']:6.3f}us "
+            f"{took['drift'] / took['empty']:11.2f}x"
+        )
+    si = ob.SpaceInformation(ob.RealVectorStateSpace(2))
+    path = random_path(si, spatial=False)
+    zone = Zone(shapely.box(-20, -20, 10, 30), NOISE.scaled(3.0))
+    world = World.from_polygons([], bounds=(-50, -50, 50, 50), robot_radius=0.3, zones=[zone])
+    took = per_motion(path, {"empty": Empty(si), "zones": DriftObjective(si, NOISE, (40.0, 10.0), world)})
+    ratio = took["zones"] / took["empty"]
+    print(f"{'R^2, 1 zone':12} {'':>10} {took['empty']:6.3f}us {took['zones']:6.3f}us {ratio:11.2f}x")
+
+
+def growth(world: World, start: tuple[float, float], goal: tuple[float, float], seconds: float) -> dict[str, int]:
+    """Iterations of RRT* in so many seconds, by objective, with the same validator."""
+    objectives: dict[str, Callable[[Any], Any]] = {
+        "C++ length": ob.PathLengthOptimizationObjective,
+        "empty": Empty,
+        "drift": lambda si: DriftObjective(si, NOISE, goal),
+    }
+    best = dict.fromkeys(objectives, 0)
+    for seed in (1, 2, 3):
+        for name, make in objectives.items():
+            ou.RNG.setSeed(seed)
+            space = ob.RealVectorStateSpace(2)
+            bounds = ob.RealVectorBounds(2)
+            for axis in (0, 1):
+                bounds.setLow(axis, world.bounds[axis])
+                bounds.setHigh(axis, world.bounds[axis + 2])
+            space.setBounds(bounds)
+            si = ob.SpaceInformation(space)
+            use_world(si, world)
+            si.setup()
+            a, b = si.allocState(), si.allocState()
+            (a[0], a[1]), (b[0], b[1]) = start, goal
+            pdef = ob.ProblemDefinition(si)
+            pdef.setStartAndGoalStates(a, b)
+            pdef.setOptimizationObjective(make(si))
+            planner = og.RRTstar(si)
+            planner.setProblemDefinition(pdef)
+            planner.setup()
+            planner.solve(seconds)
+            best[name] = max(best[name], planner.numIterations())
+    return best
+
+
+def trees() -> None:
+    world = load_world(bundled_map("warehouse"), robot_radius=0.3)
+    xmin, ymin, xmax, ymax = world.bounds
+    start, goal = (
+        tuple(world.nearest_free(np.array([x, y])).tolist()) for x, y in ((xmin + 2, ymin + 2), (xmax - 2, ymax - 2))
+    )
+    for seconds in (1.0, 4.0):
+        grown = growth(world, start, goal, seconds)
+        print(
+            f"RRT* in the warehouse, {seconds:g} s, same validator, best of 3: "
+            + ", ".join(
+                f"{name} {count} iterations ({count / grown['C++ length']:.2f})" for name, count in grown.items()
+            )
+        )
+
+
+def main() -> None:
+    level = ou.getLogLevel()
+    ou.setLogLevel(ou.LOG_NONE)
+    try:
+        callbacks()
+        trees()
+    finally:
+        ou.setLogLevel(level)
+
+
+if __name__ == "__main__":
+    main()
