@@ -35,10 +35,15 @@ if TYPE_CHECKING:
     from .model.spatial_simulation import simulate_drift_3d as simulate_drift_3d
     from .model.spatial_steps import flight_steps as flight_steps
     from .planning.objective import DriftObjective as DriftObjective
+    from .planning.ompl_paths import predict_ompl_path as predict_ompl_path
     from .planning.routes import Comparison as Comparison
     from .planning.routes import Route as Route
     from .planning.routes import compare_routes as compare_routes
     from .planning.routes import plan_route as plan_route
+    from .report.plotting import plot_comparison as plot_comparison
+    from .report.plotting import plot_drift as plot_drift
+    from .report.plotting import plot_route as plot_route
+    from .report.plotting import plot_world as plot_world
     from .world.mapfiles import bundled_map as bundled_map
     from .world.mapfiles import bundled_maps as bundled_maps
     from .world.mapfiles import load_world as load_world
@@ -60,7 +65,9 @@ _HOME = {
     "model.spatial_simulation": "simulate_drift_3d",
     "model.spatial_steps": "flight_steps",
     "planning.objective": "DriftObjective",
+    "planning.ompl_paths": "predict_ompl_path",
     "planning.routes": "Comparison Route compare_routes plan_route",
+    "report.plotting": "plot_comparison plot_drift plot_route plot_world",
     "world.mapfiles": "bundled_map bundled_maps load_world save_world",
     "world.trajectories": "read_path",
     "world.world": "World Zone",
