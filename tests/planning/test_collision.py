@@ -98,3 +98,27 @@ def test_a_world_is_a_floor_plan():
         use_world(ob.SpaceInformation(ob.RealVectorStateSpace(3)), WORLD)
     with pytest.raises(ValueError, match=r"state space of known motions.*TrochoidStateSpace"):
         use_world(ob.SpaceInformation(ob.TrochoidStateSpace(1.0, 0.1, 0.2)), WORLD)
+
+
+@pytest.mark.parametrize("side", ["outside", "inside"])
+@pytest.mark.parametrize(("gap", "free"), [(-0.001, False), (0.02, True)])
+def test_a_curve_that_grazes_a_wall_by_a_millimetre_is_refused(side, gap, free):
+    """A left turn of radius 2 m about (0, 2), farthest right at (2, 2), in the middle between two joints of chords."""
+    radius, robot = 2.0, 0.1
+    grown = robot * 1.0028  # the world's inflation, whose flat sides are that far from the wall
+    wall = (
+        shapely.box(radius + grown + gap, 1, radius + 1, 3)
+        if side == "outside"
+        else shapely.box(0.5, 1.9, radius - grown - gap, 2.1)
+    )
+    world = World.from_polygons([wall], bounds=(-5, -5, 5, 9), robot_radius=robot)
+    space = ob.DubinsStateSpace(radius)
+    si = ob.SpaceInformation(space)
+    use_world(si, world)
+    first, last = np.radians([-4.9, 184.9])  # 19 chords, the middle of the tenth of which is meant
+    a, b = (placed(si, "dubins", radius * np.sin(h), radius - radius * np.cos(h), h) for h in (first, last))
+    between = si.allocState()
+    space.interpolate(a, b, 0.5, between)
+    assert (between.getX(), between.getY()) == pytest.approx((radius, radius))
+    assert si.checkMotion(a, b) == free
+    assert si.isValid(between) == free
