@@ -109,7 +109,7 @@ def test_a_curve_that_grazes_a_wall_by_a_millimetre_is_refused(side, gap, free):
     wall = (
         shapely.box(radius + grown + gap, 1, radius + 1, 3)
         if side == "outside"
-        else shapely.box(0.5, 1.9, radius - grown - gap, 2.1)
+        else shapely.box(0.5, 1.999, radius - grown - gap, 2.001)
     )
     world = World.from_polygons([wall], bounds=(-5, -5, 5, 9), robot_radius=robot)
     space = ob.DubinsStateSpace(radius)
