@@ -16,6 +16,7 @@ from driftplan.model.drift import Drift, PointDrift, predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.report import cli_output as output
 from driftplan.report.cli_options import DEFAULT_PLANNER, noise_as_json, noise_from, world_from
+from driftplan.world.files import write_files
 
 if TYPE_CHECKING:
     from driftplan.planning.routes import Route
@@ -34,7 +35,7 @@ def predict(args: argparse.Namespace) -> None:
     drifts = [predict_drift(read_path(file), noise, start_heading=_heading(args)) for file in args.paths]
     shown: list[PointDrift] = [drift.at(args.at) if args.at else drift for drift in drifts]
     if args.png:
-        output.write_files({args.png: _picture(None, dict(zip(args.paths, drifts, strict=True)))})
+        write_files({args.png: _picture(None, dict(zip(args.paths, drifts, strict=True)))})
     lengths = [float(drift.length) for drift in drifts]
     if args.json:
         paths = [
@@ -94,7 +95,7 @@ def plan(args: argparse.Namespace) -> None:
         files[args.geojson] = output.drift_geojson(route.drift, {"noise": noise_as_json(noise), **summary})
     if args.png:
         files[args.png] = _picture(world, {name: route})
-    output.write_files(files)
+    write_files(files)
     if args.json:
         waypoints = output.drift_as_json(route.drift)
         _print_json(args, map=args.map, noise=noise_as_json(noise), route={**summary, "waypoints": waypoints})
@@ -126,7 +127,7 @@ def compare(args: argparse.Namespace) -> None:
             drawn[name] = route
             rows.append(_planned(name, route))
     if args.png:
-        output.write_files({args.png: _picture(world, drawn)})
+        write_files({args.png: _picture(world, drawn)})
     if args.json:
         _print_json(args, map=args.map, noise=noise_as_json(noise), routes=rows)
         return
@@ -147,7 +148,7 @@ def demo(args: argparse.Namespace) -> None:
         both = {_NAMES[r.minimise]: r for r in _both(world, start, goal, noise, args, args.planner, None)}
         found[name] = [_planned(label, route) for label, route in both.items()]
         pictures[folder / f"{name}.png"] = _picture(world, both)
-    output.write_files(pictures)
+    write_files(pictures)
     if args.json:
         files = [str(path) for path in pictures]
         _print_json(args, noise=noise_as_json(noise), maps=found, files=files)

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import io
 import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from math import floor, isfinite, log10
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -141,19 +139,6 @@ def figure_png(figure: Figure) -> bytes:
     picture = io.BytesIO()
     figure.savefig(picture, format="png", bbox_inches="tight", pad_inches=0.12)
     return picture.getvalue()
-
-
-def write_files(files: Mapping[Path, bytes]) -> None:
-    """Write all files under temporary names, then rename them: whatever interrupts, none is half written."""
-    parts = {path.with_name(f".{path.name}.{os.getpid()}.part"): path for path in files}
-    try:
-        for part, path in parts.items():
-            part.write_bytes(files[path])
-        for part, path in parts.items():
-            part.replace(path)
-    finally:
-        for part in parts:
-            part.unlink(missing_ok=True)
 
 
 def _is_number(cell: str) -> bool:

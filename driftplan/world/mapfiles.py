@@ -11,6 +11,7 @@ from math import isfinite
 from pathlib import Path
 
 from driftplan.errors import MapError
+from driftplan.world.files import write_files
 from driftplan.world.geojson_map import geojson_map_files, read_geojson_map
 from driftplan.world.movingai_map import movingai_map_files, read_movingai_map
 from driftplan.world.ros_map import read_ros_map, ros_map_files
@@ -97,7 +98,7 @@ def save_world(world: World, path: str | os.PathLike[str], *, cell_size_m: float
         files = ros_map_files(world, path, cell_size_m=_cell_size(0.05 if cell_size_m is None else cell_size_m))
     else:
         files = movingai_map_files(world, path, cell_size_m=_cell_size(1.0 if cell_size_m is None else cell_size_m))
-    _write(files)
+    write_files(files)
 
 
 def bundled_maps() -> tuple[str, ...]:
@@ -141,16 +142,3 @@ def _cell_size(value: float) -> float:
     if not (isfinite(size) and size > 0):
         raise ValueError(f"expected cell_size_m finite and > 0 m, got {value!r}")
     return size
-
-
-def _write(files: dict[Path, bytes]) -> None:
-    """Write all files under temporary names, then rename them."""
-    temporary = {path.with_name(f".{path.name}.{os.getpid()}.part"): path for path in files}
-    try:
-        for part, path in temporary.items():
-            part.write_bytes(files[path])
-        for part, path in temporary.items():
-            part.replace(path)
-    finally:
-        for part in temporary:
-            part.unlink(missing_ok=True)
