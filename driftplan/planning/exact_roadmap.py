@@ -1,18 +1,22 @@
-"""A roadmap as the exact search sees it, and what the additive cost alone proves about it."""
+"""A roadmap for the exact search, and what the additive cost alone proves about it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.cost import bracket
-from driftplan.planning.exact_cost import Prepending, identity, run_maps, turn_maps, turns_matter
-from driftplan.planning.exact_search import SearchGraph
+from driftplan.planning.exact_cost import Complexes, Prepending, run_maps, turn_maps, turns_matter
+from driftplan.planning.exact_search import SearchGraph, least_exact_cost
 from driftplan.planning.roadmap_graph import GOAL, START, Roadmap, Transitions
-from driftplan.planning.roadmap_pricing import Floats, Space
+from driftplan.planning.roadmap_pricing import Floats, Ints, Space
 
+GAP = 1e-3  # relative: a search ends when its bound is this close
+TIMES = 2.0  # the heading standard deviation of the path found: bounds are sought for paths of up to so much
 _GRID = 4000  # heading variances at which the additive bound is evaluated
 
 
@@ -23,30 +27,37 @@ def is_plain(noise: OdometryNoise, space: Space) -> bool:
     return not any(k.step_m is not None or k.is_systematic or k.heading_distance_corr for k in kinds)
 
 
-def search_graph(roadmap: Roadmap, noise: OdometryNoise, most_heading_var: float) -> SearchGraph:
-    """The roadmap seen from the goal, for paths that gain at most ``most_heading_var`` (rad²) of heading variance."""
+def search_graph(roadmap: Roadmap, noise: OdometryNoise, most_heading_var: float, upper: float = inf) -> SearchGraph:
+    """The roadmap as a `SearchGraph`, for paths that gain at most ``most_heading_var`` (rad²) of heading variance.
+
+    When turns matter, edges are left out that no path with E|e|² below ``upper`` can use.
+    """
     space, goal = roadmap.pricing.space, roadmap.xy[GOAL]
-    moves = roadmap.transitions() if turns_matter(noise, space) else None
-    tail = np.concatenate([roadmap.edges[:, 0], roadmap.edges[:, 1]])
-    head = np.concatenate([roadmap.edges[:, 1], roadmap.edges[:, 0]])
+    moves = None
+    if turns_matter(noise, space):
+        bracketed = is_plain(noise, space) and most_heading_var < inf
+        moves = roadmap.transitions(upper / float(bracket(most_heading_var**0.5)) if bracketed else inf)
+    tail, head = roadmap.edges.T.ravel(), roadmap.edges[:, ::-1].T.ravel()
+    if moves is not None:
+        tail, head = moves.tail, moves.head
     runs = run_maps(space, noise, goal, roadmap.xy[tail], roadmap.xy[head])
-    to_goal, _ = roadmap.distances(roadmap.prices.heading_var, GOAL)
+    from_start, _ = roadmap.distances(roadmap.prices.heading_var, START)
     limited = is_plain(noise, space) and most_heading_var < inf
-    room = most_heading_var - to_goal if limited else np.full(len(roadmap.xy), inf)
+    room = most_heading_var - from_start if limited else np.full(len(roadmap.xy), inf)
     farthest = float(np.linalg.norm(roadmap.xy - goal, axis=1).max())
     if moves is not None:
         return _with_turns(roadmap, noise, moves, runs, room, farthest)
-    useful = (head != START) & (tail != GOAL) & (room[tail] >= 0)
-    to_come, _ = roadmap.distances(roadmap.prices.cost, START)
+    useful = (head != START) & (tail != GOAL) & (room[head] >= 0)
+    to_go, _ = roadmap.distances(roadmap.prices.cost, GOAL)
     return SearchGraph(
-        begin=head[useful],
-        end=tail[useful],
+        begin=tail[useful],
+        end=head[useful],
         maps=runs.pick(useful),
         node=np.arange(len(roadmap.xy)),
-        to_come=to_come,
+        to_go=to_go,
         heading_room=room,
-        source=GOAL,
-        target=START,
+        source=START,
+        target=GOAL,
         farthest=farthest,
     )
 
@@ -54,55 +65,54 @@ def search_graph(roadmap: Roadmap, noise: OdometryNoise, most_heading_var: float
 def _with_turns(
     roadmap: Roadmap, noise: OdometryNoise, moves: Transitions, runs: Prepending, room: Floats, farthest: float
 ) -> SearchGraph:
-    """States are directed edges, 'this edge and what follows it', then the goal, then the start.
+    """States are directed edges, 'this edge has been driven', then the start, then the goal.
 
-    The turn between two edges is prepended together with the first of them.
+    The turn between two edges is driven together with the second of them.
     """
     space, goal = roadmap.pricing.space, roadmap.xy[GOAL]
     source, target = len(moves.tail), len(moves.tail) + 1
     step = (roadmap.xy[moves.head] - roadmap.xy[moves.tail]) @ np.array([1.0, 1j])
     direction = step / np.abs(step)
-    last = np.flatnonzero((moves.head == GOAL) & (moves.tail != GOAL))
+
+    def turned(edge: Ints, facing: Complexes, turn_rad: Floats) -> Prepending:
+        at, zone = roadmap.xy[moves.tail[edge]], moves.zone[edge]
+        return turn_maps(space, noise, goal, at, facing, turn_rad, zone).after(runs.pick(edge))
+
     # Paths neither come back to the start nor leave the goal.
-    inner = (moves.tail[moves.after] != START) & (moves.tail[moves.after] != GOAL) & (moves.tail[moves.before] != GOAL)
+    ends = (START, GOAL)
+    inner = ~np.isin(moves.tail[moves.after], ends) & (moves.head[moves.after] != START)
     before, after = moves.before[inner], moves.after[inner]
-    turns = turn_maps(
-        space, noise, goal, roadmap.xy[moves.tail[after]], direction[before], moves.turn_rad[inner], moves.zone[after]
-    )
-    leaving, first_turn, _ = roadmap.first_turns(moves)
-    facing = direction[leaving] * np.exp(-1j * first_turn)
-    first = (
-        identity(len(leaving))
-        if roadmap.start_heading is None
-        else turn_maps(space, noise, goal, roadmap.xy[moves.tail[leaving]], facing, first_turn, moves.zone[leaving])
-    )
-    maps = (runs.pick(last), runs.pick(before).after(turns), first)
-    cost = roadmap.costs_of_edges(moves)
-    room_of_edge = np.concatenate([room[moves.tail], room[[GOAL, START]]])
-    begin = np.concatenate([np.full(len(last), source), after, leaving])
-    end = np.concatenate([last, before, np.full(len(leaving), target)])
-    useful = room_of_edge[end] >= 0
-    arriving = cost[np.flatnonzero(moves.head == GOAL)]
+    onward = turned(after, direction[before], moves.turn_rad[inner])
+    leaving, first_turn, first_cost = roadmap.first_turns(moves)
+    if roadmap.start_heading is None:
+        away = runs.pick(leaving)
+    else:
+        away = turned(leaving, direction[leaving] * np.exp(-1j * first_turn), first_turn)
+    state = np.where(moves.head == GOAL, target, np.arange(source))
+    begin = np.concatenate([before, np.full(len(leaving), source)])
+    end = state[np.concatenate([after, leaving])]
+    room_of_state = np.concatenate([room[moves.head], room[[START, GOAL]]])
+    useful = room_of_state[end] >= 0
+    to_go = roadmap.costs_after_edges(moves)
     return SearchGraph(
         begin=begin[useful],
         end=end[useful],
-        maps=Prepending(*(np.concatenate(columns) for columns in zip(*maps, strict=True))).pick(useful),
-        node=np.concatenate([moves.tail, [-1, -1]]),
-        to_come=np.concatenate([np.maximum(cost - moves.cost, 0.0), [arriving.min(initial=inf), 0.0]]),
-        heading_room=room_of_edge,
+        maps=Prepending(*(np.concatenate(columns) for columns in zip(onward, away, strict=True))).pick(useful),
+        node=np.concatenate([moves.head, [-1, -1]]),
+        to_go=np.concatenate([to_go, [(first_cost + moves.cost[leaving] + to_go[leaving]).min(initial=inf), 0.0]]),
+        heading_room=room_of_state,
         source=source,
         target=target,
         farthest=farthest,
     )
 
 
-def additive_bound(roadmap: Roadmap, noise: OdometryNoise, most_heading_var: float) -> float:
-    """A lower bound of E|e|² (m²) over all paths of the roadmap that gain at most ``most_heading_var`` (rad²).
+def additive_bound(roadmap: Roadmap, noise: OdometryNoise, least_var: float, most_var: float) -> float:
+    """A lower bound of E|e|² (m²) over all paths of the roadmap whose heading variance H is in a range (rad²).
 
-    A path of heading variance H, heading cost J_h and position cost J_p has ``E|e|² >= Λ(H) J_h + J_p``. With the
-    least J and J_h on the roadmap, and the least position cost r per heading variance of any of its edges and a turn,
-    that is at least ``max(Λ(H) min J, Λ(H) min J_h + r H)``, whose least value over H is returned. Zero where the
-    noise is not plain.
+    Such a path has ``E|e|² >= Λ(H) J_h + J_p`` with its heading and position cost. With the least J and J_h on the
+    roadmap, and the least position cost r per heading variance of any of its edges and a turn, that is at least
+    ``max(Λ(H) min J, Λ(H) min J_h + r H)``, whose least value over H is returned. Zero where the noise is not plain.
     """
     if not is_plain(noise, roadmap.pricing.space):
         return 0.0
@@ -110,12 +120,11 @@ def additive_bound(roadmap: Roadmap, noise: OdometryNoise, most_heading_var: flo
     least = roadmap.shortest().cost
     if not least < inf:
         return inf
-    heading_cost, _ = roadmap.distances(np.maximum(prices.cost - prices.position, 0.0), START)
-    heading_var, _ = roadmap.distances(prices.heading_var, START)
+    heading_cost = roadmap.distances(np.maximum(prices.cost - prices.position, 0.0), START)[0][GOAL]
+    low = max(least_var, roadmap.distances(prices.heading_var, START)[0][GOAL])
     gained = prices.heading_var + np.pi * roadmap.pricing.worst_turn
     rate = float(np.min(prices.position / np.where(gained > 0, gained, 1e-300)))
-    low = float(heading_var[GOAL])
-    high = min(most_heading_var, max(low, least / rate) if rate > 0 else inf)  # beyond, r H alone is enough
+    high = min(most_var, max(low, least / rate) if rate > 0 else inf)  # beyond, r H alone is enough
     if high == inf:
         return 0.0
     if high <= low:
@@ -123,4 +132,53 @@ def additive_bound(roadmap: Roadmap, noise: OdometryNoise, most_heading_var: flo
     grid = np.geomspace(max(low, 1e-9 * high), high, _GRID)
     grid[0] = low
     weight = bracket(np.sqrt(grid[1:]))  # Λ falls and r H rises: both at their least in every interval
-    return float(np.maximum(weight * least, weight * heading_cost[GOAL] + rate * grid[:-1]).min())
+    return float(np.maximum(weight * least, weight * heading_cost + rate * grid[:-1]).min())
+
+
+class Bound(NamedTuple):
+    """No path of a roadmap that gains a heading standard deviation of at most ``heading_std`` rad costs less."""
+
+    mean_square: float  # m²
+    heading_std: float  # rad; infinite where it holds for all paths
+
+
+def bracketed(roadmap: Roadmap, noise: OdometryNoise, heading_std: float) -> Bound:
+    """What the additive cost proves: for all paths, or for those with up to twice the ``heading_std`` of one found."""
+    most = (TIMES * heading_std) ** 2
+    return _beyond(roadmap, noise, most, additive_bound(roadmap, noise, 0.0, most))
+
+
+def exactly_best(
+    roadmap: Roadmap, noise: OdometryNoise, path_cost: float, heading_std: float, stop: Callable[[], bool]
+) -> tuple[Floats | None, Bound, bool]:
+    """The simple path of the roadmap with the least E|e|², if below ``path_cost``; a bound; whether that is proven.
+
+    A first search lets paths visit nodes twice, which is quick and nearly always answers with one that does not. If it
+    does not end so, a second one forbids it. What the first one proved holds all the same.
+    """
+    most = (TIMES * heading_std) ** 2
+    graph = search_graph(roadmap, noise, most, path_cost)
+    best: Floats | None = None
+    bound, finished = additive_bound(roadmap, noise, 0.0, most), False
+    anything = np.zeros(0, dtype=np.int64)
+    for memory in (anything, None):
+        found = least_exact_cost(graph, upper=path_cost, gap=GAP, memory=memory, stop=stop)
+        bound, finished = max(bound, found.bound), found.finished
+        if found.states is None:
+            if finished:
+                break
+            continue
+        nodes = found.states if graph.source == START else graph.node[found.states]
+        nodes[[0, -1]] = START, GOAL
+        if len(np.unique(nodes)) == len(nodes):
+            best, path_cost = roadmap.xy[nodes], found.cost
+            if finished:
+                break
+    return best, _beyond(roadmap, noise, most, bound), finished
+
+
+def _beyond(roadmap: Roadmap, noise: OdometryNoise, most_var: float, bound: float) -> Bound:
+    """A bound for paths of heading variance up to ``most_var``; for all of them where the others cannot be better."""
+    plain = is_plain(noise, roadmap.pricing.space)
+    everywhere = not plain or most_var == inf or additive_bound(roadmap, noise, most_var, inf) >= bound
+    return Bound(bound, inf if everywhere else most_var**0.5)

@@ -88,10 +88,10 @@ class DriftObjective(ob.OptimizationObjective):
         self.goal = goal_position(goal, kind)
         self.noise = noise
         self.length_weight = float(length_weight)
-        self._zone_noises = tuple(zone.noise for zone in zones)
+        self.zone_noises = tuple(zone.noise for zone in zones)
 
         elsewhere, *inside = (
-            _with_length(CostRates.of(n, kind.dimensions), length_weight) for n in (noise, *self._zone_noises)
+            _with_length(CostRates.of(n, kind.dimensions), length_weight) for n in (noise, *self.zone_noises)
         )
         lookup = ZoneLookup(zones, inside, elsewhere) if zones else None
         # A subclass that prices motions in its own way keeps its methods.
@@ -120,7 +120,7 @@ class DriftObjective(ob.OptimizationObjective):
             raise ValueError(f"expected a threshold > 0 m, got {rms_m!r}")
         if self.length_weight > 0:
             raise ValueError("expected length_weight=0 with an error threshold: the cost would not be an error")
-        for noise in (self.noise, *self._zone_noises):
+        for noise in (self.noise, *self.zone_noises):
             if noise.is_systematic or noise.heading_distance_corr != 0 or noise.step_m is not None:
                 raise ValueError(
                     "expected white noise without systematic errors, correlation or step_m with an error threshold: "

@@ -8,11 +8,16 @@ share a turn), from coarse to fine.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from driftplan.planning.roadmap_graph import Roadmap
-from driftplan.planning.roadmap_pricing import Floats, Ints, Pricing
+from driftplan.planning.roadmap_pricing import Floats, Ints, Pricing, Space
+
+Complexes = NDArray[np.complex128]
 
 _LEVELS = (8, 16, 32)  # legs the path is cut into, at least, from level to level
 _SWEEPS = 8  # over all waypoints, per level
@@ -25,28 +30,88 @@ _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=-1)
 _MOVES = np.concatenate([np.zeros((1, 2)), (_RINGS[:, None, None] * _CIRCLE).reshape(-1, 2)])  # staying is the first
 
 
+class Judge(Protocol):
+    """Says what paths cost, and what they would cost with some waypoints elsewhere."""
+
+    @property
+    def stride(self) -> int:
+        """Waypoints this far apart can be moved at once."""
+
+    def price(self, path: Floats, /) -> float:
+        """Of a path (n, 2)."""
+
+    def prices(self, path: Floats, moved: Ints, tried: Floats, /) -> Floats:
+        """With waypoint ``moved[k]`` at ``tried[k]``, up to a constant for each waypoint; shape (k,)."""
+
+
 def polished(
     pricing: Pricing,
     path: Floats,
     start_heading: float | None = None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Floats:
-    """A path (k, 2) between the same ends, free of collisions and at most as costly as ``path`` (n, 2), which is free.
+    """A path (k, 2) between the same ends, free of collisions, from one (n, 2) that is free.
 
-    ``stop`` is asked between sweeps; when it answers True the path reached so far is returned.
+    It costs less, or at most 1e-7 of the price more, for the sake of fewer waypoints. ``stop`` is asked between sweeps;
+    when it answers True the path reached so far is returned.
     """
     path = shortcut(pricing, path, start_heading)
+    return refined(AdditiveJudge(pricing, start_heading), pricing.space, path, stop)
+
+
+def refined(judge: Judge, space: Space, path: Floats, stop: Callable[[], bool] = lambda: False) -> Floats:
+    """The path with its waypoints moved, from coarse to fine, where that lowers what ``judge`` says it costs."""
     for legs in _LEVELS:
         path = _split(path, legs)
-        price = pricing.path(path, start_heading)
+        price = judge.price(path)
         for _ in range(_SWEEPS):
             if stop():
                 return path
-            path = _sweep(pricing, path, start_heading)
-            before, price = price, pricing.path(path, start_heading)
+            before = price
+            for first in range(1, 1 + judge.stride):
+                moved = np.arange(first, len(path) - 1, judge.stride)
+                if not len(moved):
+                    continue
+                other = path.copy()
+                other[moved] = _better_places(judge, space, path, moved)
+                if (now := judge.price(other)) < price:
+                    path, price = other, now
             if before - price < _SETTLED * before:
                 break
-    return _without_needless(pricing, path, start_heading)
+    return _without_needless(judge, space, path)
+
+
+@dataclass(frozen=True, eq=False)
+class AdditiveJudge:
+    """Judges by the additive cost."""
+
+    pricing: Pricing
+    start_heading: float | None = None
+
+    @property
+    def stride(self) -> int:
+        return 3 if self.pricing.has_turns else 2
+
+    def price(self, path: Floats) -> float:
+        return self.pricing.path(path, self.start_heading)
+
+    def prices(self, path: Floats, moved: Ints, tried: Floats) -> Floats:
+        """Of the two legs that change, and the turns before, at and after the waypoint."""
+        pricing, left, right = self.pricing, path[moved - 1], path[moved + 1]
+        there, onward = pricing.edges(left, tried), pricing.edges(tried, right)
+        total = there.cost + onward.cost
+        if not pricing.has_turns:
+            return total
+        to, away = bearing(left, tried), bearing(tried, right)
+        total += pricing.turns(
+            left, np.angle(to * np.conj(arriving(path, moved, to, self.start_heading))), there.zone_a
+        )
+        total += pricing.turns(tried, np.angle(away * np.conj(to)), onward.zone_a)
+        inner = np.flatnonzero(moved + 2 < len(path))
+        beyond = path[moved[inner] + 2]
+        turn = np.angle(bearing(right[inner], beyond) * np.conj(away[inner]))
+        total[inner] += pricing.turns(right[inner], turn, pricing.edges(right[inner], beyond).zone_a)
+        return total
 
 
 def shortcut(pricing: Pricing, path: Floats, start_heading: float | None = None) -> Floats:
@@ -74,73 +139,46 @@ def _split(path: Floats, legs: int) -> Floats:
     return np.concatenate([path[leg] + share[:, None] * step[leg], path[-1:]])
 
 
-def _sweep(pricing: Pricing, path: Floats, start_heading: float | None) -> Floats:
-    """One try to move every inner waypoint."""
-    path = path.copy()
-    stride = 3 if pricing.has_turns else 2
-    for first in range(1, 1 + stride):
-        moved = np.arange(first, len(path) - 1, stride)
-        if len(moved):
-            path[moved] = _better_places(pricing, path, moved, start_heading)
-    return path
-
-
-def _better_places(pricing: Pricing, path: Floats, moved: Ints, start_heading: float | None) -> Floats:
-    """For each of the waypoints ``moved`` the best of the places tried around it, or where it is."""
+def _better_places(judge: Judge, space: Space, path: Floats, moved: Ints) -> Floats:
+    """For each of the waypoints ``moved`` the best of the free places tried around it, or where it is."""
     here, left, right = path[moved], path[moved - 1], path[moved + 1]
     reach = 0.5 * np.minimum(np.linalg.norm(here - left, axis=1), np.linalg.norm(right - here, axis=1))
     places = here[:, None, :] + _MOVES * reach[:, None, None]
     count = len(_MOVES)
     tried, left, right = places.reshape(-1, 2), np.repeat(left, count, axis=0), np.repeat(right, count, axis=0)
-    there, onward = pricing.edges(left, tried), pricing.edges(tried, right)
-    price = there.cost + onward.cost
-    if pricing.has_turns:
-        zones = np.stack([there.zone_a, onward.zone_a])
-        price += _turn_prices(pricing, path, np.repeat(moved, count), tried, zones, start_heading)
+    price = judge.prices(path, np.repeat(moved, count), tried)
     standing = np.repeat(price[::count], count)
-    free = price < standing * (1 - 1e-12)
-    free[free] = pricing.space.segments_free(left[free], tried[free])
-    free[free] = pricing.space.segments_free(tried[free], right[free])
+    free = price < standing - 1e-12 * np.abs(standing)
+    free[free] = space.segments_free(left[free], tried[free])
+    free[free] = space.segments_free(tried[free], right[free])
     free[::count] = True
     best = np.where(free, price, np.inf).reshape(-1, count).argmin(axis=1)
     return np.asarray(places[np.arange(len(moved)), best])
 
 
-def _turn_prices(
-    pricing: Pricing, path: Floats, moved: Ints, tried: Floats, zones: Ints, start_heading: float | None
-) -> Floats:
-    """Prices of the three turns that change when waypoint ``moved`` goes to ``tried``: before it, at it and after it.
-
-    ``zones`` (2, n) are those in which the edges to and from ``tried`` begin.
-    """
-    left, right = path[moved - 1], path[moved + 1]
-    arriving = _bearing(path[np.maximum(moved - 2, 0)], left)
-    first = moved == 1  # the start: the turn there is from the start heading, if there is one
-    there, onward = _bearing(left, tried), _bearing(tried, right)
-    arriving = np.where(first, there if start_heading is None else np.exp(1j * (start_heading or 0.0)), arriving)
-    total = pricing.turns(left, np.angle(there * np.conj(arriving)), zones[0])
-    total += pricing.turns(tried, np.angle(onward * np.conj(there)), zones[1])
-    inner = np.flatnonzero(moved + 2 < len(path))
-    beyond = path[moved[inner] + 2]
-    leaving_zone = pricing.edges(right[inner], beyond).zone_a
-    turn = np.angle(_bearing(right[inner], beyond) * np.conj(onward[inner]))
-    total[inner] += pricing.turns(right[inner], turn, leaving_zone)
-    return total
-
-
-def _without_needless(pricing: Pricing, path: Floats, start_heading: float | None) -> Floats:
+def _without_needless(judge: Judge, space: Space, path: Floats) -> Floats:
     """The path without the waypoints that hardly matter to its price, dropped one by one."""
-    price = pricing.path(path, start_heading)
-    most = price * (1 + _NEEDLESS)
+    most = judge.price(path) * (1 + _NEEDLESS)
     k = 1
     while k < len(path) - 1:
         without = np.delete(path, k, axis=0)
-        if pricing.path(without, start_heading) <= most and pricing.space.segments_free(path[k - 1], path[k + 1]):
+        if judge.price(without) <= most and space.segments_free(path[k - 1], path[k + 1]):
             path = without
         else:
             k += 1
     return path
 
 
-def _bearing(a: Floats, b: Floats) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:
+def bearing(a: Floats, b: Floats) -> Complexes:
+    """The vectors from ``a`` to ``b`` as complex numbers."""
     return np.asarray((b - a) @ np.array([1.0, 1j]))
+
+
+def arriving(path: Floats, moved: Ints, to: Complexes, start_heading: float | None) -> Complexes:
+    """Direction in which the robot reaches the waypoint before each of those ``moved``; from there it goes ``to``.
+
+    At the start that is the start heading, or the way it goes when there is none.
+    """
+    before = bearing(path[np.maximum(moved - 2, 0)], path[moved - 1])
+    facing = to if start_heading is None else np.exp(1j * start_heading)
+    return np.where(moved == 1, facing, before)

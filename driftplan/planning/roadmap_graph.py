@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csgraph, csr_matrix
+from scipy.spatial import cKDTree
 
 from driftplan.planning.roadmap_pricing import Floats, Ints, Pricing
 
@@ -25,12 +27,13 @@ class Shortest(NamedTuple):
 
 
 class Transitions(NamedTuple):
-    """Directed edges of a roadmap and the turns between them. Edge e + m is edge e driven backwards."""
+    """Directed edges of a roadmap and the turns between them."""
 
-    tail: Ints  # (2m,)
-    head: Ints  # (2m,)
-    cost: Floats  # (2m,)
-    zone: Ints  # (2m,) in which the edge leaves its tail
+    tail: Ints  # (d,)
+    head: Ints  # (d,)
+    edge: Ints  # (d,) which undirected edge it is
+    cost: Floats  # (d,)
+    zone: Ints  # (d,) in which the edge leaves its tail
     before: Ints  # (t,) directed edges
     after: Ints  # (t,) that can follow each other
     turn_rad: Floats  # (t,) angle between them
@@ -50,12 +53,11 @@ class Roadmap:
         self._connect(np.array([[START, GOAL]]), math.inf)
 
     def add(self, points: Floats, neighbours: int, limit: float, chain: bool = False) -> None:
-        """Add free ``points`` (k, 2), each with edges to its nearest nodes; with ``chain`` also to the next point.
+        """Add free ``points`` (k, 2), each with edges to its nearest nodes.
 
+        With ``chain`` they are the waypoints of a path between start and goal, which is added too.
         ``limit`` is the cost that paths through the new edges must be able to beat.
         """
-        from scipy.spatial import cKDTree
-
         first, count = len(self.xy), len(points)
         if not count:
             return
@@ -66,8 +68,8 @@ class Roadmap:
         _, near = cKDTree(self.xy).query(points, k=k)
         pairs = np.stack([np.repeat(np.arange(first, first + count), k), near.ravel()], axis=1)
         if chain:
-            along = np.arange(first, first + count - 1)
-            pairs = np.concatenate([pairs, np.stack([along, along + 1], axis=1)])
+            along = np.concatenate([[START], np.arange(first, first + count), [GOAL]])
+            pairs = np.concatenate([pairs, np.stack([along[:-1], along[1:]], axis=1)])
         self._connect(pairs, limit)
 
     def prune(self, limit: float) -> None:
@@ -79,12 +81,12 @@ class Roadmap:
         self.edges, self.prices = number[self.edges[useful]], self.prices.pick(useful)
         self.xy, self.from_start, self.to_goal = self.xy[keep], self.from_start[keep], self.to_goal[keep]
 
-    def shortest(self) -> Shortest:
-        """The cheapest path from start to goal, turns on the spot included."""
+    def shortest(self, limit: float = math.inf) -> Shortest:
+        """The cheapest path from start to goal, turns on the spot included; none if it costs more than ``limit``."""
         if not len(self.edges):
             return Shortest(math.inf, np.zeros(0, dtype=np.int64))
         if self.pricing.has_turns:
-            return self._shortest_with_turns()
+            return self._shortest_with_turns(limit)
         distance, before = self.distances(self.prices.cost + self._tie_break(), START)
         if not math.isfinite(distance[GOAL]):
             return Shortest(math.inf, np.zeros(0, dtype=np.int64))
@@ -94,25 +96,34 @@ class Roadmap:
         """Least sum of the edges' ``weight`` from ``node`` to every node, and each one's predecessor on the way."""
         return _dijkstra(weight, self.edges[:, 0], self.edges[:, 1], len(self.xy), node, directed=False)
 
-    def transitions(self) -> Transitions:
-        """Every pair of edges that can be driven one after the other, there and straight back excluded."""
+    def transitions(self, limit: float = math.inf) -> Transitions:
+        """Every pair of edges that can be driven one after the other, there and straight back excluded.
+
+        Edges that no path cheaper than ``limit`` uses, turns left out, are left out.
+        """
         m = len(self.edges)
-        tail = np.concatenate([self.edges[:, 0], self.edges[:, 1]])
-        head = np.concatenate([self.edges[:, 1], self.edges[:, 0]])
+        cost = self.prices.cost
+        arc = np.arange(2 * m)
+        tail, head = self.edges.T.ravel(), self.edges[:, ::-1].T.ravel()
+        if math.isfinite(limit):
+            from_start, _ = self.distances(cost, START)
+            to_goal, _ = self.distances(cost, GOAL)
+            arc = np.flatnonzero(from_start[tail] + np.tile(cost, 2) + to_goal[head] <= limit * (1 + 1e-9))
+        tail, head, edge = tail[arc], head[arc], arc % m
+        zone = np.concatenate([self.prices.zone_a, self.prices.zone_b])[arc]
         order = np.argsort(tail, kind="stable")
         degree = np.bincount(tail, minlength=len(self.xy))
         first = np.cumsum(degree) - degree
         choices = degree[head]
-        before = np.repeat(np.arange(2 * m), choices)
+        before = np.repeat(np.arange(len(arc)), choices)
         rank = np.arange(len(before)) - np.repeat(np.cumsum(choices) - choices, choices)
         after = order[first[head[before]] + rank]
-        keep = (after - before) % (2 * m) != m
+        keep = edge[after] != edge[before]
         before, after = before[keep], after[keep]
         step = (self.xy[head] - self.xy[tail]) @ np.array([1.0, 1j])
         turn = np.angle(step[after] * np.conj(step[before]))
-        zone = np.concatenate([self.prices.zone_a, self.prices.zone_b])
         turn_cost = self.pricing.turns(self.xy[tail[after]], turn, zone[after])
-        return Transitions(tail, head, np.tile(self.prices.cost, 2), zone, before, after, turn, turn_cost)
+        return Transitions(tail, head, edge, cost[edge], zone, before, after, turn, turn_cost)
 
     def first_turns(self, moves: Transitions) -> tuple[Ints, Floats, Floats]:
         """The directed edges that leave the start, the turn (rad) before each from the start heading, and its cost."""
@@ -123,23 +134,24 @@ class Roadmap:
         turn = np.angle(step * np.exp(-1j * self.start_heading))
         return leaving, turn, self.pricing.turns(self.xy[moves.tail[leaving]], turn, moves.zone[leaving])
 
-    def costs_of_edges(self, moves: Transitions) -> Floats:
-        """Cost of the cheapest way from the start to the end of every directed edge, turns included."""
-        return self._ways_to_edges(moves, moves.cost)[0][:-1]
+    def costs_after_edges(self, moves: Transitions) -> Floats:
+        """Cost of the cheapest way to the goal once a directed edge has been driven, turns included."""
+        arriving = np.flatnonzero(moves.head == GOAL)
+        source = len(moves.tail)
+        row = np.append(moves.after, np.full(len(arriving), source))
+        column = np.append(moves.before, arriving)
+        weight = np.append(moves.cost[moves.after] + moves.turn_cost, np.zeros(len(arriving)))
+        return _dijkstra(weight, row, column, source + 1, source, directed=True)[0][:-1]
 
-    def _ways_to_edges(self, moves: Transitions, weight: Floats) -> tuple[Floats, NDArray[np.int32]]:
-        """Least sum of weights and turns to the end of every directed edge, and the edge before; the last entry stands
-        for being at the start."""
+    def _shortest_with_turns(self, limit: float) -> Shortest:
+        """Dijkstra over directed edges: node e of this graph is 'edge e has been driven', the last is the start."""
+        moves = self.transitions(limit)
         leaving, _, turn_cost = self.first_turns(moves)
         source = len(moves.tail)
         row = np.append(moves.before, np.full(len(leaving), source))
         column = np.append(moves.after, leaving)
-        total = weight[column] + np.append(moves.turn_cost, turn_cost)
-        return _dijkstra(total, row, column, source + 1, source, directed=True)
-
-    def _shortest_with_turns(self) -> Shortest:
-        moves = self.transitions()
-        distance, before = self._ways_to_edges(moves, moves.cost + np.tile(self._tie_break(), 2))
+        weight = (moves.cost + self._tie_break()[moves.edge])[column] + np.append(moves.turn_cost, turn_cost)
+        distance, before = _dijkstra(weight, row, column, source + 1, source, directed=True)
         arriving = np.flatnonzero(moves.head == GOAL)
         if not len(arriving) or not math.isfinite(distance[arriving].min()):
             return Shortest(math.inf, np.zeros(0, dtype=np.int64))
@@ -182,8 +194,6 @@ def _dijkstra(
     weight: Floats, row: Ints, column: Ints, size: int, source: int, *, directed: bool
 ) -> tuple[Floats, NDArray[np.int32]]:
     """Distance of every node from ``source``, and the node before it on the way (negative where there is none)."""
-    from scipy.sparse import csgraph, csr_matrix
-
     search: Any = csgraph.dijkstra
     graph = csr_matrix((weight, (row, column)), shape=(size, size))
     distance, before = search(graph, directed=directed, indices=source, return_predecessors=True)

@@ -19,15 +19,25 @@ from numpy.typing import ArrayLike
 
 from driftplan.errors import GoalError, NoPathError, StartError
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.path_polish import polished
+from driftplan.planning.cost import bracket
+from driftplan.planning.exact_cost import turns_matter
+from driftplan.planning.exact_polish import ExactJudge
+from driftplan.planning.exact_roadmap import GAP, TIMES, Bound, bracketed, exactly_best, is_plain
+from driftplan.planning.path_polish import polished, refined
 from driftplan.planning.roadmap_graph import Roadmap
 from driftplan.planning.roadmap_pricing import Floats, Ints, Minimise, Pricing, exact_drift
 from driftplan.world.world import World
 
 _FIRST_BATCH = 256  # samples; every later batch doubles the number drawn so far
 _LARGEST_BATCH = 8192
+_MOST_NODES = 40_000  # then a new roadmap is begun
 _CHUNK = 1024  # samples joined to the roadmap before the clock is looked at again
 _NEIGHBOURS = 14
+_EXACT_SHARE = 0.4  # of the time goes into the roadmap that is then searched exactly
+_EXACT_NODES = 1500  # as many nodes as that search can deal with,
+_EXACT_NODES_TURNING = 600  # and when it must look at every pair of edges
+_EXACT_ROUNDS = 2  # a better path is polished, joined to the roadmap, and the search repeated
+_LOOSEST = 3.0  # times the least additive cost is looked at for paths of less exact cost
 # Additive recurrence by the inverse powers of the plastic number g, g³ = g + 1: evenly spread however many are drawn.
 # (M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018.)
 _STEP = 1.32471795724474602596 ** -np.array([1.0, 2.0])
@@ -38,6 +48,7 @@ class Status(Enum):
     """Why the search ended."""
 
     OPTIMAL = "Optimal: the straight run costs as little as any path can."
+    ROADMAP_OPTIMAL = "Proven: no path of the roadmap is better by more than 0.1 % (see `bound`)."
     BATCHES_DONE = "All batches done: the best path of the roadmap so far."
     TIME_LIMIT = "Time limit reached: the best path so far."
 
@@ -55,6 +66,13 @@ class RoadmapResult:
         (zones and turns included), or the length in m.
     additive_cost : float
         The additive cost that the search ranks by, m² (or the length again).
+    bound : float
+        Proven: no path of the roadmap ``nodes``, ``edges`` costs less, nor does ``path``. For "drift" this covers the
+        paths whose heading error at the goal has a standard deviation of up to ``bound_heading_std``. It says nothing
+        about paths that leave the roadmap. Zero where nothing is known: noise that the additive cost cannot price
+        (steps, systematic or correlated errors) without ``exact``.
+    bound_heading_std : float
+        rad: twice that of ``path``, or infinite where the bound covers all paths of the roadmap.
     nodes, edges : (n, 2) and (m, 2) arrays
         The roadmap at the end: points in metres, and pairs of node numbers. Node 0 is the start, node 1 the goal.
     status : Status
@@ -65,6 +83,8 @@ class RoadmapResult:
     path: Floats
     cost: float
     additive_cost: float
+    bound: float
+    bound_heading_std: float
     nodes: Floats
     edges: Ints
     status: Status
@@ -72,63 +92,139 @@ class RoadmapResult:
 
 
 class RoadmapSearch:
-    """An anytime search: `grow` adds a batch of nodes and improves `path`."""
+    """An anytime search: `grow` adds a batch of nodes and improves `path`, `finish` says what is proven about it.
 
-    def __init__(self, pricing: Pricing, start: Floats, *, seed: int = 0, start_heading: float | None = None) -> None:
+    With ``exact`` the roadmap keeps what may be better by the exact cost though it is worse by the additive one, and
+    `finish` searches it for the least exact cost.
+    """
+
+    def __init__(
+        self,
+        pricing: Pricing,
+        start: Floats,
+        *,
+        seed: int = 0,
+        start_heading: float | None = None,
+        exact: bool = False,
+    ) -> None:
         self.pricing = pricing
         self.start_heading = start_heading
+        self.exact = exact and pricing.minimise == "drift"
         self.roadmap = Roadmap(pricing, start, start_heading)
         self.batches = 0
         self.path: Floats | None = None
         self.cost = math.inf  # of the path, exact
-        self.limit = math.inf  # least additive cost of any path found
+        self.additive_cost = math.inf
+        self.heading_std = math.inf  # at its end
+        self._least_additive = math.inf  # of any path found
+        self._joined: Floats | None = None  # the latest path that is part of the roadmap
         self._first_sample = np.random.default_rng(seed).random(2)
         self._drawn = 0
         self._consider(self.roadmap.shortest().nodes, lambda: False)
 
     @property
     def is_optimal(self) -> bool:
-        """Whether no path at all can cost less than the best one found."""
+        """Whether no path at all can have less additive cost than the best one found."""
         bound = float(self.pricing.lower_bound(self.roadmap.xy[0], self.roadmap.xy[1]))
-        return self.path is not None and self.limit <= bound * (1 + 1e-9)
+        return self.path is not None and self._least_additive <= bound * (1 + 1e-9)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether there is no point in growing the roadmap: the best path is optimal, or it is for an exact search and
+        as large as that can deal with."""
+        return self._room <= 0 if self.exact else self.is_optimal
+
+    @property
+    def _room(self) -> int:
+        """How many samples may be added at once."""
+        if not self.exact:
+            return _LARGEST_BATCH
+        most = _EXACT_NODES_TURNING if turns_matter(self.pricing.noise, self.pricing.space) else _EXACT_NODES
+        return most - len(self.roadmap.xy)
+
+    @property
+    def limit(self) -> float:
+        """Additive cost that a path must stay below to be of use."""
+        if not self.exact or self.path is None:
+            return self._least_additive
+        most_var = (TIMES * self.heading_std) ** 2
+        if not is_plain(self.pricing.noise, self.pricing.space) or not math.isfinite(most_var):
+            return _LOOSEST * self._least_additive
+        return min(self.cost / max(float(bracket(most_var**0.5)), 1e-9), _LOOSEST * self._least_additive)
 
     def grow(self, stop: Callable[[], bool] = lambda: False) -> None:
         """Add a batch of nodes, search, polish. ``stop`` ends it early; the path never gets worse."""
+        if len(self.roadmap.xy) > _MOST_NODES:
+            self._renew()
         roadmap = self.roadmap
-        if self.batches == 0:
-            roadmap.add(self._corners(coarse=True), _NEIGHBOURS, self.limit)
-        elif self.batches == 2:
-            roadmap.add(self._corners(coarse=False), _NEIGHBOURS, self.limit)
-        if self.path is not None and len(self.path) > 2:
-            roadmap.add(self.path[1:-1], _NEIGHBOURS, self.limit, chain=True)
+        if self.batches <= 1:
+            roadmap.add(self._corners(coarse=self.batches == 0), _NEIGHBOURS, self.limit)
+        self._join()
         if stop():
             return
-        samples = self._samples(min(max(self._drawn, _FIRST_BATCH), _LARGEST_BATCH))
+        samples = self._samples(min(max(self._drawn, _FIRST_BATCH), self._room))
         for first in range(0, len(samples), _CHUNK):
             roadmap.add(samples[first : first + _CHUNK], _NEIGHBOURS, self.limit)
             if stop():
                 break
         else:
-            self._consider(roadmap.shortest().nodes, stop)
+            self._consider(roadmap.shortest(self._least_additive).nodes, stop)
             roadmap.prune(self.limit * (1 + 1e-9))
             self.batches += 1
 
-    def _consider(self, nodes: Ints, stop: Callable[[], bool]) -> None:
-        """Polish the path over ``nodes``; of all paths the one of least exact cost is kept."""
-        if not len(nodes):
-            return
-        raw = self.roadmap.xy[nodes]
-        for path in (raw, polished(self.pricing, raw, self.start_heading, stop)):
-            additive = self.pricing.path(path, self.start_heading)
-            self.limit = min(self.limit, additive)
-            cost = self._exact(path, additive)
-            if cost < self.cost:
-                self.path, self.cost = path, cost
-
-    def _exact(self, path: Floats, additive: float) -> float:
+    def finish(self, stop: Callable[[], bool] = lambda: False) -> tuple[Bound, bool]:
+        """The bound on paths of the roadmap, the best path included, and whether that path is proven to be as good as
+        the best of them. With ``exact``, first the search for a better one, until ``stop`` says so."""
+        noise, roadmap = self.pricing.noise, self.roadmap
+        assert self.path is not None, "there is nothing to finish without a path"
         if self.pricing.minimise == "length":
-            return additive
-        return float(exact_drift(self.pricing.space, path, self.pricing.noise, self.start_heading).end.rms) ** 2
+            self._join()
+            return Bound(min(roadmap.shortest().cost, self.cost), math.inf), False
+        if not self.exact:
+            self._join()
+            bound = bracketed(roadmap, noise, self.heading_std)
+            return bound._replace(mean_square=min(bound.mean_square, self.cost)), False
+        judge = ExactJudge(self.pricing.space, noise, self.pricing.goal, self.start_heading)
+        for _ in range(_EXACT_ROUNDS):
+            self._offer(refined(judge, self.pricing.space, self.path, stop))
+            self._join()
+            found, bound, finished = exactly_best(roadmap, noise, self.cost, self.heading_std, stop)
+            if found is None or not self._offer(found) or stop():
+                break
+        bound = bound._replace(mean_square=min(bound.mean_square, self.cost))
+        return bound, finished and bound.mean_square >= self.cost * (1 - 1.5 * GAP)
+
+    def _consider(self, nodes: Ints, stop: Callable[[], bool]) -> None:
+        """Offer the path over ``nodes``, as it is and polished."""
+        if len(nodes):
+            raw = self.roadmap.xy[nodes]
+            self._offer(raw)
+            self._offer(polished(self.pricing, raw, self.start_heading, stop))
+
+    def _offer(self, path: Floats) -> bool:
+        """Take the path if it is the best by exact cost; whether it was."""
+        additive = cost = self.pricing.path(path, self.start_heading)
+        self._least_additive = min(self._least_additive, additive)
+        heading_std = 0.0
+        if self.pricing.minimise == "drift":
+            end = exact_drift(self.pricing.space, path, self.pricing.noise, self.start_heading).end
+            cost, heading_std = float(end.rms) ** 2, float(end.heading_std)
+        if not cost < self.cost:
+            return False
+        self.path, self.cost, self.additive_cost, self.heading_std = path, cost, additive, heading_std
+        return True
+
+    def _renew(self) -> None:
+        """Start a new roadmap with the corners and the best path, so that memory stays bounded."""
+        self.roadmap = Roadmap(self.pricing, self.roadmap.xy[0], self.start_heading)
+        self.roadmap.add(self._corners(coarse=False), _NEIGHBOURS, self.limit)
+        self._joined = None
+
+    def _join(self) -> None:
+        """Make the best path part of the roadmap."""
+        if self.path is not None and self.path is not self._joined and len(self.path) > 2:
+            self.roadmap.add(self.path[1:-1], _NEIGHBOURS, self.limit, chain=True)
+        self._joined = self.path
 
     def _corners(self, coarse: bool) -> Floats:
         space = self.pricing.space
@@ -168,6 +264,7 @@ def plan_on_roadmap(
     noise: OdometryNoise,
     *,
     minimise: Minimise = "drift",
+    exact: bool = False,
     time_limit: float = 1.0,
     batches: int | None = None,
     seed: int = 0,
@@ -183,6 +280,10 @@ def plan_on_roadmap(
     noise : OdometryNoise
         Outside the zones of the world.
     minimise : {"drift", "length"}
+    exact : bool
+        Search the roadmap for the least exact drift rather than the least additive cost, which is an upper bound. Worth
+        while when headings at the goal are off by more than half a radian, or for a sharp ``bound``. The roadmap is
+        then kept small.
     time_limit : float
         Seconds; the first batch is completed in any case.
     batches : int, optional
@@ -220,30 +321,44 @@ def plan_on_roadmap(
             path=ends,
             cost=0.0,
             additive_cost=0.0,
+            bound=0.0,
+            bound_heading_std=math.inf,
             nodes=ends,
             edges=np.zeros((0, 2), dtype=np.int64),
             status=Status.OPTIMAL,
             batches=0,
         )
-    search = RoadmapSearch(pricing, ends[0], seed=seed, start_heading=start_heading)
+    search = RoadmapSearch(pricing, ends[0], seed=seed, start_heading=start_heading, exact=exact)
+    share = _EXACT_SHARE if search.exact else 1.0
 
-    def late() -> bool:
-        return search.batches > 0 and time.perf_counter() - began > time_limit
+    def after(seconds: float) -> bool:
+        return search.batches > 0 and time.perf_counter() - began > seconds
 
-    while not (late() or search.is_optimal or search.batches == batches):
-        search.grow(late)
+    def grown() -> bool:
+        return after(share * time_limit)
+
+    while not (grown() or search.batches == batches or search.is_done):
+        search.grow(grown)
         if search.path is None:
             check_connected(world, ends)
-    status = Status.OPTIMAL if search.is_optimal else Status.TIME_LIMIT if late() else Status.BATCHES_DONE
     if search.path is None:
         raise NoPathError(
             f"no path found from {said(ends[0])} to {said(ends[1])} within {time_limit:g} s and {search.batches} "
             "batches, though free space connects them: allow more time"
         )
+    bound, proven = search.finish(lambda: after(time_limit))
+    if search.is_optimal and not search.exact:
+        status = Status.OPTIMAL
+    elif proven:
+        status = Status.ROADMAP_OPTIMAL
+    else:
+        status = Status.TIME_LIMIT if after(time_limit) else Status.BATCHES_DONE
     return RoadmapResult(
         path=search.path,
         cost=search.cost,
-        additive_cost=pricing.path(search.path, start_heading),
+        additive_cost=search.additive_cost,
+        bound=bound.mean_square,
+        bound_heading_std=bound.heading_std,
         nodes=search.roadmap.xy,
         edges=search.roadmap.edges,
         status=status,
