@@ -123,12 +123,12 @@ def read_odometry(
             _need(file, found, "time", "speed", "turn_rate")
             return OdometryLog.from_velocities(found["time"], found["speed"], found["turn_rate"])
         _need(file, found, "time", "x", "y")
-        heading = _heading(file, found)
-        if heading is None:
+        pose_heading = _heading(file, found)
+        if pose_heading is None:
             raise TrajectoryError(
                 f"{file}: expected poses with a heading (heading, or qx qy qz qw), got {sorted(found)}"
             )
-        return OdometryLog.from_poses(np.column_stack([found["x"], found["y"], heading]), found["time"])
+        return OdometryLog.from_poses(np.column_stack([found["x"], found["y"], pose_heading]), found["time"])
     except TrajectoryError:
         raise
     except ValueError as err:
