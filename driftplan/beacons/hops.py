@@ -140,33 +140,6 @@ def _fits_between(tracks: Tracks, limit: Limit, between: Floats, route: Ints, sa
     return np.asarray(between.max(axis=-1) <= limit.metres[route] ** 2 - sag / PARTS**2)
 
 
-def squares_after(tracks: Tracks, route: int, sources: Sources, *, blind: bool = False) -> Floats:
-    """Least E|e|² at every border of one route after each of its ``sources``, (n, borders); NaN before the source.
-
-    "Least" as in `reach`: exact where the heading is known.
-    """
-    borders = int(tracks.slots[route]) + 1
-    out = np.full((len(sources.border), borders), np.nan)
-    order = np.argsort(sources.border, kind="stable")
-    sources, began = sources[order], 0
-    sofar = identity((0,))
-    spread = np.zeros(0)
-    for t in range(borders):
-        if t > 0:
-            piece = int(tracks.first_piece[route]) + t - 1
-            sofar = compose(sofar, tracks.pieces[np.full(began, piece)])
-            spread = spread + tracks.translation[piece]
-        fresh = int(np.searchsorted(sources.border, t, side="right")) - began
-        if fresh:
-            new = identity((fresh,))
-            sofar = Moments(*(np.concatenate(x) for x in zip(sofar.arrays(), new.arrays(), strict=True)))
-            spread = np.concatenate([spread, np.zeros(fresh)])
-            began += fresh
-        here = sources[np.arange(began)]
-        out[order[:began], t] = here.state.N.real + spread if blind else here.least_square(sofar)
-    return out
-
-
 class Layouts(NamedTuple):
     """Which readings happen in each of several drives, each on one route.
 

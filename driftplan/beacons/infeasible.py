@@ -83,16 +83,14 @@ def obstacle(problem: PlacementProblem, requirements: DriftRequirements, route: 
         end += 1
     distance = tracks.distances_of(route)
     last = min(end + 1, len(distance) - 1)
-    best = [_nearest(requirements, route, border, problem.task.redundancy) for border in range(begin, last + 1)]
+    best = [_nearest(requirements, route, j, problem.task.redundancy) for j in range(begin, end + 1)]
     least, sites = max(best, key=lambda pair: pair[0])
     return Obstacle(route, float(distance[begin]), float(distance[last]), least, sites)
 
 
-def _nearest(
-    requirements: DriftRequirements, route: int, border: int, redundancy: int
-) -> tuple[float, tuple[int, ...]]:
-    """Least rms at a border that survives the deaths allowed, and the sites whose readings give the least."""
-    site, square, at_start = requirements.least_squares(route, border)
+def _nearest(requirements: DriftRequirements, route: int, slot: int, redundancy: int) -> tuple[float, tuple[int, ...]]:
+    """Least rms at a slot's end that survives the deaths allowed, and the sites whose readings give the least."""
+    site, square, at_start = requirements.least_squares(route, slot)
     order = np.lexsort((site, square))
     ranked = square[order]
     least = ranked[redundancy - 1] if len(ranked) >= redundancy else np.inf

@@ -10,20 +10,14 @@ within the reach of e (`hops.reach`). With R_j the sites whose own last reading 
   R_j that are read between e and j. A later reading is not always better (a coarse one may replace a good estimate),
   which is also why adding a site to an acceptable layout may spoil it.
 
-On a route whose readings all fix position and heading, or all fix only the position, the state after a reading does not
-depend on the readings before it, the reach is exact and these rows say everything. Otherwise (mixed kinds) the reach is
-an upper bound over all headings that the earlier readings may have left. A layout that meets the rows and fails the
-exact model (`hops.first_breach`) is then excluded by a
+On a route whose readings are sure and all fix position and heading, or all only the position, the state after a reading
+does not depend on the readings before it, the reach is exact and these rows say everything. On other routes the reach
+is an upper bound over all headings that the earlier readings may have left, and rows and cuts of two more kinds help:
 
-* no-good cut: Σ_{A} y + Σ_{K} (1 - y) >= 1, K the living sites whose readings the state in j depends on, A the absent
-  sites whose readings would change it.
-
-Where readings may fail, E|e|² in slot j is an average over which reading came last: with the readings e_1, e_2, … of a
-set W in driving order and V_e the least E|e|² in j if e is the last that succeeds, no subset of W has less than
-
-    F_0 = V_start,   F_t = min(F_{t-1}, chance_t V_t + (1 - chance_t) F_{t-1}).
-
-While that is beyond the limit, at least k sites outside W are needed; W is made as large as possible.
+* at least so many sites outside a set that cannot hold the slot (`exclusions`);
+* no-good cut, when a layout meets all that and still fails the exact model (`hops.first_breach`): something that the
+  state in the slot depends on must change, Σ_{A} y + Σ_{K} (1 - y) >= 1, K the living sites whose readings it depends
+  on, A the absent sites whose readings would change it.
 """
 
 from __future__ import annotations
@@ -35,7 +29,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driftplan.beacons.covering import Cut
-from driftplan.beacons.hops import HOLDS, Layouts, Limit, Sources, first_breach, reach, squares_after
+from driftplan.beacons.exclusions import Chances, Pairs, chance_exclusion, order_exclusion, pair_exclusions
+from driftplan.beacons.hops import HOLDS, Layouts, Limit, Sources, first_breach, reach
+from driftplan.beacons.spans import RouteSpans
 from driftplan.beacons.tracks import Tracks
 from driftplan.model.moments import Moments
 from driftplan.model.paths import Floats
@@ -43,6 +39,8 @@ from driftplan.model.paths import Floats
 Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 
+_ROUNDING = 1e-8  # relative, of E|e|² from sums along a whole route
+_SLOTS_BEFOREHAND = 40  # per route, in which sets that cannot hold are looked for before any layout is judged
 _START = -1  # stands for "no reading yet" where readings are numbered
 
 
@@ -76,7 +74,7 @@ class DriftRequirements:
         )
         self.reach_of_start = self._reach(self.start, tracks.slots)
         self.reach_of = np.where(self.places, self._reach(self.sources, self._before_next_own()), HOLDS)
-        self._squares: dict[int, Floats] = {}
+        self._spans_of: dict[int, RouteSpans] = {}
         met = np.unique(tracks.site * np.intp(max(tracks.routes, 1)) + self.route)
         self._routes_meeting = np.split(
             met % max(tracks.routes, 1), np.searchsorted(met // max(tracks.routes, 1), np.arange(1, sites))
@@ -104,23 +102,38 @@ class DriftRequirements:
     # Rows known beforehand
 
     def rows(self) -> list[Cut]:
-        """Cover rows of all slots, without those that another one implies, for routes whose readings are sure."""
-        return [row for r in np.flatnonzero(self.sure).tolist() for row in self._rows_of(r)]
+        """Demands that are known before any layout is judged, without those that another one implies."""
+        found: list[Cut] = []
+        for route in range(self.tracks.routes):
+            slots = self._narrow_slots(route)
+            if self.sure[route]:
+                found += (self._at_least(self._able_in(route, j), route, j) for j in slots)
+            if self.independent[route] or self.blind[route]:
+                continue
+            for j in slots[:: max(1, len(slots) // _SLOTS_BEFOREHAND)]:
+                if self.sure[route]:
+                    found += self._pair_cuts(route, j, np.zeros(0, dtype=np.intp))
+                else:
+                    found += self._chance_cuts(route, j, min(j + 1, int(self.tracks.slots[route])), [])
+        return found
 
-    def _rows_of(self, route: int) -> Iterator[Cut]:
-        """R_j shrinks while j moves on, until a new site comes in: only there it can be smallest."""
-        sites, first, last = self._spans(route)
+    def _narrow_slots(self, route: int) -> list[int]:
+        """Slots in which fewest sites can hold: R_j shrinks while j moves on, until a new site comes in."""
+        _, first, last = self._stretches(route)
         slots = int(self.tracks.slots[route]) + 1
         comes = np.bincount(first, minlength=slots + 1)
         goes = np.bincount(last + 1, minlength=slots + 1)
         ends = np.flatnonzero(np.append(comes[1:slots], 1) > 0)
         ends = ends[ends > self.reach_of_start[route]]
         gone = np.cumsum(goes)[ends]
-        for j in ends[np.diff(gone, prepend=-1) > 0].tolist():
-            inside = (first <= j) & (j <= last)
-            yield self._at_least(np.unique(sites[inside]), route, j)
+        return [int(j) for j in ends[np.diff(gone, prepend=-1) > 0]]
 
-    def _spans(self, route: int) -> tuple[Ints, Ints, Ints]:
+    def _able_in(self, route: int, slot: int) -> Ints:
+        """R_j: the sites whose own last reading holds a slot, whatever came before it."""
+        site, first, last = self._stretches(route)
+        return np.unique(site[(first <= slot) & (slot <= last)])
+
+    def _stretches(self, route: int) -> tuple[Ints, Ints, Ints]:
         """Stretches of slots [first, last] that a site can hold by its own last reading: site, first, last."""
         here = self.tracks.events_of(route)
         events = np.arange(here.start, here.stop)[self.places[here]]
@@ -137,8 +150,9 @@ class DriftRequirements:
         ends = np.append(begins[1:], len(site)) - 1
         return site[begins], first[begins], last[ends] if len(site) else last
 
-    def _at_least(self, sites: Ints, route: int, slot: int) -> Cut:
-        return Cut(sites, np.ones(len(sites)), float(self.redundancy), (route, slot))
+    def _at_least(self, sites: Ints, route: int, slot: int, count: int = 1) -> Cut:
+        """At least ``count`` living sites of these, whichever others are dead."""
+        return Cut(sites, np.ones(len(sites)), float(count + self.redundancy - 1), (route, slot))
 
     # The oracle
 
@@ -157,7 +171,7 @@ class DriftRequirements:
             slots, early = first_breach(self.tracks, rest, self.limit)
             for k in np.flatnonzero(slots != HOLDS).tolist():
                 alive = rest.event[rest.drive == k]
-                found.append(self._cut(chosen, int(rest.route[k]), int(slots[k]), bool(early[k]), alive))
+                found += self._cuts_of(chosen, int(rest.route[k]), int(slots[k]), bool(early[k]), alive)
         return found
 
     def holds(self, chosen: Bools) -> bool:
@@ -199,24 +213,26 @@ class DriftRequirements:
         for k in np.flatnonzero(until < needed).tolist():
             yield int(route[k]), int(until[k]) + 1, int(event[k])
 
-    def _cut(self, chosen: Bools, route: int, slot: int, early: bool, alive: Ints) -> Cut:
-        """The cut for a drive with the readings ``alive`` that breaks the limit in ``slot``, of any kinds."""
+    def _cuts_of(self, chosen: Bools, route: int, slot: int, early: bool, alive: Ints) -> list[Cut]:
+        """Cuts for a drive with the readings ``alive`` that breaks the limit in ``slot``, of any kinds."""
         before = alive[self.tracks.border[alive] <= slot]
-        if not self.sure[route]:
-            return self._unsure_cut(route, slot, early, before) or self._no_good(chosen, route, slot, before)
         placing = before[self.places[before]]
-        latest = int(placing[-1]) if len(placing) else _START
-        until = self.reach_of_start[route] if latest == _START else self.reach_of[latest]
-        if until < slot:
-            return self._sure_cut(chosen, route, slot, latest)
-        return self._no_good(chosen, route, slot, before)
+        found: list[Cut] = []
+        if self.sure[route]:
+            latest = int(placing[-1]) if len(placing) else _START
+            until = self.reach_of_start[route] if latest == _START else self.reach_of[latest]
+            if until < slot:
+                return [self._sure_cut(chosen, route, slot, latest)]
+            if not self.blind[route]:
+                found = self._pair_cuts(route, slot, np.unique(self.tracks.site[placing]))
+        else:
+            border = slot if early else slot + 1
+            found = self._chance_cuts(route, slot, border, np.unique(self.tracks.site[placing]).tolist())
+        return found or [self._no_good(chosen, route, slot, before)]
 
     def _sure_cut(self, chosen: Bools, route: int, slot: int, latest: int) -> Cut:
         """The cover row of the slot if it is violated, else the hop cut of the last reading."""
-        events = self._events_before(route, slot)
-        site = self.tracks.site[events]
-        _, back = np.unique(site[::-1], return_index=True)
-        last = events[len(events) - 1 - back]
+        last = self._last_readings(route, slot)
         able = last[self.reach_of[last] >= slot]
         sites = self.tracks.site[able]
         if self.reach_of_start[route] < slot and chosen[sites].sum() < self.redundancy:
@@ -226,6 +242,12 @@ class DriftRequirements:
         weights = np.append(np.ones(len(after)), -float(self.redundancy))
         return Cut(np.append(after, own), weights, 0.0, (route, slot))
 
+    def _last_readings(self, route: int, slot: int) -> Ints:
+        """The last position reading of every site at or before a slot, in driving order."""
+        events = self._events_before(route, slot)
+        _, back = np.unique(self.tracks.site[events][::-1], return_index=True)
+        return np.sort(events[len(events) - 1 - back])
+
     def _events_before(self, route: int, slot: int) -> Ints:
         """Position readings of all sites at or before a slot."""
         here = self.tracks.events_of(route)
@@ -233,33 +255,45 @@ class DriftRequirements:
         events = np.arange(here.start, stop)
         return events[self.places[events]]
 
-    def _unsure_cut(self, route: int, slot: int, early: bool, alive: Ints) -> Cut | None:
-        """At least k sites outside a set none of whose subsets holds the slot; None if the living sites could."""
+    def _pair_cuts(self, route: int, slot: int, within: Ints) -> list[Cut]:
+        """Cuts from sets around ``within`` in which no heading and position together hold the slot."""
+        if self.reach_of_start[route] >= slot:
+            return []
+        pairs = self._pairs(route, slot)
+        exclusions = pair_exclusions(pairs, np.isin(pairs.site, within))
+        return [self._at_least(np.sort(pairs.site[~W]), route, slot) for W in exclusions]
+
+    def _pairs(self, route: int, slot: int) -> Pairs:
+        """Which last readings, and which two of them, hold a slot."""
+        last = self._last_readings(route, slot)
+        turns = self.turns[last]
+        bar, spans = self._bar(route), self._spans(route)
+        kept = spans.coherence[self.tracks.border[last]]
+        left = np.where(turns, (1 + self.tracks.heading_d1[last]) / kept, 0.0)  # E r, as if set at the start
+        begun = 1 + self.tracks.start.d1[route]
+        in_reach = self.reach_of[last] >= slot
+        alone, together = in_reach.copy(), np.outer(turns, in_reach & ~turns) & np.less.outer(last, last)
+        for border in {slot, min(slot + 1, int(self.tracks.slots[route]))}:
+            base, lever = (x[self.tracks.border[last]] for x in spans.to(border))
+            base = base + self.tracks.trace[last]
+            lever = lever * kept
+            alone &= turns | (base - 2 * (begun * lever).real <= bar)
+            together &= base - 2 * np.multiply.outer(left, lever).real <= bar
+        return Pairs(self.tracks.site[last], alone, together)
+
+    def _chance_cuts(self, route: int, slot: int, border: int, within: list[int]) -> list[Cut]:
+        """At least so many sites outside a set that cannot hold the slot, judged at one border; none if it may."""
         events = self._events_before(route, slot)
-        border = slot if early else min(slot + 1, int(self.tracks.slots[route]))
-        squares = self._squares_of(route)[:, border]
-        here = self.tracks.events_of(route)
-        site, chance = self.tracks.site[events].tolist(), self.tracks.chance[events].tolist()
-        value = squares[1 + events - here.start].tolist()
-        bar = float(self.limit.metres[route]) ** 2
-
-        def least(within: set[int]) -> float:
-            f = float(squares[0])
-            for i, p, v in zip(site, chance, value, strict=True):
-                if i in within:
-                    f = min(f, p * v + (1 - p) * f)
-            return f
-
-        within = set(self.tracks.site[alive].tolist())
-        if least(within) <= bar:
-            return None
-        best: dict[int, float] = {}
-        for i, v in zip(site, value, strict=True):
-            best[i] = min(v, best.get(i, np.inf))
-        for i in sorted(best, key=lambda i: (-best[i], i)):
-            if i not in within and least(within | {i}) > bar:
-                within.add(i)
-        return self._at_least(np.array(sorted(set(site) - within), dtype=np.intp), route, slot)
+        at_start, squares = self._least_squares(route, border, events)
+        chances = Chances(at_start, self.tracks.site[events], self.tracks.chance[events], squares, self._bar(route))
+        everyone = set(chances.site.tolist())
+        W, need = chance_exclusion(chances, within)
+        if need == 0:
+            found = order_exclusion(chances, within)
+            if found is None:
+                return []
+            W, need = found, 1
+        return [self._at_least(np.array(sorted(everyone - W), dtype=np.intp), route, slot, need)]
 
     def _no_good(self, chosen: Bools, route: int, slot: int, alive: Ints) -> Cut:
         """Something that the state in the slot depends on must change."""
@@ -283,33 +317,41 @@ class DriftRequirements:
 
     def able(self, route: int) -> Ints:
         """How many sites can hold each slot of a route by their own last reading, (slots,)."""
-        _, first, last = self._spans(route)
+        _, first, last = self._stretches(route)
         slots = int(self.tracks.slots[route]) + 1
         change = np.bincount(first, minlength=slots + 1) - np.bincount(last + 1, minlength=slots + 1)
         return np.asarray(np.cumsum(change)[:slots], dtype=np.intp)
 
-    def least_squares(self, route: int, border: int) -> tuple[Ints, Floats, float]:
-        """Sites read at or before a border, the least E|e|² there after the last reading of each, and after none."""
-        here = self.tracks.events_of(route)
-        events = self._events_before(route, border)
-        site = self.tracks.site[events]
-        found, back = np.unique(site[::-1], return_index=True)
-        last = events[len(events) - 1 - back]
-        squares = self._squares_of(route)[:, border]
-        return found, squares[1 + last - here.start], float(squares[0])
+    def least_squares(self, route: int, slot: int) -> tuple[Ints, Floats, float]:
+        """Sites read at or before a slot, the least E|e|² at its end after the last reading of each, and after none."""
+        last = self._last_readings(route, slot)
+        border = min(slot + 1, int(self.tracks.slots[route]))
+        at_start, squares = self._least_squares(route, border, last)
+        return self.tracks.site[last], squares, at_start
 
-    def _squares_of(self, route: int) -> Floats:
-        """Least E|e|² at every border (columns) after the start (row 0) and after each reading of a route."""
-        if route not in self._squares:
-            here = self.tracks.events_of(route)
-            events = np.arange(here.start, here.stop)
-            blind = bool(self.blind[route])
-            rows = np.full((1 + len(events), int(self.tracks.slots[route]) + 1), np.nan)
-            rows[0] = squares_after(self.tracks, route, self.start[np.array([route])], blind=blind)
-            some = np.flatnonzero(self.places[here])
-            rows[1 + some] = squares_after(self.tracks, route, self.sources[events[some]], blind=blind)
-            self._squares[route] = rows
-        return self._squares[route]
+    def _least_squares(self, route: int, border: int, events: Ints) -> tuple[float, Floats]:
+        """Least E|e|² at a border after nothing but the start, and after each of the readings, had it come last."""
+        spans, tracks, borders = self._spans(route), self.tracks, self.tracks.border[events]
+        if self.blind[route]:
+            noise = spans.translation[border] - spans.translation
+            return float(tracks.start.N[route].real + noise[0]), tracks.trace[events] + noise[borders]
+        base, lever = spans.to(border)
+        turned = (1 + tracks.start.d1[route]) * lever[0]
+        at_start = float(tracks.start.N[route].real + base[0] - 2 * np.real(turned))
+        lever = lever[borders]
+        low, high = 1 + self.sources.low[events], 1 + self.sources.high[events]
+        most = np.maximum(low.real * lever.real, high.real * lever.real)
+        most = most + np.maximum(-low.imag * lever.imag, -high.imag * lever.imag)
+        return at_start, tracks.trace[events] + base[borders] - 2 * most
+
+    def _bar(self, route: int) -> float:
+        """The limit squared, and a little more: rounding must not exclude a layout that just holds."""
+        return float(self.limit.metres[route]) ** 2 * (1 + _ROUNDING)
+
+    def _spans(self, route: int) -> RouteSpans:
+        if route not in self._spans_of:
+            self._spans_of[route] = RouteSpans(self.tracks, route)
+        return self._spans_of[route]
 
 
 def _every(tracks: Tracks, what: Bools) -> Bools:

@@ -1,0 +1,154 @@
+"""Tracks, hops and spans: the drift they find is that of predict_drift, and the bound between borders is a bound."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.hops import HOLDS, Limit
+from driftplan.beacons.placement_problem import placement_problem
+from driftplan.beacons.spans import RouteSpans
+from driftplan.model.drift import predict_drift
+from driftplan.model.fixes import Fix
+from driftplan.model.moments import compose
+from driftplan.model.noise import OdometryNoise
+
+NOISE = OdometryNoise(
+    heading_var_per_m=1e-3,
+    distance_var_per_m=2e-3,
+    lateral_var_per_m=5e-4,
+    heading_var_per_rad=2e-3,
+    distance_var_per_rad=1e-3,
+)
+SYSTEMATIC = OdometryNoise(
+    heading_var_per_m=2e-3,
+    distance_var_per_m=1e-3,
+    heading_bias_per_m=0.01,
+    heading_bias_per_rad=0.02,
+    distance_scale_error=0.03,
+    heading_distance_corr=0.6,
+)
+WILD = OdometryNoise(heading_var_per_m=1.0, distance_var_per_m=1e-3)
+PATH = np.array([(0, 0), (12, 3), (12, 3), (15, -6), (4, -6), (12, 3), (20, 9)], dtype=float)
+SIGN = BeaconKind.landmark(2.0, 0.1, 0.05, line_of_sight=False)
+TAG = BeaconKind.rfid(1.5, 0.1)
+SITES = [Beacon(TAG, 5, 1), Beacon(SIGN, 12, 2), Beacon(TAG, 14, -4), Beacon(SIGN, 8, -6), Beacon(TAG, 18, 8)]
+
+
+def tracks_of(noise, sites=SITES, limit=0.5, path=PATH):
+    problem = placement_problem(None, path, noise, candidates=sites)
+    tracks = problem.tracks(limit)
+    return tracks, problem.requirements(tracks, [limit])
+
+
+@pytest.mark.parametrize("noise", [NOISE, SYSTEMATIC, WILD])
+def test_the_pieces_of_a_track_make_up_the_route(noise):
+    tracks, _ = tracks_of(noise)
+    whole = tracks.pieces[np.intp(0)]
+    for k in range(1, len(tracks.length)):
+        whole = compose(whole, tracks.pieces[np.intp(k)])
+    drift = predict_drift(PATH, noise).end.moments
+    turned = np.exp(1j * np.arctan2(3, 12))  # a track begins in the robot's frame
+    np.testing.assert_allclose([whole.N, whole.D], [drift.N, drift.D], rtol=1e-10)
+    np.testing.assert_allclose([turned * whole.p + 0, turned * whole.e1], [drift.p, drift.e1], rtol=1e-9)
+    np.testing.assert_allclose(tracks.distances_of(0)[-1], np.hypot(*np.diff(PATH, axis=0).T).sum())
+
+
+@pytest.mark.parametrize("noise", [NOISE, SYSTEMATIC, WILD])
+def test_spans_are_the_drift_after_a_fix(noise):
+    tracks, _ = tracks_of(noise)
+    spans, distance = RouteSpans(tracks, 0), tracks.distances_of(0)
+    position_std, heading_std = 0.07, 0.04
+    run = tracks.length > 0
+    plain = [k for k in range(1, len(run)) if run[k - 1] and run[k]]  # beside a turn a distance stands for two borders
+    for border in (plain[len(plain) // 3], plain[len(plain) // 2], len(run)):
+        base, lever = spans.to(border)
+        for e in [k for k in plain if k < border][::3]:
+            fix = Fix.full(float(distance[e]), position_std_m=position_std, heading_std=heading_std)
+            expected = predict_drift(PATH, noise, fixes=[fix]).at(float(distance[border])).rms ** 2
+            found = 2 * position_std**2 + base[e] - 2 * np.real(np.exp(-(heading_std**2) / 2) * lever[e])
+            assert found == pytest.approx(expected, rel=1e-8, abs=1e-11)
+
+
+def test_where_the_heading_is_forgotten_spans_are_composed():
+    path = [(0, 0), (30, 0)]
+    tracks, _ = tracks_of(WILD, path=path)
+    assert RouteSpans(tracks, 0).forgets
+    base, lever = RouteSpans(tracks, 0).to(int(tracks.slots[0]))
+    expected = predict_drift(path, WILD).end.rms ** 2
+    assert base[0] - 2 * lever[0].real == pytest.approx(expected, rel=1e-9)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.floats(0.2, 3.0), st.integers(0, 4), st.sampled_from([NOISE, SYSTEMATIC]))
+def test_reach_ends_where_the_drift_first_exceeds_the_limit(limit, site, noise):
+    one_kind = [Beacon(SIGN, b.x, b.y) for b in SITES]
+    tracks, needs = tracks_of(noise, one_kind, limit)
+    distance = tracks.distances_of(0)
+    for e in np.flatnonzero(tracks.site == site).tolist():
+        s = float(distance[tracks.border[e]])
+        drift = predict_drift(PATH, noise, fixes=[Fix.full(s, position_std_m=0.1, heading_std=0.05)])
+        last = int(needs.reach_of[e])
+        until = distance[min(last + 1, len(distance) - 1)]
+        held = np.linspace(s, max(until - 1e-9, s), 60)
+        if last >= tracks.border[e]:
+            assert drift.at(held).rms.max() <= limit * (1 + 1e-9)
+        stop = needs._before_next_own()[e]
+        if last < stop and last + 2 < len(distance):
+            beyond = np.linspace(distance[last + 1], distance[last + 2], 40)
+            assert drift.at(beyond).rms.max() > limit * (1 - 1e-6)
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    st.floats(1e-6, 0.5),
+    st.floats(-0.2, 0.2),
+    st.floats(-0.3, 0.3),
+    st.floats(-0.9, 0.9),
+    st.floats(0.01, 3.0),
+    st.floats(-3.1, 3.1),
+    st.floats(0.0, 0.5),
+)
+def test_between_borders_the_drift_stays_below_its_bound(q, bias, scale, corr, length, turn, before):
+    noise = OdometryNoise(
+        heading_var_per_m=q,
+        distance_var_per_m=1e-2,
+        heading_bias_per_m=bias,
+        distance_scale_error=scale,
+        heading_distance_corr=corr,
+    )
+    path = np.array([(0, 0), (2, 0), (2 + length * np.cos(turn), length * np.sin(turn))])
+    drift = predict_drift(path, noise, fixes=[Fix.full(0.0, position_std_m=0.05, heading_std=before)])
+    inside = drift.at(np.linspace(2.0, 2.0 + length, 200)).rms ** 2
+    tracks, _ = tracks_of(noise, [Beacon(TAG, 99, 99)], 1e3, path)  # a limit so high that nothing is cut
+    bend, fixed = tracks.bend[-1], tracks.bend_fixed[-1]
+    sag = (bend * np.sqrt(inside.max()) + fixed) * length**2 / 8
+    assert inside.max() <= max(inside[0], inside[-1]) + sag * (1 + 1e-9) + 1e-12
+
+
+def test_a_limit_broken_only_inside_a_piece_is_seen():
+    # A biased heading drives the estimate in a circle, off the second run and towards it again.
+    noise = OdometryNoise(heading_var_per_m=1e-6, heading_bias_per_m=0.5)
+    path = np.array([(0, 0), (6, 4), (1, -6)], dtype=float)
+    drift = predict_drift(path, noise)
+    profile = drift.profile(0.01)
+    at_peak = float(profile.distance[np.argmax(profile.rms)])
+    peak = float(drift.at(np.linspace(at_peak - 0.01, at_peak + 0.01, 4001)).rms.max())
+    assert min(abs(at_peak - s) for s in drift.distance) > 1.0
+    far = [Beacon(TAG, 99, 99)]
+    for limit, holds in ((peak * (1 - 1e-7), False), (peak * (1 + 1e-7), True)):
+        _, needs = tracks_of(noise, far, limit, path)
+        assert needs.holds(np.array([False])) is holds
+
+
+def test_a_radius_is_judged_by_its_quantile():
+    far = [Beacon(TAG, 99, 99)]
+    path = np.array([(0, 0), (30, 0)])
+    radius = float(predict_drift(path, NOISE).end.radius(0.9))
+    problem = placement_problem(None, path, NOISE, candidates=far, confidence=0.9)
+    tracks = problem.tracks(radius)
+    for limit, holds in ((0.999 * radius, False), (1.001 * radius, True)):
+        assert problem.requirements(tracks, [limit]).holds(np.array([False])) is holds
+    assert Limit(np.array([radius]), 0.9).confidence == 0.9
+    assert HOLDS < 0
