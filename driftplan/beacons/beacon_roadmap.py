@@ -16,9 +16,9 @@ from `driftplan.beacons.beacon`, whose model decides about every finished path.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -207,7 +207,7 @@ def _matrices(pieces: Moments, direction: Complexes) -> Floats:
     return _linear(lambda state: compose(state, Moments(ones, *(turned.arrays()[1:]))), pieces.shape)
 
 
-def _linear(act, shape: tuple[int, ...]) -> Floats:  # type: ignore[no-untyped-def]
+def _linear(act: Callable[[Moments], Moments], shape: tuple[int, ...]) -> Floats:
     """The matrix of an action on error moments that is linear in the error state, from what it does to a basis."""
     zero = np.zeros(shape)
     columns = []
@@ -303,7 +303,7 @@ def _edge_readings(
     a: Floats, along: Floats, length: Floats, beacons: BeaconColumns, world: World | None
 ) -> tuple[Ints, Ints, Floats, Floats]:
     """Edge, beacon, distance and chance of every reading; none where an edge begins, for that was read before."""
-    found: list[tuple[Ints, Ints, Floats, Floats]] = []
+    found: list[tuple[NDArray[Any], ...]] = []
     per = max(1, _PAIRS_AT_ONCE // max(len(beacons.xy), 1))
     for lo in range(0, len(a), per):
         part = slice(lo, lo + per)
@@ -314,7 +314,11 @@ def _edge_readings(
         start, end = np.maximum(foot - half, 0.0), np.minimum(foot + half, length[part, None])
         edge, site = np.nonzero((np.abs(aside) <= beacons.range_m) & (start <= end))
         found.append((edge + lo, site, start[edge, site], end[edge, site]))
-    edge, site, start, end = (np.concatenate(x) for x in zip(*found, strict=True)) if found else ([], [], [], [])
+    if not found:
+        none = np.zeros(0, dtype=np.intp)
+        return none, none, np.zeros(0), np.zeros(0)
+    edge, site = (np.concatenate([part[k] for part in found]).astype(np.intp) for k in (0, 1))
+    start, end = (np.concatenate([part[k] for part in found]).astype(float) for k in (2, 3))
     sure = beacons.detection_probability[site] == 1
     parts = np.ceil((end - start) / beacons.reading_spacing_m[site] - 1e-6)
     count = np.where(sure & (end - start > _LEAST_M), np.maximum(parts, 1) + 1, 1).astype(np.intp)

@@ -17,7 +17,7 @@ rest. So label 1 dominates when, with Δ = label 2 - label 1 in every scenario,
 
 R being how far the most accurate robot can drive before it breaks the limit: farther no label gets without a reading.
 Missed readings mix outcomes, which keeps the order. Where turning costs, label 1 is first turned to the heading of
-label 2. ``tolerance`` is granted in all of this, as a share of the limit squared; with zero the search is exhaustive.
+label 2. ``slack_sq`` (m²) is granted in all of this; with zero no walk of the graph is better than the one found.
 Systematic errors are not in these terms: with them dominance is a rule of thumb.
 """
 
@@ -29,8 +29,10 @@ from dataclasses import dataclass
 from heapq import heappop, heappush
 
 import numpy as np
+from numpy.typing import NDArray
 
-from driftplan.beacons.beacon_roadmap import A_IM, A_RE, BeaconRoadmap, D, Effects, Floats, N
+from driftplan.beacons.beacon_roadmap import A_IM, A_RE, BeaconRoadmap, D, Effects, N
+from driftplan.model.paths import Floats
 
 _ASK_EVERY = 64  # labels between two looks at the clock
 
@@ -78,7 +80,7 @@ class Walk:
     end_drift : float
         rms at its end, metres, in the worst scenario.
     finished : bool
-        Whether the search came to its own end, so that no walk of the graph is better.
+        Whether the search came to its own end.
     labels : int
     bound : float
         No walk of the graph is shorter (for the least drift: 0).
@@ -97,35 +99,33 @@ class Walk:
 def shortest_walk(
     task: LabelTask,
     *,
-    tolerance: float = 0.0,
+    slack_sq: float = 0.0,
     stop: Callable[[], bool] = lambda: False,
     most_labels: int = 1_000_000,
 ) -> Walk:
     """The shortest walk from start to goal that keeps the limit in every scenario."""
-    return _Search(task, tolerance, stop, most_labels).run(least_drift=False)
+    return _Search(task, slack_sq, stop, most_labels).run(least_drift=False)
 
 
 def least_drift_walk(
     task: LabelTask,
     *,
-    tolerance: float = 0.0,
+    slack_sq: float = 0.0,
     stop: Callable[[], bool] = lambda: False,
     most_labels: int = 1_000_000,
 ) -> Walk:
     """The walk no longer than ``task.longest`` that ends with the least rms drift and keeps the limit on the way."""
-    return _Search(task, tolerance, stop, most_labels).run(least_drift=True)
+    return _Search(task, slack_sq, stop, most_labels).run(least_drift=True)
 
 
 class _Search:
-    def __init__(self, task: LabelTask, tolerance: float, stop: Callable[[], bool], most_labels: int) -> None:
+    def __init__(self, task: LabelTask, slack_sq: float, stop: Callable[[], bool], most_labels: int) -> None:
         self.task, self.stop, self.most_labels = task, stop, most_labels
         graph = task.graph
         self.scenarios = len(task.states)
-        limit = task.limit
-        scale = limit**2 if math.isfinite(limit) else float(task.states[:, N].max()) or 1.0
-        self.slack_N = tolerance * scale
-        self.slack_D = self.slack_N / max(task.reach, 1e-9) ** 2
-        self.limit_sq = limit**2
+        self.slack_N = slack_sq
+        self.slack_D = slack_sq / max(task.reach, 1e-9) ** 2
+        self.limit_sq = task.limit**2
         self.first = graph.first.tolist()
         self.row_first = graph.effects.first
         self.turning = graph.turns_matter
@@ -275,7 +275,7 @@ def _scores(state: Floats) -> list[Score]:
     return [(n, d, complex(re, im)) for n, d, re, im in zip(*columns, strict=True)]
 
 
-def _slots(effects: Effects, edges: int) -> np.ndarray:  # type: ignore[type-arg]
+def _slots(effects: Effects, edges: int) -> NDArray[np.intp]:
     slot = np.full(edges, -1, dtype=np.intp)
     slot[effects.edge] = np.arange(len(effects.edge))
     return slot
