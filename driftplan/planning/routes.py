@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from dataclasses import replace as changed
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,8 +43,10 @@ class Route:
     status : Status
         Why the search ended, a sentence for people.
     bound : float
-        Proven lower bound, over all routes, of what was minimised: rms drift at the goal or length, in metres. It takes
-        no notice of obstacles.
+        Proven lower bound of what was minimised: rms drift at the goal or length, in metres. Of the paths of the
+        roadmap, when that found the route; else of all routes, taking no notice of obstacles.
+    bound_covers : {"roadmap", "all routes"}
+        Which of the two.
     """
 
     path: Floats
@@ -53,6 +55,7 @@ class Route:
     minimise: Minimise
     status: Status
     bound: float
+    bound_covers: Literal["roadmap", "all routes"]
 
     @property
     def length(self) -> float:
@@ -73,6 +76,7 @@ def plan_route(
     *,
     minimise: Minimise = "drift",
     planner: str = ROADMAP,
+    exact: bool = False,
     max_detour: float | None = None,
     candidates: Iterable[ArrayLike] = (),
     start_heading: float | None = None,
@@ -96,6 +100,9 @@ def plan_route(
         rms drift at the goal, or length.
     planner : str
         "roadmap", or of OMPL "rrtstar", "informed_rrtstar", "sorrtstar", "bitstar".
+    exact : bool
+        Search the roadmap for the least exact drift, not for the least additive cost that bounds it: worth its time
+        when the heading error at the goal exceeds half a radian, or for a sharp ``bound``. Only with planner "roadmap".
     max_detour : float, optional
         Greatest length as a multiple of the shortest route found, >= 1.
     candidates : iterable of (n, 2)
@@ -141,30 +148,41 @@ def plan_route(
         from driftplan.planning.ompl_solve import check_planner
 
         check_planner(planner, also=(ROADMAP,))
+    elif exact and minimise == "length":
+        raise ValueError("expected exact=True with minimise='drift' only: lengths need no exact search")
+    if exact and planner != ROADMAP:
+        raise ValueError(f"expected exact=True with planner='{ROADMAP}' only, got planner={planner!r}")
     ends = checked_ends(world, start, goal, noise, minimise, time_limit, None, start_heading)
     check_connected(world, ends)
     given = [_candidate(world, ends, path) for path in candidates]
     search = _Search(world, ends, noise, planner, start_heading, int(seed))
     if minimise == "length":
-        found, status = search.run("length", noise, time_limit)
-        path = min((*found, *given), key=_length)
-        return search.route(path, "length", status)
+        found = search.run("length", noise, time_limit)
+        return search.route(min((*found.paths, *given), key=_length), "length", found)
 
     try:
-        shortest, _ = search.run("length", noise, _SHARE_OF_SHORTEST * time_limit)
+        shortest = search.run("length", noise, _SHARE_OF_SHORTEST * time_limit).paths
     except NoPathError:  # not in its share of the time; the search for the least drift has more
         if max_detour is not None:
             raise
-        shortest = []
+        shortest = ()
     longest = math.inf if max_detour is None else max_detour * min(map(_length, (*shortest, *given)))
     shares = 1 if max_detour is None else 1 + _DETOUR_TRIALS
     each = (1 - _SHARE_OF_SHORTEST) * time_limit / shares
-    found, status = search.run("drift", noise, each)
-    pool = [*given, *shortest, *(search.polish(path, noise) for path in shortest), *found]
-    if all(_length(path) > longest for path in found):
+    found = search.run("drift", noise, each, exact)
+    pool = [*given, *shortest, *(search.polish(path, noise) for path in shortest), *found.paths]
+    if all(_length(path) > longest for path in found.paths):
         pool += search.within_detour(longest, each)
     path = min((p for p in pool if _length(p) <= longest * (1 + 1e-9)), key=search.mean_square)
-    return search.route(path, "drift", status)
+    return search.route(path, "drift", found)
+
+
+class _Found(NamedTuple):
+    """What one search came back with; the bound is of its roadmap, in m² or m."""
+
+    paths: tuple[Floats, ...]
+    status: Status
+    bound: float | None
 
 
 class _Search:
@@ -176,8 +194,8 @@ class _Search:
         self.world, self.ends, self.noise = world, ends, noise
         self.planner, self.start_heading, self.seed = planner, start_heading, seed
 
-    def run(self, minimise: Minimise, noise: OdometryNoise, time_limit: float) -> tuple[list[Floats], Status]:
-        """Paths found by the planner: the best one as it is, and polished."""
+    def run(self, minimise: Minimise, noise: OdometryNoise, time_limit: float, exact: bool = False) -> _Found:
+        """The planner's best path, as it is and polished."""
         if self.planner == ROADMAP:
             result = plan_on_roadmap(
                 self.world,
@@ -185,11 +203,12 @@ class _Search:
                 self.ends[1],
                 noise,
                 minimise=minimise,
+                exact=exact,
                 time_limit=time_limit,
                 seed=self.seed,
                 start_heading=self.start_heading,
             )
-            return [result.path], result.status
+            return _Found((result.path,), result.status, result.bound)
         from driftplan.planning.ompl_solve import solve
 
         priced = noise if minimise == "drift" else None
@@ -202,7 +221,7 @@ class _Search:
                 f"{time_limit:g} s, though free space connects them: allow more time, or use planner='{ROADMAP}'"
             )
         pricing = Pricing(self.world, self.ends[1], noise, minimise)
-        return [raw, polished(pricing, raw, self.start_heading)], Status.TIME_LIMIT
+        return _Found((raw, polished(pricing, raw, self.start_heading)), Status.TIME_LIMIT, None)
 
     def polish(self, path: Floats, noise: OdometryNoise) -> Floats:
         return polished(Pricing(self.world, self.ends[1], noise, "drift"), path, self.start_heading)
@@ -218,8 +237,7 @@ class _Search:
         for _ in range(_DETOUR_TRIALS):
             price = high if not fitting else math.sqrt(max(low, high * 1e-3) * high)
             dearer = changed(self.noise, distance_var_per_m=self.noise.distance_var_per_m + price)
-            found, _ = self.run("drift", dearer, time_limit)
-            fits = [path for path in found if _length(path) <= longest]
+            fits = [path for path in self.run("drift", dearer, time_limit).paths if _length(path) <= longest]
             fitting += fits
             if fits:
                 high = price
@@ -230,13 +248,23 @@ class _Search:
     def mean_square(self, path: Floats) -> float:
         return float(exact_drift(self.world, path, self.noise, self.start_heading).end.rms ** 2)
 
-    def route(self, path: Floats, minimise: Minimise, status: Status) -> Route:
+    def route(self, path: Floats, minimise: Minimise, found: _Found) -> Route:
         drift = exact_drift(self.world, path, self.noise, self.start_heading)
         straight = float(np.linalg.norm(self.ends[1] - self.ends[0]))
-        bound = straight
-        if minimise == "drift":
-            bound = math.sqrt(_least_mean_square(self.world, self.noise, straight, float(drift.end.rms) ** 2))
-        return Route(path=path, drift=drift, planner=self.planner, minimise=minimise, status=status, bound=bound)
+        score = float(drift.length) if minimise == "length" else float(drift.end.rms) ** 2
+        bound = found.bound
+        if bound is None:
+            bound = straight if minimise == "length" else _least_mean_square(self.world, self.noise, straight, score)
+        bound = min(bound, score)  # a candidate may beat the roadmap
+        return Route(
+            path=path,
+            drift=drift,
+            planner=self.planner,
+            minimise=minimise,
+            status=found.status,
+            bound=bound if minimise == "length" else math.sqrt(bound),
+            bound_covers="all routes" if found.bound is None else "roadmap",
+        )
 
 
 def _least_mean_square(world: World, noise: OdometryNoise, straight: float, found: float) -> float:

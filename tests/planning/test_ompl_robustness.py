@@ -150,7 +150,7 @@ def test_ctrl_c_ends_a_search(planner, minimise):
         """,
         timeout=100,
     )
-    # Measured: 0.01 s. Far below the 39 s left, however busy the machine is.
+    # far below the 39 s left, however busy the machine is
     assert float(out) < 5
 
 

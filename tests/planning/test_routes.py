@@ -157,6 +157,22 @@ def test_a_detour_is_bounded():
     assert free.rms < bounded.rms <= shortest.rms
 
 
+def test_exact_search_says_how_near_the_best_of_its_roadmap_the_route_is():
+    noise = OdometryNoise(heading_var_per_m=0.05, distance_var_per_m=1e-4)  # 0.8 rad of heading error at the goal
+    plain = plan_route(WALL, (2, 2), (8, 2), noise, time_limit=0.5)
+    exact = plan_route(WALL, (2, 2), (8, 2), noise, time_limit=1.5, exact=True, candidates=[plain.path])
+    assert exact.drift.end.heading_std > 0.5
+    assert exact.rms <= plain.rms
+    for route in (plain, exact):
+        assert route.bound_covers == "roadmap"
+        assert 0 < route.bound <= route.rms
+    assert plan_route(WALL, (2, 2), (8, 2), noise, planner="bitstar", time_limit=0.5).bound_covers == "all routes"
+    with pytest.raises(ValueError, match="exact=True with planner='roadmap' only, got planner='bitstar'"):
+        plan_route(WALL, (2, 2), (8, 2), noise, planner="bitstar", exact=True)
+    with pytest.raises(ValueError, match="exact=True with minimise='drift' only"):
+        plan_route(WALL, (2, 2), (8, 2), noise, minimise="length", exact=True)
+
+
 def test_the_start_heading_is_paid_for():
     noise = OdometryNoise(heading_var_per_rad=1e-3, heading_var_per_m=1e-5)
     world = World.from_polygons([], bounds=(0, 0, 10, 10), robot_radius=0.1)
