@@ -396,7 +396,8 @@ class ItinerarySearch:
 
     def _shortened(self, path: Floats, limit: float, most_at_end: float) -> Floats:
         """The path as short as it gets while it keeps the limit and arrives with no more drift."""
-        nearer = tuple(_nearer(beacon, 0.5 * self._margin(limit)) for beacon in self.beacons)
+        margin = 0.5 * self._margin(limit)
+        nearer = tuple(_nearer(beacon, margin) for beacon in self.beacons)
         cautious = replace(self.check, beacons=nearer, min_capture=0.0)  # passes well within range are captured
         for check in (cautious, self.check):
 
@@ -445,6 +446,7 @@ class ItinerarySearch:
             minimise=minimise,
             status=status,
             bound=min(bound, _scored(minimise, drift.length, verdict)),
+            bound_covers="all routes",
             beacons=tuple(self.beacons[i] for i in self.check.met(path)),
             captures=tuple(self.check.captures(path)),
             max_drift=max_drift,

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driftplan.beacons.beacon import Beacon, BeaconColumns, Readings, floor_of, readings_on
-from driftplan.beacons.capture import Capture, capture
+from driftplan.beacons.capture import Capture
+from driftplan.beacons.course import Course, ReadingLaws, follow
 from driftplan.beacons.passes import Passes, passes_of
 from driftplan.model.drift import Drift, PointDrift, predict_drift
 from driftplan.model.fixes import Fix
@@ -21,8 +22,6 @@ from driftplan.world.world import World
 ALL_ALIVE = -1
 _QUANTILES = 24  # of the error per principal axis, when captures are estimated
 _WINDOW = 4.0  # how many rms errors beside its pass a robot may be and still be looked for
-_JUST_BEFORE_M = 1e-7
-_SAG = 1e-7  # share of the limit squared that the drift may rise above its checked places
 
 
 class Verdict(NamedTuple):
@@ -53,20 +52,11 @@ class ItineraryCheck:
     redundancy: int = 1
     min_capture: float = 0.0
     _columns: BeaconColumns = field(init=False, repr=False)
-    _fixes: tuple[Fix, ...] = field(init=False, repr=False)
+    _laws: ReadingLaws = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_columns", BeaconColumns.of(self.beacons))
-        stds = [(b.kind.position_std_m, b.kind.heading_std) for b in self.beacons]
-        known = {
-            (position, heading): Fix(
-                s_m=0.0,
-                position_cov=None if position is None else position**2 * np.eye(2),
-                heading_std=heading,
-            )
-            for position, heading in set(stds)
-        }
-        object.__setattr__(self, "_fixes", tuple(known[key] for key in stds))
+        object.__setattr__(self, "_laws", ReadingLaws(self.beacons))
 
     def met(self, path: Floats) -> list[int]:
         """Beacons that the path counts on, in the order in which they are first read."""
@@ -75,15 +65,31 @@ class ItineraryCheck:
 
     def drift(self, path: Floats, dead: int = ALL_ALIVE) -> Drift:
         """Drift along a path, with one beacon dead."""
-        return self._drift(path, self._readings(path), dead)
+        readings = self._readings(path)
+        fixes = [] if self.initial is None else [self.initial]
+        for k in np.lexsort((readings.rank, readings.s_m)).tolist():
+            site = int(readings.beacon[k])
+            if site != dead:
+                position, heading = self.beacons[site].kind.position_std_m, self.beacons[site].kind.heading_std
+                fixes.append(
+                    Fix(
+                        s_m=float(readings.s_m[k]),
+                        position_cov=None if position is None else position**2 * np.eye(2),
+                        heading_std=heading,
+                        detection_probability=float(readings.chance[k]),
+                    )
+                )
+        floor, noises = floor_of(path, self.noise, self.world)
+        return predict_drift(floor, noises, fixes=fixes, start_heading=self.start_heading)
 
     def captures(self, path: Floats) -> list[Capture]:
-        """Every pass and how likely it is, all beacons counted on as they are read."""
+        """Every pass and how likely it is, with the readings before it that count."""
         if not self.beacons:
             return []
-        # capture() takes no start heading: that matters only for the noise of the first turn
-        start = () if self.initial is None else (self.initial,)
-        return capture(path, self.noise, self.beacons, self.world, fixes=start)
+        found = self._passes(path)
+        chance = self._captured(path, found, self._course(path, self._readings(path)).arrival(found.enter))
+        meetings = zip(found.enter.tolist(), found.leave.tolist(), found.beacon.tolist(), chance.tolist(), strict=True)
+        return [Capture(self.beacons[i], enter, leave, p) for enter, leave, i, p in sorted(meetings)]
 
     def verdict(self, path: Floats, limit: float = math.inf, *, by_end: bool = False) -> Verdict:
         """The worst over all deaths: the greatest drift on the way or, ``by_end``, at the end.
@@ -96,8 +102,8 @@ class ItineraryCheck:
             deaths += list(dict.fromkeys(readings.beacon.tolist()))
         verdicts = []
         for dead in deaths:
-            drift = self._drift(path, readings, dead)
-            verdicts.append(Verdict(greatest(drift), float(drift.end.rms), dead))
+            course = self._course(path, _pick(readings, readings.beacon != dead))
+            verdicts.append(Verdict(course.worst, course.end, dead))
             if verdicts[-1].worst > limit:
                 break
         if verdicts[-1].worst > limit:
@@ -113,19 +119,21 @@ class ItineraryCheck:
         found = readings_on(path, self._columns, self.world)
         if self.min_capture == 0 or not len(found.beacon):
             return found
-        columns = self._columns
-        passes = passes_of(path, columns.xy, columns.range_m, columns.must_see, self.world)
+        passes = self._passes(path)
         same = passes.beacon[:, None] == found.beacon
         of_pass = (same & (passes.enter[:, None] <= found.s_m) & (found.s_m <= passes.leave[:, None])).argmax(axis=0)
         counted = np.ones(len(passes.beacon), dtype=bool)
         while True:  # one reading less is more drift on the way to the next
             kept = _pick(found, counted[of_pass])
-            drift = self._drift(path, kept, ALL_ALIVE)
-            arrival = drift.at(np.maximum(passes.enter - _JUST_BEFORE_M, 0.0))
+            arrival = self._course(path, kept).arrival(passes.enter)
             unsure = np.flatnonzero(counted & (self._captured(path, passes, arrival) < self.min_capture))
             if not len(unsure):
                 return kept
             counted[unsure] = False
+
+    def _passes(self, path: Floats) -> Passes:
+        columns = self._columns
+        return passes_of(path, columns.xy, columns.range_m, columns.must_see, self.world)
 
     def _captured(self, path: Floats, passes: Passes, arrival: PointDrift) -> Floats:
         """Probability of every pass, as `driftplan.beacons.capture.capture` has it, on a coarser grid of errors."""
@@ -156,36 +164,10 @@ class ItineraryCheck:
             chance[k] = np.mean(nearest <= (reach + 1e-9) ** 2)
         return chance
 
-    def _drift(self, path: Floats, readings: Readings, dead: int) -> Drift:
-        fixes = [] if self.initial is None else [self.initial]
-        for k in np.lexsort((readings.rank, readings.s_m)).tolist():
-            site = int(readings.beacon[k])
-            if site != dead:
-                known = self._fixes[site]
-                fixes.append(
-                    Fix(
-                        s_m=float(readings.s_m[k]),
-                        position_cov=known.position_cov,
-                        heading_std=known.heading_std,
-                        detection_probability=float(readings.chance[k]),
-                    )
-                )
+    def _course(self, path: Floats, readings: Readings) -> Course:
         floor, noises = floor_of(path, self.noise, self.world)
-        return predict_drift(floor, noises, fixes=fixes, start_heading=self.start_heading)
-
-
-def greatest(drift: Drift) -> float:
-    """Greatest rms anywhere on the way, metres: both sides of every reading, waypoints, and between them so closely
-    that nothing rises above it by more than a ten-millionth (E|e|² is almost convex along a run, see
-    `driftplan.beacons.tracks`)."""
-    coarse = drift.profile(max(float(drift.length), 1e-9))
-    worst = float(coarse.rms.max())
-    rate = max(abs(complex(kind.heading_var_per_m / 2, kind.heading_bias_per_m)) for kind in drift.noises)
-    longest = float(np.diff(drift.distance).max(initial=0.0))
-    if worst == 0 or rate * longest**2 / 4 <= _SAG * worst:
-        return worst
-    spacing = max(math.sqrt(4 * _SAG * worst / rate), float(drift.length) / 20_000)
-    return float(drift.profile(spacing).rms.max())
+        legs = [noises] * (len(floor) - 1) if isinstance(noises, OdometryNoise) else noises
+        return follow(floor, legs, readings, self._laws, self.initial, self.start_heading)
 
 
 def _pick(readings: Readings, keep: NDArray[np.bool_]) -> Readings:
