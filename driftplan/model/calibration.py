@@ -1,0 +1,325 @@
+"""fit_noise: an `OdometryNoise` from recorded odometry and truth, with intervals and a verdict on the fit.
+
+The direction matters: `OdometryNoise` says how the estimate errs given the path truly driven, so the truth's increments
+are the nominal path, and the odometry is what varies about them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import degrees, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .matching import Match, MatchCounts
+from .noise import OdometryNoise
+from .paths import Floats
+from .quasi_likelihood import RANDOM, SYSTEMATIC, TRUTH, Solution, bootstrap, intervals, models, solve
+from .recordings import OdometryLog, Trajectory
+from .segment_check import SegmentCheck, check_segments
+from .segment_ladder import Ladder, drives_of, ladder_of
+from .segments import TruthNoise
+
+PARAMETERS = SYSTEMATIC + RANDOM
+
+Estimate = OdometryLog | ArrayLike
+Truth = Trajectory | ArrayLike
+
+_MOST_STEPS = 50
+_FIRST_LOOK = 4  # steps after which collinear rates are told
+_COLLINEAR = 20.0  # variance inflation above which a rate per radian cannot be told from one per metre
+_STRAIGHT_RAD = 0.2  # turned per longest segment: below, nothing is learnt about turning
+_CHANCE = 0.01  # that drives are said to differ when they do not
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NoiseFit:
+    """A noise model fitted to recordings; made by `fit_noise`, shown by ``print``.
+
+    Attributes
+    ----------
+    noise : OdometryNoise
+    intervals : dict
+        Interval of every fitted parameter, by name, at ``confidence``: block bootstrap.
+    std_errors : dict
+        Standard errors, by name.
+    confidence : float
+    truth_position_std_m, truth_heading_std : float
+        White errors of the reference itself, fitted too so that they are not taken for drift: metres per coordinate,
+        rad. They take up whatever does not grow along the way, such as timing jitter.
+    check : SegmentCheck
+        Predicted against measured on the drives of the fit themselves; for other drives see `check_on`.
+    counts : MatchCounts
+        What became of the recordings.
+    time_offsets_s : tuple of float
+        Truth clock minus odometry clock, of every drive.
+    notes : tuple of str
+        What to know before using the numbers: parameters left out, drives that differ, a model that does not fit.
+    """
+
+    noise: OdometryNoise
+    intervals: dict[str, tuple[float, float]]
+    std_errors: dict[str, float]
+    confidence: float
+    truth_position_std_m: float
+    truth_heading_std: float
+    check: SegmentCheck
+    counts: MatchCounts
+    time_offsets_s: tuple[float, ...]
+    notes: tuple[str, ...] = ()
+
+    def check_on(
+        self,
+        estimates: Estimate | Sequence[Estimate],
+        truths: Truth | Sequence[Truth],
+        *,
+        lengths_m: ArrayLike | None = None,
+        **options: Any,
+    ) -> SegmentCheck:
+        """Predicted against measured errors on drives that were not fitted, recorded with the same reference.
+
+        Parameters
+        ----------
+        estimates, truths, options :
+            As for `fit_noise` (``use_heading``, ``time_offset_s``, ``max_gap_s``).
+        lengths_m : array of float, optional
+            Lengths of segments, metres. Default: as `fit_noise` chooses for these drives.
+        """
+        return check_noise(
+            self.noise,
+            estimates,
+            truths,
+            lengths_m=lengths_m,
+            truth_position_std_m=self.truth_position_std_m,
+            truth_heading_std=self.truth_heading_std,
+            **options,
+        )
+
+    def __str__(self) -> str:
+        lines = [f"{'':24} {'fitted':>12} {'std error':>11}   {100 * self.confidence:.3g} % interval"]
+        for name, (low, high) in self.intervals.items():
+            value = getattr(self.noise, name)
+            lines.append(f"{name:24} {value:12.4g} {self.std_errors[name]:11.2g}   {low:.4g} .. {high:.4g}")
+        reference = f"white errors of the reference: {self.truth_position_std_m:.2g} m"
+        if self.check.has_heading:
+            reference += f", {degrees(self.truth_heading_std):.2g} deg"
+        counts = self.counts
+        lines += [
+            "",
+            reference,
+            f"{counts.used_m:.1f} of {counts.driven_m:.1f} m used, {counts.turned_rad:.1f} rad turned, "
+            f"{counts.standstill_s:.1f} s of standstill; left out: {counts.outside_truth_s:.1f} s without truth, "
+            f"{counts.repeated_samples} repeated samples, {counts.truth_outliers} outliers; {counts.breaks} breaks",
+            "clock offset: " + ", ".join(f"{offset:+.3f} s" for offset in self.time_offsets_s),
+            "",
+            str(self.check),
+        ]
+        return "\n".join([*lines, *self.notes])
+
+
+def fit_noise(
+    estimates: Estimate | Sequence[Estimate],
+    truths: Truth | Sequence[Truth],
+    *,
+    parameters: Sequence[str] = PARAMETERS,
+    lengths_m: ArrayLike | None = None,
+    use_heading: bool | None = None,
+    time_offset_s: float | None = None,
+    max_gap_s: float | None = None,
+    confidence: float = 0.95,
+    resamples: int = 1000,
+    seed: int = 0,
+) -> NoiseFit:
+    """The noise of an odometry from recorded drives whose truth is known.
+
+    Systematic and random errors are told apart by a quasi-likelihood of the errors of segments of several lengths, with
+    the closed-form moments of the model at every one of them (`driftplan.model.quasi_likelihood`); intervals by a
+    moving-block bootstrap along the drives.
+
+    Parameters
+    ----------
+    estimates : OdometryLog, (n, 3) array of poses x, y, heading, or a sequence of these
+        Odometry of one or several drives.
+    truths : Trajectory, (n, 2) or (n, 3) array, or a sequence of these
+        Their truths, in the same order; arrays are sampled at the same instants as the estimate's array. Positions are
+        enough; true headings, where measured independently, make the fit sharper.
+    parameters : sequence of str
+        Fields of `OdometryNoise` to fit, of `PARAMETERS`; the others are 0.
+    lengths_m : array of float, optional
+        Lengths of the segments, metres. Default: five, each half the next, the longest 1/16 of all drives together (at
+        most 1/4 of the shortest). All lengths count the same; choose those for which you want predictions.
+    use_heading : bool, optional
+        Whether to use the truth's headings. Default: if all drives have them, and they are more than the odometry's.
+    time_offset_s, max_gap_s : float, optional
+        See `driftplan.model.matching.match`.
+    confidence : float
+        Of the intervals.
+    resamples : int
+        Bootstrap replicates.
+    seed : int
+        Of the bootstrap.
+
+    Returns
+    -------
+    NoiseFit
+
+    Raises
+    ------
+    ValueError
+        For arguments out of range, recordings that do not overlap, and drives too short for the segments.
+
+    Notes
+    -----
+    One-step bootstrap of estimating functions: F. Hu and J. D. Kalbfleisch, The estimating function bootstrap,
+    Canadian Journal of Statistics 28 (2000) 449-481.
+
+    Examples
+    --------
+    >>> from driftplan.model.simulated_log import simulate_log
+    >>> noise = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3, distance_scale_error=0.02)
+    >>> square = [(0, 0), (5, 0), (5, 5), (0, 5)]
+    >>> odometry, truth = simulate_log(20 * square, noise, rng=1)
+    >>> fit = fit_noise(odometry, truth)
+    >>> low, high = fit.intervals["distance_scale_error"]
+    >>> bool(low < 0.02 < high)
+    True
+    """
+    names = _checked_parameters(parameters)
+    if not 0 < confidence < 1:
+        raise ValueError(f"expected confidence in (0, 1), got {confidence!r}")
+    if isinstance(resamples, bool) or resamples < 100:
+        raise ValueError(f"expected resamples >= 100, got {resamples!r}")
+    ladder, matches = ladder_of(
+        drives_of(estimates, truths),
+        lengths_m=lengths_m,
+        use_heading=use_heading,
+        time_offset_s=time_offset_s,
+        max_gap_s=max_gap_s,
+    )
+    solution, notes = _solved(ladder, names)
+    replicates, blocks = bootstrap(ladder, solution, resamples, np.random.default_rng(seed))
+    low, high, error = intervals(solution, replicates, blocks, confidence)
+    noise, truth = models(solution.names, solution.theta)
+    check = check_segments(ladder, noise, truth)
+    fitted = [k for k, name in enumerate(solution.names) if name not in TRUTH]
+    return NoiseFit(
+        noise=noise,
+        intervals={solution.names[k]: (float(low[k]), float(high[k])) for k in fitted},
+        std_errors={solution.names[k]: float(error[k]) for k in fitted},
+        confidence=confidence,
+        truth_position_std_m=sqrt(truth.position_var),
+        truth_heading_std=sqrt(truth.heading_var),
+        check=check,
+        counts=_summed(matches),
+        time_offsets_s=tuple(m.time_offset_s for m in matches),
+        notes=(*notes, *_drive_notes(ladder, solution, error), *check.notes),
+    )
+
+
+def check_noise(
+    noise: OdometryNoise,
+    estimates: Estimate | Sequence[Estimate],
+    truths: Truth | Sequence[Truth],
+    *,
+    lengths_m: ArrayLike | None = None,
+    truth_position_std_m: float = 0.0,
+    truth_heading_std: float = 0.0,
+    use_heading: bool | None = None,
+    time_offset_s: float | None = None,
+    max_gap_s: float | None = None,
+) -> SegmentCheck:
+    """How well a noise model predicts the errors of recorded drives: predicted against measured rms, and coverage.
+
+    Parameters
+    ----------
+    noise : OdometryNoise
+        Of the continuous model (no ``step_m``), without ``heading_distance_corr``.
+    estimates, truths, lengths_m, use_heading, time_offset_s, max_gap_s :
+        As for `fit_noise`.
+    truth_position_std_m, truth_heading_std : float
+        White errors of the reference: metres per coordinate, rad.
+
+    Returns
+    -------
+    SegmentCheck
+    """
+    if noise.step_m is not None or noise.heading_distance_corr != 0:
+        raise ValueError(f"expected a noise of the continuous model without heading_distance_corr, got {noise!r}")
+    ladder, _ = ladder_of(
+        drives_of(estimates, truths),
+        lengths_m=lengths_m,
+        use_heading=use_heading,
+        time_offset_s=time_offset_s,
+        max_gap_s=max_gap_s,
+    )
+    return check_segments(ladder, noise, TruthNoise(truth_position_std_m**2, truth_heading_std**2))
+
+
+def _checked_parameters(parameters: Sequence[str]) -> tuple[str, ...]:
+    names = () if isinstance(parameters, str) else tuple(parameters)
+    if not names or not set(names) <= set(PARAMETERS):
+        raise ValueError(f"expected parameters from {PARAMETERS}, got {parameters!r}")
+    return tuple(name for name in PARAMETERS if name in names)
+
+
+def _solved(ladder: Ladder, names: tuple[str, ...]) -> tuple[Solution, list[str]]:
+    """The estimate, without what cannot be told from the rest, and what there is to say about it."""
+    notes: list[str] = []
+    turning = [name for name in names if name.endswith("_per_rad")]
+    if turning and ladder.turned_per_longest < _STRAIGHT_RAD:
+        names = tuple(name for name in names if name not in turning)
+        notes.append(
+            f"The robot hardly turned ({ladder.turned_per_longest:.2g} rad per {ladder.rungs[-1].length_m:.3g} m): no "
+            "rate per radian is fitted."
+        )
+    truth = TRUTH if ladder.has_heading else TRUTH[:1]
+    start = None
+    for most_steps in (_FIRST_LOOK, _MOST_STEPS):  # what cannot be told apart would take long to converge
+        while True:
+            solution = solve(ladder, [*names, *truth], most_steps, start)
+            inflation = solution.variance_inflation()
+            worst = max((name for name in names if name in turning), key=lambda n: inflation.get(n, 0.0), default="")
+            if inflation.get(worst, 0.0) < _COLLINEAR:
+                start = solution.theta
+                break
+            names, start = tuple(name for name in names if name != worst), None
+            notes.append(f"These drives turn evenly: {worst} cannot be told from the rate per metre, and is left out.")
+    if not solution.converged:
+        notes.append("The fit did not converge: its numbers are those of the last step.")
+    return solution, notes
+
+
+def _summed(matches: Sequence[Match]) -> MatchCounts:
+    total = MatchCounts()
+    for m in matches:
+        total += m.counts
+    return total
+
+
+def _drive_notes(ladder: Ladder, solution: Solution, error: Floats) -> list[str]:
+    """Whether systematic errors differ from drive to drive by more than the fit's standard errors explain."""
+    from scipy.special import chdtri
+
+    drives = np.unique(ladder.drive)
+    if drives.size < 2:
+        return []
+    systematic = [k for k, name in enumerate(solution.names) if name in SYSTEMATIC]
+    own = []
+    for drive in drives:
+        mine = ladder.drive == drive
+        information = solution.information[mine].sum(axis=0)[np.ix_(systematic, systematic)]
+        own.append(np.linalg.solve(information, solution.score[mine].sum(axis=0)[systematic]))
+    notes = []
+    for k, values in zip(systematic, np.transpose(own), strict=True):
+        spread = float(np.std(values, ddof=1))
+        chance = float(error[k]) * sqrt(drives.size)  # standard error of one drive's value
+        if spread**2 * (drives.size - 1) > chance**2 * float(chdtri(drives.size - 1, _CHANCE)):
+            notes.append(
+                f"The drives differ: {solution.names[k]} varies by {spread:.2g} (standard deviation) from one to the "
+                "next, more than chance explains. Another drive or robot may be as far off as that from the fitted "
+                f"{solution.theta[k]:.2g}."
+            )
+    return notes

@@ -1,0 +1,354 @@
+"""Odometry beside truth: the two recordings associated by time, cleaned, and cut into stretches of equal steps.
+
+A `Stretch` is what calibration works on: knots at about equal true distances along the drive, with the dead-reckoned
+and the true pose at each. True distance is the odometry's, corrected piece by piece by the truth's chords: jitter of
+the truth then does not lengthen the way, and where a segment ends does not depend on the errors that are to be measured
+(a segment that ends when the *odometry* has counted 10 m hides its distance error in its length, and one that counts a
+wrong turn for a longer one gets less weight). The angle turned is corrected by the true heading likewise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .paths import Floats
+from .recordings import OdometryLog, Trajectory
+
+Complexes = NDArray[np.complex128]
+
+_JUMP_SPREADS = (
+    10.0  # a truth sample is an outlier if it is farther from the last good one than the odometry's distance
+)
+_JUMP_S = 0.25  # from so many seconds before to after, plus so many robust standard deviations of one step
+_OFFSETS = 20  # clock offsets tried to either side
+_CLEARLY = 0.95  # an offset must reduce the disagreement of the recordings to this share
+_RULER_KNOTS = 4  # knots per piece on which the true distance is measured
+_SKIP = 10  # so many outliers in a row are no outliers: the truth has jumped, and the drive is cut there
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MatchCounts:
+    """What became of the recordings when they were matched. Counts and durations of several drives add up.
+
+    Attributes
+    ----------
+    odometry_samples, truth_samples : int
+    repeated_samples : int
+        With a time not later than the one before; left out (motion of odometry increments is kept).
+    truth_outliers : int
+        Truth samples farther from their neighbours than the robot can have moved; left out.
+    breaks : int
+        Places where a gap or a jump of the truth, or a gap in odometry velocities, cut a drive in two.
+    outside_truth_s, standstill_s : float
+        Seconds of odometry before the first or after the last truth sample; seconds without motion.
+    driven_m, used_m, turned_rad : float
+        Distance by the odometry; true distance on usable stretches, and angle turned there (absolute values added up).
+    """
+
+    odometry_samples: int = 0
+    truth_samples: int = 0
+    repeated_samples: int = 0
+    truth_outliers: int = 0
+    breaks: int = 0
+    outside_truth_s: float = 0.0
+    standstill_s: float = 0.0
+    driven_m: float = 0.0
+    used_m: float = 0.0
+    turned_rad: float = 0.0
+
+    def __add__(self, other: MatchCounts) -> MatchCounts:
+        return MatchCounts(**{f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)})
+
+
+class Stretch(NamedTuple):
+    """One uninterrupted part of a drive, at K knots of about equal spacing.
+
+    Attributes
+    ----------
+    driven : array, shape (K,)
+        True distance from the start of the drive, metres, increasing.
+    estimate, estimate_heading : arrays, shape (K,)
+        Dead-reckoned position x + jy (m) and heading (rad, not wrapped), in the odometry's frame.
+    truth : complex array, shape (K,)
+    truth_heading : array, shape (K,), or None
+    turns, angles : arrays, shape (K - 1,)
+        Heading change between knots by the odometry, signed, and the angle turned in either direction, rad.
+    """
+
+    driven: Floats
+    estimate: Complexes
+    estimate_heading: Floats
+    truth: Complexes
+    truth_heading: Floats | None
+    turns: Floats
+    angles: Floats
+
+
+class Match(NamedTuple):
+    """Stretches of one drive, what was left out, and the clock offset (truth time minus odometry time, s)."""
+
+    stretches: tuple[Stretch, ...]
+    counts: MatchCounts
+    time_offset_s: float
+
+
+def match(
+    odometry: OdometryLog,
+    truth: Trajectory,
+    *,
+    spacing_m: float,
+    time_offset_s: float | None = None,
+    max_gap_s: float | None = None,
+) -> Match:
+    """Odometry and truth of one drive at common knots.
+
+    Parameters
+    ----------
+    odometry, truth :
+        Of one drive, recorded at their own times.
+    spacing_m : float
+        Distance between knots.
+    time_offset_s : float, optional
+        Time of the truth's clock minus the odometry's when both see the same event. By default it is estimated, up to
+        1 s: the offset at which the motions agree best, and 0 unless that makes their difference clearly smaller.
+    max_gap_s : float, optional
+        Truth samples farther apart in time, between which the robot moved, cut the drive; so do gaps in odometry
+        velocities. Default: 2 s or five median intervals, whichever is longer.
+
+    Returns
+    -------
+    Match
+
+    Raises
+    ------
+    ValueError
+        When the recordings do not overlap in time, or the robot did not move.
+    """
+    if time_offset_s is None:
+        time_offset_s = _estimated_offset(odometry, truth)
+    times = truth.times - time_offset_s  # on the odometry's clock
+    good, cuts = _good_samples(odometry, truth, times)
+    times, positions = times[good], truth.positions[good]
+    headings = None if truth.heading is None else truth.heading[good]
+
+    travelled = odometry.travelled
+    first, last = max(times[0], odometry.times[0]), min(times[-1], odometry.times[-1])
+    if not last > first:
+        raise ValueError(
+            f"expected odometry and truth to overlap in time, got odometry from {odometry.times[0]:.3f} to "
+            f"{odometry.times[-1]:.3f} s and truth from {times[0]:.3f} to {times[-1]:.3f} s"
+        )
+    if max_gap_s is None:
+        max_gap_s = max(2.0, 5 * float(np.median(np.diff(times))))
+    gaps = _moving_gaps(times, odometry, travelled, max_gap_s, spacing_m)
+    if odometry.holds_velocity:
+        gaps += _moving_gaps(
+            odometry.times,
+            odometry,
+            travelled,
+            max(max_gap_s, 5 * float(np.median(np.diff(odometry.times)))),
+            spacing_m,
+        )
+    gaps += [(times[k], times[k + 1]) for k in cuts]
+    pieces = _without(first, last, gaps)
+
+    stretches = []
+    driven = _true_distance(odometry, travelled, times, positions, _RULER_KNOTS * spacing_m)
+    for begin, end in pieces:
+        stretch = _stretch(odometry, driven, begin, end, times, positions, headings, spacing_m)
+        if stretch is not None:
+            stretches.append(stretch)
+    dt = np.diff(odometry.times)
+    still = (odometry.moves == 0) & (odometry.turns == 0)
+    counts = MatchCounts(
+        odometry_samples=len(odometry.times) + odometry.repeated,
+        truth_samples=len(truth.times) + truth.repeated,
+        repeated_samples=odometry.repeated + truth.repeated,
+        truth_outliers=len(truth.times) - len(times),
+        breaks=len(pieces) - 1,
+        outside_truth_s=float(max(first - odometry.times[0], 0.0) + max(odometry.times[-1] - last, 0.0)),
+        standstill_s=float(dt[still].sum()),
+        driven_m=float(travelled[-1]),
+        used_m=float(sum(np.ptp(s.driven) for s in stretches)),
+        turned_rad=float(sum(s.angles.sum() for s in stretches)),
+    )
+    return Match(tuple(stretches), counts, float(time_offset_s))
+
+
+def _true_distance(
+    odometry: OdometryLog, travelled: Floats, times: Floats, positions: Complexes, ruler_m: float
+) -> Floats:
+    """True metres driven up to every odometry sample: the odometry's arcs, each piece of about ``ruler_m`` scaled by
+    the ratio of the true chord to the odometry's."""
+    pieces = max(int(travelled[-1] / ruler_m), 1)
+    marks = np.unique(np.searchsorted(travelled, np.linspace(0, travelled[-1], pieces + 1)))
+    said = np.abs(np.diff(odometry.positions[marks]))
+    was = np.abs(np.diff(_interpolated(odometry.times[marks], times, positions)))
+    arc = np.diff(travelled[marks])
+    seen = (odometry.times[marks[:-1]] >= times[0]) & (odometry.times[marks[1:]] <= times[-1])
+    true_arc = np.where(seen, arc * _ratio(was, said, arc), arc)
+    return np.asarray(np.interp(travelled, travelled[marks], np.concatenate([[0.0], np.cumsum(true_arc)])))
+
+
+def _stretch(
+    odometry: OdometryLog,
+    driven: Floats,
+    begin: float,
+    end: float,
+    times: Floats,
+    positions: Complexes,
+    headings: Floats | None,
+    spacing_m: float,
+) -> Stretch | None:
+    """Knots are samples of the recording with the fewer of them: interpolated ones would have smaller errors."""
+    sparser = times if np.median(np.diff(times)) > np.median(np.diff(odometry.times)) else odometry.times
+    candidates = sparser[(sparser >= begin) & (sparser <= end)]
+    if candidates.size < 2:
+        return None
+    distances = np.interp(candidates, odometry.times, driven)
+    wanted = np.arange(distances[0], distances[-1], spacing_m)
+    nearest = np.searchsorted(0.5 * (distances[1:] + distances[:-1]), wanted)
+    at = candidates[np.unique(nearest)]
+    distances = np.interp(at, odometry.times, driven)
+    apart = np.concatenate([[True], np.diff(distances) > 0])
+    at, distances = at[apart], distances[apart]
+    if at.size < 2:
+        return None
+    heading = np.interp(at, odometry.times, odometry.headings)
+    turned = np.interp(at, odometry.times, np.concatenate([[0.0], np.cumsum(np.abs(odometry.turns))]))
+    turns, angles = np.diff(heading), np.diff(turned)
+    true_heading = None
+    if headings is not None:
+        true_heading = np.interp(at, times, headings)
+        angles = angles * _ratio(np.diff(true_heading), turns, angles)
+    return Stretch(
+        distances,
+        _interpolated(at, odometry.times, odometry.positions),
+        heading,
+        _interpolated(at, times, positions),
+        true_heading,
+        turns,
+        angles,
+    )
+
+
+def _ratio(was: Floats, said: Floats, counted: Floats) -> Floats:
+    """By how much to correct what the odometry counted on a piece, a sum of absolute values: true over said net change,
+    at most a factor of two, and 1 where the net change is less than half the count, so that its ratio says little."""
+    telling = np.abs(said) > 0.5 * counted
+    ratio = np.where(telling, np.abs(was) / np.where(telling, np.abs(said), 1.0), 1.0)
+    return np.asarray(np.clip(ratio, 0.5, 2.0))
+
+
+def _interpolated(at: Floats, times: Floats, positions: Complexes) -> Complexes:
+    return np.asarray(np.interp(at, times, positions.real) + 1j * np.interp(at, times, positions.imag))
+
+
+def _good_samples(odometry: OdometryLog, truth: Trajectory, times: Floats) -> tuple[NDArray[np.intp], list[int]]:
+    """Truth samples that are no outliers, and after which of them the truth jumps for good."""
+    positions = truth.positions
+    travelled = odometry.travelled
+    around = max(_JUMP_S, 2 * float(np.median(np.diff(odometry.times))))
+    before, at, after = (np.interp(times + shift, odometry.times, travelled) for shift in (-around, 0.0, around))
+    steps = np.abs(np.diff(positions))
+    spread = 1.4826 * float(np.median(np.abs(steps - np.diff(at))))
+    allowance = _JUMP_SPREADS * spread + 1e-6 * float(np.ptp(travelled))
+    outside = (times < odometry.times[0]) | (times > odometry.times[-1])  # how far the robot moved there is unknown
+    suspect = np.flatnonzero((steps > after[1:] - before[:-1] + allowance) & ~(outside[1:] | outside[:-1]))
+    keep = np.ones(len(times), dtype=bool)
+    jumps: list[int] = []
+    done = -1
+    for k in suspect.tolist():
+        if k < done:
+            continue
+        for far in range(k + 1, min(k + 1 + _SKIP, len(times))):
+            if abs(positions[far] - positions[k]) <= after[far] - before[k] + allowance:
+                keep[k + 1 : far] = False
+                done = far
+                break
+        else:
+            jumps.append(k)
+            done = k + 1
+    good = np.flatnonzero(keep)
+    return good, np.searchsorted(good, jumps).tolist()
+
+
+def _moving_gaps(
+    times: Floats, odometry: OdometryLog, travelled: Floats, max_gap_s: float, spacing_m: float
+) -> list[tuple[float, float]]:
+    """Intervals longer than ``max_gap_s`` in which the robot moved more than a knot's spacing."""
+    wide = np.flatnonzero(np.diff(times) > max_gap_s)
+    moved = np.diff(np.interp(np.stack([times[wide], times[wide + 1]]), odometry.times, travelled), axis=0)[0]
+    return [(float(times[k]), float(times[k + 1])) for k in wide[moved > spacing_m]]
+
+
+def _without(first: float, last: float, gaps: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The interval without the gaps."""
+    pieces, begin = [], first
+    for low, high in sorted(gaps):
+        if high <= begin:
+            continue
+        if low >= last:
+            break
+        if low > begin:
+            pieces.append((begin, low))
+        begin = max(begin, high)
+    if begin < last:
+        pieces.append((begin, last))
+    return pieces
+
+
+def _estimated_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0) -> float:
+    """The clock offset at which turns (without headings: distances) over short windows agree best.
+
+    0 unless their mean difference falls by a twentieth: a slow or steady drive says nothing about clocks.
+    """
+    window = max(0.5, 2 * float(np.median(np.diff(truth.times))), 2 * float(np.median(np.diff(odometry.times))))
+    first = max(odometry.times[0], truth.times[0]) + reach_s
+    last = min(odometry.times[-1], truth.times[-1]) - reach_s
+    if last - first < 20 * window:
+        return 0.0
+    at = np.linspace(first, last, min(int((last - first) / (0.5 * window)), 4000))
+    at = at[at + window <= last]
+    if truth.heading is not None:
+        reference = truth.heading
+        said = np.interp(at + window, odometry.times, odometry.headings) - np.interp(
+            at, odometry.times, odometry.headings
+        )
+    else:
+        reference = None
+        positions = odometry.positions
+        said = np.abs(
+            _interpolated(at + window, odometry.times, positions) - _interpolated(at, odometry.times, positions)
+        )
+
+    def disagreement(offset: float) -> float:
+        if reference is not None:
+            seen = np.interp(at + window + offset, truth.times, reference) - np.interp(
+                at + offset, truth.times, reference
+            )
+        else:
+            seen = np.abs(
+                _interpolated(at + window + offset, truth.times, truth.positions)
+                - _interpolated(at + offset, truth.times, truth.positions)
+            )
+        difference = said - seen
+        return float(np.mean(np.abs(difference - np.median(difference))))
+
+    unshifted = disagreement(0.0)
+    best, step = 0.0, reach_s / _OFFSETS
+    for _ in range(2):  # a coarse search, then a fine one around its best
+        offsets = best + step * np.arange(-_OFFSETS, _OFFSETS + 1)
+        values = [disagreement(float(offset)) for offset in offsets]
+        best, least, step = float(offsets[int(np.argmin(values))]), min(values), step / _OFFSETS
+    if (
+        least > _CLEARLY * unshifted
+        or unshifted < 1e-9 * float(np.ptp(said))
+        or abs(best) > (1 - 1 / _OFFSETS) * reach_s
+    ):
+        return 0.0
+    return best

@@ -1,0 +1,281 @@
+"""fit_noise on simulated drives: it finds the noise it was given, and says so when it cannot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from driftplan.model.calibration import PARAMETERS, check_noise, fit_noise
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.paths import Run
+from driftplan.model.quasi_likelihood import bounded_step
+from driftplan.model.recordings import OdometryLog, Trajectory
+from driftplan.model.simulated_log import simulate_log
+
+NOISE = OdometryNoise(
+    heading_var_per_m=1e-3,
+    heading_var_per_rad=2e-3,
+    distance_var_per_m=4e-4,
+    heading_bias_per_m=2e-3,
+    heading_bias_per_rad=0.02,
+    distance_scale_error=0.01,
+)
+FITTED = tuple(name for name in PARAMETERS if getattr(NOISE, name) != 0)
+
+
+def winding(length_m, seed=0):
+    """Arcs of 1 to 3 m, bent either way or straight, and a turn on the spot now and then."""
+    rng = np.random.default_rng(seed)
+    path, driven = [], 0.0
+    while driven < length_m:
+        run = Run(
+            length_m=rng.uniform(1, 3),
+            curvature_per_m=rng.choice([0.0, 0.0, 1.0]) * rng.uniform(-0.8, 0.8),
+            turn_rad=rng.choice([0, 0, 0, 1]) * rng.uniform(-2, 2),
+        )
+        path.append(run)
+        driven += run.length_m
+    return path
+
+
+def recorded(noise=NOISE, length_m=600.0, seed=0, **options):
+    return simulate_log(winding(length_m, seed), noise, rng=seed, truth_position_std_m=0.004, **options)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return fit_noise(*recorded(length_m=1500), parameters=FITTED, lengths_m=[1, 2, 4, 8, 16])
+
+
+def test_the_noise_that_made_a_drive_is_found_in_it(fit):
+    for name in FITTED:
+        # four standard errors: one parameter in 16 000 would be farther off
+        assert getattr(fit.noise, name) == pytest.approx(getattr(NOISE, name), abs=4 * fit.std_errors[name]), name
+        low, high = fit.intervals[name]
+        assert low <= getattr(fit.noise, name) <= high
+    assert fit.std_errors["heading_bias_per_rad"] < 0.005  # and the errors are worth something
+    assert fit.std_errors["heading_var_per_rad"] < 5e-4
+    assert fit.truth_position_std_m == pytest.approx(0.004, abs=0.004)
+
+
+def test_a_right_model_is_said_to_fit(fit):
+    assert fit.check.fits
+    assert fit.notes == ()
+    for row in fit.check.lengths:
+        assert row.measured_rms_m == pytest.approx(row.predicted_rms_m, rel=0.3)
+        for share, level, error in zip(row.coverage, (0.5, 0.9, 0.95), row.coverage_error, strict=True):
+            assert share == pytest.approx(level, abs=4 * error)
+    drive = recorded(length_m=800, seed=5)
+    assert fit.check_on(*drive).fits
+    assert check_noise(NOISE, *drive, truth_position_std_m=0.004).fits
+
+
+def test_a_wrong_model_is_said_not_to_fit(fit):
+    drive = recorded(length_m=800, seed=5)
+    assert any("The random-walk model does not fit" in note for note in check_noise(NOISE.scaled(0.5), *drive).notes)
+    timid = check_noise(replace(NOISE.scaled(0.6), distance_scale_error=0.01), *drive, truth_position_std_m=0.004)
+    assert any("The regions are too small" in note for note in timid.notes)
+
+
+def test_positions_alone_are_enough():
+    log, truth = recorded(length_m=1500, seed=2)
+    fit = fit_noise(log, truth.without_heading(), parameters=FITTED, lengths_m=[2, 4, 8, 16])
+    for name in FITTED:
+        assert getattr(fit.noise, name) == pytest.approx(getattr(NOISE, name), abs=4 * fit.std_errors[name]), name
+    assert not fit.check.has_heading
+    assert np.isnan(fit.check.lengths[0].measured_heading_rms)
+    assert " deg" not in str(fit)
+
+
+def test_headings_that_only_repeat_the_odometry_are_not_taken_for_a_measurement():
+    log, truth = recorded(length_m=300)
+    copied = Trajectory(truth.times, truth.xy, log.headings + 0.7)
+    fit = fit_noise(log, copied)
+    assert not fit.check.has_heading
+    assert fit_noise(log, truth.without_heading()).noise == fit.noise
+
+
+@given(turn=st.floats(-3, 3), x=st.floats(-1e3, 1e3), late=st.floats(0, 1e5))
+@settings(max_examples=4, deadline=None)
+def test_frames_and_clocks_do_not_matter(turn, x, late):
+    log, truth = recorded(length_m=150)
+    options = {"resamples": 100, "parameters": FITTED, "time_offset_s": 0.0}
+    here = fit_noise(log, truth, **options)
+    z = truth.positions * np.exp(1j * turn) + x
+    moved = Trajectory(truth.times + late, np.column_stack([z.real, z.imag]), truth.heading + turn)
+    there = fit_noise(OdometryLog(log.times + late, log.moves, log.turns), moved, **options)
+    for name in FITTED:
+        assert getattr(there.noise, name) == pytest.approx(
+            getattr(here.noise, name), rel=1e-3, abs=1e-3 * here.std_errors[name]
+        )
+
+
+def test_scaling_the_world_scales_the_rates():
+    log, truth = recorded(length_m=200)
+    fit = fit_noise(log, truth, parameters=FITTED, resamples=100)
+    big = fit_noise(
+        OdometryLog(log.times, 10 * log.moves, log.turns),
+        Trajectory(truth.times, 10 * truth.xy, truth.heading),
+        parameters=FITTED,
+        resamples=100,
+    )
+    powers = {"heading_var_per_m": -1, "distance_var_per_m": 1, "heading_bias_per_m": -1}
+    for name in FITTED:
+        expected = getattr(fit.noise, name) * 10.0 ** powers.get(name, 0)
+        assert getattr(big.noise, name) == pytest.approx(expected, rel=1e-3, abs=1e-9)
+
+
+def test_a_straight_drive_teaches_nothing_about_turning():
+    log, truth = simulate_log([(0, 0), (400, 0)], OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-3))
+    fit = fit_noise(log, truth)
+    assert any("hardly turned" in note for note in fit.notes)
+    assert "heading_var_per_rad" not in fit.intervals
+    low, high = fit.intervals["heading_var_per_m"]
+    assert low < 1e-4 < high
+
+
+def test_even_turning_cannot_be_told_from_driving():
+    circle = [Run(length_m=400.0, curvature_per_m=0.3)]
+    log, truth = simulate_log(circle, OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3))
+    fit = fit_noise(log, truth)
+    assert any("These drives turn evenly: heading_bias_per_rad" in note for note in fit.notes)
+    assert fit.noise.heading_bias_per_rad == 0
+    low, high = fit.intervals["heading_var_per_m"]
+    assert low < 1e-3 < high
+
+
+def test_drives_of_different_robots_are_told_apart():
+    same = [recorded(seed=1, length_m=400), recorded(seed=2, length_m=400)]
+    other = recorded(replace(NOISE, distance_scale_error=-0.05), seed=2, length_m=400)
+    assert not any("drives differ" in n for n in fit_noise(*zip(*same, strict=True), parameters=FITTED).notes)
+    mixed = fit_noise(*zip(same[0], other, strict=True), parameters=FITTED)
+    assert any("The drives differ: distance_scale_error varies by 0.04" in note for note in mixed.notes)
+
+
+def test_slips_are_said_to_be_no_random_walk():
+    calm = OdometryNoise(heading_var_per_m=1e-5, distance_var_per_m=1e-5)
+    log, truth = recorded(calm, length_m=600, seed=3)
+    moves = log.moves.copy()
+    moves[np.random.default_rng(0).choice(len(moves), 12)] += 0.8
+    fit = fit_noise(OdometryLog(log.times, moves, log.turns), truth, parameters=FITTED)
+    assert any("not Gaussian" in note for note in fit.notes)
+
+
+def test_errors_that_do_not_add_up_are_said_to_be_no_random_walk():
+    rng = np.random.default_rng(0)
+    calm = OdometryNoise(distance_var_per_m=1e-6)
+    log, truth = recorded(calm, length_m=600, seed=3)
+    wobble = np.convolve(rng.standard_normal(len(truth.times) + 200), np.ones(201) / 15, "valid")  # over 20 m
+    xy = truth.xy + 0.2 * np.column_stack([wobble, np.roll(wobble, 500)])
+    fit = fit_noise(log, Trajectory(truth.times, xy, truth.heading), time_offset_s=0.0, lengths_m=[5, 10, 20, 40, 80])
+    assert any("errors grow slower with length" in note for note in fit.notes)
+
+
+def test_plain_arrays_of_poses_will_do():
+    log, truth = recorded(length_m=200)
+    poses = np.column_stack([log.positions.real, log.positions.imag, log.headings])
+    truths = np.column_stack([truth.xy, truth.heading])
+    from_arrays = fit_noise(poses, truths, resamples=100, time_offset_s=0.0)
+    from_lists = fit_noise([poses.tolist()], [truths.tolist()], resamples=100, time_offset_s=0.0)
+    assert from_arrays.noise == from_lists.noise
+    index = np.arange(len(poses))
+    from_logs = fit_noise(
+        OdometryLog(1.0 * index, log.moves, log.turns),
+        Trajectory(1.0 * index, truth.xy, truth.heading),
+        time_offset_s=0.0,
+    )
+    for name in PARAMETERS:
+        assert getattr(from_arrays.noise, name) == pytest.approx(getattr(from_logs.noise, name), rel=1e-6, abs=1e-12)
+
+
+def test_the_same_seed_gives_the_same_intervals():
+    drive = recorded(length_m=150)
+    first, second, other = (fit_noise(*drive, seed=seed, resamples=200).intervals for seed in (1, 1, 2))
+    assert first == second
+    assert first != other
+
+
+def test_more_confidence_asks_for_wider_intervals():
+    drive = recorded(length_m=300)
+    narrow, wide = (fit_noise(*drive, confidence=c, parameters=FITTED).intervals for c in (0.5, 0.99))
+    for name in FITTED:
+        assert wide[name][0] <= narrow[name][0] <= narrow[name][1] <= wide[name][1]
+        assert wide[name] != narrow[name]
+
+
+def test_what_is_printed_holds_what_was_found(fit):
+    text = str(fit)
+    for name in FITTED:
+        assert f"{getattr(fit.noise, name):.4g}" in text
+    assert "95 % interval" in text
+    assert f"{fit.counts.used_m:.1f} of {fit.counts.driven_m:.1f} m used" in text
+    assert str(fit.check) in text
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=40, deadline=None)
+def test_bounded_steps_meet_the_conditions_of_optimality(seed):
+    rng = np.random.default_rng(seed)
+    k = int(rng.integers(1, 7))
+    root = rng.standard_normal((k, 2 * k))
+    information, score = root @ root.T, 3 * rng.standard_normal(k)
+    lowest = np.where(rng.random(k) < 0.5, -rng.random(k), -np.inf)
+    d = bounded_step(information, score, lowest)
+    slope = information @ d - score
+    scale = 1e-5 * (1 + np.abs(score))
+    assert (d >= lowest - 1e-9).all()
+    free = d > lowest + 1e-7
+    assert (np.abs(slope[free]) < scale[free]).all()
+    assert (slope[~free] > -scale[~free]).all()
+
+
+def test_arguments_out_of_range_are_refused():
+    log, truth = recorded(length_m=60)
+    for wrong in (("wheel_slip",), (), "heading_var_per_m"):
+        with pytest.raises(ValueError, match="expected parameters from"):
+            fit_noise(log, truth, parameters=wrong)
+    with pytest.raises(ValueError, match=r"expected confidence in \(0, 1\), got 95"):
+        fit_noise(log, truth, confidence=95)
+    with pytest.raises(ValueError, match="expected resamples >= 100, got 10"):
+        fit_noise(log, truth, resamples=10)
+    with pytest.raises(ValueError, match="expected lengths_m > 0"):
+        fit_noise(log, truth, lengths_m=[0.0, 1.0])
+    with pytest.raises(ValueError, match=r"longer than a segment of 500 m, got drives of at most 6"):
+        fit_noise(log, truth, lengths_m=[500.0])
+    with pytest.raises(ValueError, match="one truth per estimate, got 2 and 1"):
+        fit_noise([log, log], truth)
+    with pytest.raises(ValueError, match="got positions only"):
+        fit_noise(log, truth.without_heading(), use_heading=True)
+    with pytest.raises(ValueError, match=r"expected a Trajectory, or an array of shape \(\d+, 2 or 3\)"):
+        fit_noise(log, np.zeros((5, 2)))
+    with pytest.raises(ValueError, match="expected OdometryLog, an array or a sequence of these, got int"):
+        fit_noise(7, truth)
+    with pytest.raises(ValueError, match="robot moves"):
+        fit_noise(OdometryLog(log.times, 0 * log.moves, log.turns), truth)
+    with pytest.raises(ValueError, match="expected a noise of the continuous model"):
+        check_noise(OdometryNoise.per_step(heading_std=0.1, distance_std=0.1, step_m=1.0), log, truth)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("known_heading", [True, False])
+def test_intervals_hold_the_truth_as_often_as_they_say(known_heading):
+    """95 % intervals of 200 drives hold the truth in 95 % of them: binomially, 88.8 to 99 % at four standard errors."""
+    repetitions = 200
+    lengths = [1, 2, 4, 8] if known_heading else [2, 4, 8, 16]
+    held = dict.fromkeys(FITTED, 0)
+    for seed in range(repetitions):
+        drive = recorded(length_m=1000, seed=seed)
+        fit = fit_noise(
+            *drive, parameters=FITTED, lengths_m=lengths, use_heading=known_heading, time_offset_s=0.0, seed=seed
+        )
+        for name in FITTED:
+            low, high = fit.intervals[name]
+            held[name] += low <= getattr(NOISE, name) <= high
+    shares = {name: count / repetitions for name, count in held.items()}
+    error = np.sqrt(0.95 * 0.05 / repetitions)
+    assert min(shares.values()) > 0.95 - 4 * error, shares
+    assert np.mean(list(shares.values())) == pytest.approx(0.95, abs=0.03), shares

@@ -1,0 +1,154 @@
+"""Odometry and truth of one drive, brought together: what happens to clocks, gaps, jumps, repeats and standstill."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from driftplan.model.matching import match
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.recordings import OdometryLog, Trajectory
+from driftplan.model.simulated_log import simulate_log
+
+SNAKE = [(0, 0), (10, 0), (10, 2), (0, 2), (0, 4), (10, 4)]
+PERFECT = OdometryNoise()
+
+
+def drive(noise=PERFECT, **options):
+    return simulate_log(SNAKE, noise, rng=3, **{"step_m": 0.05, **options})
+
+
+def delayed(log, seconds):
+    return OdometryLog(log.times + seconds, log.moves, log.turns, log.holds_velocity)
+
+
+def test_perfect_odometry_agrees_with_the_truth_at_every_knot():
+    log, truth = drive()
+    found = match(log, truth, spacing_m=0.5)
+    (stretch,) = found.stretches
+    assert found.time_offset_s == 0.0
+    np.testing.assert_allclose(np.diff(stretch.driven), 0.5, atol=0.06)  # knots are samples, 5 cm apart
+    turn = np.exp(1j * (stretch.truth_heading[0] - stretch.estimate_heading[0]))
+    np.testing.assert_allclose(stretch.estimate * turn + stretch.truth[0], stretch.truth, atol=1e-9)
+    np.testing.assert_allclose(stretch.estimate_heading, stretch.truth_heading, atol=1e-9)
+    assert found.counts.driven_m == pytest.approx(34.0)
+    assert found.counts.used_m == pytest.approx(34.0, abs=0.5)
+    assert found.counts.turned_rad == pytest.approx(2 * np.pi)
+
+
+@given(shift=st.floats(-0.8, 0.8), heading=st.booleans())
+@settings(max_examples=15, deadline=None)
+def test_a_clock_offset_is_found_and_undone(shift, heading):
+    log, truth = drive(OdometryNoise(heading_var_per_m=1e-5, distance_var_per_m=1e-5))
+    truth = truth if heading else truth.without_heading()
+    found = match(delayed(log, shift), truth, spacing_m=0.5)
+    # the truth's clock minus the odometry's; turns last 1.6 s, the windows of the search 0.5 s
+    assert found.time_offset_s == pytest.approx(-shift, abs=0.03)
+
+
+def test_no_offset_is_invented_for_a_steady_drive():
+    rng = np.random.default_rng(0)
+    log, truth = simulate_log(
+        [(0, 0), (50, 0)], OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-3), rng=rng
+    )
+    assert match(log, truth, spacing_m=0.5).time_offset_s == 0.0
+
+
+def test_knots_are_apart_in_true_distance_whatever_the_odometry_counts():
+    noise = OdometryNoise(distance_scale_error=0.25, distance_var_per_m=1e-3)
+    log, truth = drive(noise)
+    (stretch,) = match(log, truth, spacing_m=1.0, time_offset_s=0.0).stretches
+    true_steps = np.abs(np.diff(stretch.truth))
+    straight = true_steps > 0.95 * np.diff(stretch.driven)
+    # true chords over true distances: pieces of 4 m are measured, so 1 m keeps some of its noise of 3 cm
+    np.testing.assert_allclose(true_steps[straight], np.diff(stretch.driven)[straight], atol=0.1)
+    assert np.mean(true_steps[straight]) == pytest.approx(1.0, abs=0.02)
+
+
+def test_jitter_of_the_truth_does_not_lengthen_the_way():
+    log, truth = drive(truth_position_std_m=0.03, step_m=0.02)
+    rattling = np.abs(np.diff(truth.positions)).sum()
+    found = match(log, truth, spacing_m=1.0, time_offset_s=0.0)
+    assert rattling > 60.0  # of 34 m
+    assert found.counts.used_m == pytest.approx(34.0, abs=1.1)
+
+
+def test_standstill_takes_time_and_no_distance():
+    log, truth = drive()
+    k = 200
+    pause = 5.0
+    times = np.concatenate([log.times[: k + 1], log.times[k] + [pause], log.times[k + 1 :] + pause])
+    still = OdometryLog(times, np.insert(log.moves, k, 0), np.insert(log.turns, k, 0.0))
+    at = truth.times + pause * (truth.times > truth.times[k])
+    found = match(still, Trajectory(at, truth.xy, truth.heading), spacing_m=0.5)
+    assert found.counts.standstill_s == pytest.approx(pause)
+    assert found.counts.breaks == 0
+    (stretch,) = found.stretches
+    np.testing.assert_allclose(np.abs(np.diff(stretch.estimate)), np.abs(np.diff(stretch.truth)), atol=1e-6)
+
+
+def test_a_gap_of_the_truth_while_moving_cuts_the_drive():
+    log, truth = drive()
+    seen = (truth.times < 8) | (truth.times > 13)
+    found = match(log, Trajectory(truth.times[seen], truth.xy[seen], truth.heading[seen]), spacing_m=0.5)
+    assert len(found.stretches) == 2
+    assert found.counts.breaks == 1
+    first, second = found.stretches
+    assert first.driven[-1] < 8.1
+    assert second.driven[0] > 9
+    whole = match(
+        log, Trajectory(truth.times[seen], truth.xy[seen], truth.heading[seen]), spacing_m=0.5, max_gap_s=60.0
+    )
+    assert len(whole.stretches) == 1
+
+
+def test_a_gap_in_velocities_cuts_the_drive_but_one_in_increments_does_not():
+    log, truth = drive()
+    kept = np.concatenate([np.arange(100), np.arange(160, len(log.times))])
+    moved = np.diff(log.positions[kept]) * np.exp(-1j * log.headings[kept][:-1])
+    turned = np.diff(log.headings[kept])
+    for holds, stretches in ((False, 1), (True, 2)):
+        sparse = OdometryLog(log.times[kept], moved, turned, holds_velocity=holds)
+        assert len(match(sparse, truth, spacing_m=0.5, max_gap_s=2.0).stretches) == stretches
+
+
+def test_outliers_of_the_truth_are_left_out_and_counted():
+    log, truth = drive(truth_position_std_m=0.005)
+    xy = truth.xy.copy()
+    xy[[50, 300, 301, 500]] += [3.0, -2.0]
+    found = match(log, Trajectory(truth.times, xy, truth.heading), spacing_m=0.5)
+    assert (found.counts.truth_outliers, found.counts.breaks) == (4, 0)
+    (stretch,) = found.stretches
+    turn = np.exp(1j * (stretch.truth_heading[0] - stretch.estimate_heading[0]))
+    assert np.abs(stretch.estimate * turn + stretch.truth[0] - stretch.truth).max() < 0.05
+
+
+def test_a_truth_that_jumps_for_good_cuts_the_drive_there():
+    log, truth = drive(truth_position_std_m=0.005)
+    xy = truth.xy + np.where(truth.times > 20, 5.0, 0.0)[:, None]
+    found = match(log, Trajectory(truth.times, xy, truth.heading), spacing_m=0.5)
+    assert (found.counts.truth_outliers, found.counts.breaks, len(found.stretches)) == (0, 1, 2)
+
+
+def test_repeated_samples_and_odometry_without_truth_are_counted():
+    log, truth = drive()
+    twice = Trajectory(np.insert(truth.times, 7, truth.times[7]), np.insert(truth.xy, 7, truth.xy[7], axis=0), None)
+    found = match(log, twice.between(2.0, 30.0), spacing_m=0.5)
+    assert found.counts.repeated_samples == 1
+    assert found.counts.outside_truth_s == pytest.approx(2.0 + log.times[-1] - 30.0, abs=0.2)
+    assert found.counts.truth_samples < found.counts.odometry_samples
+
+
+def test_recordings_that_never_overlap_are_refused():
+    log, truth = drive()
+    with pytest.raises(ValueError, match=r"expected odometry and truth to overlap in time, got odometry from 1000"):
+        match(delayed(log, 1000.0), truth, spacing_m=0.5)
+
+
+def test_counts_of_several_drives_add_up():
+    log, truth = drive()
+    one = match(log, truth, spacing_m=0.5).counts
+    both = one + one
+    assert (both.odometry_samples, both.driven_m) == (2 * one.odometry_samples, 2 * one.driven_m)
