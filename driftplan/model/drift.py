@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from . import scores
 from .elements import run_moments, turn_moments
 from .fixes import Fix, apply_fix
+from .inputs import Floats, as_covariance, as_plane, finite
 from .moments import Moments, compose, scan
-from .noise import OdometryNoise
-from .paths import Floats, Runs, read_path
-
-Noises = OdometryNoise | Sequence[OdometryNoise]
+from .noise import Noises, OdometryNoise, noise_of_legs
+from .paths import Runs, read_path
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,6 +24,7 @@ class PointDrift:
 
     Everything is exact to second order under the noise model, except `mean_distance`, `radius` and
     `probability_within`, which treat the error as Gaussian (`driftplan.model.scores` states the error of that).
+    A variance much smaller than E|e|² is exact to rounding of that only, about 1e-15 E|e|²: it may fall below zero.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class PointDrift:
     @property
     def xy(self) -> Floats:
         """True position, metres, world frame, (..., 2)."""
-        return _planar(self.moments.p)
+        return as_plane(self.moments.p)
 
     @property
     def heading(self) -> Floats:
@@ -55,7 +55,7 @@ class PointDrift:
     @property
     def bias(self) -> Floats:
         """E[e], metres, world frame, (..., 2)."""
-        return _planar(self.moments.e1)
+        return as_plane(self.moments.e1)
 
     @property
     def bias_norm(self) -> Floats:
@@ -65,12 +65,12 @@ class PointDrift:
     @property
     def cov(self) -> Floats:
         """Covariance of e, m², world frame, (..., 2, 2)."""
-        return _covariance(self.moments, 1.0)
+        return as_covariance(self.moments.e1, self.moments.N, self.moments.e2)
 
     @property
     def cov_body(self) -> Floats:
         """Covariance of e, m², in the robot's true frame (x forward, y left), (..., 2, 2)."""
-        return _covariance(self.moments, np.conj(self.moments.u))
+        return as_covariance(self.moments.e1, self.moments.N, self.moments.e2, np.conj(self.moments.u))
 
     @property
     def trace(self) -> Floats:
@@ -146,7 +146,9 @@ class Drift(PointDrift):
         ValueError
             For a distance that is not on the path.
         """
-        wanted = np.asarray(s, dtype=float)
+        wanted = finite("s", s)
+        if wanted.ndim > 1 and self.distance.ndim == 1:
+            raise ValueError(f"expected distances of shape () or (k,) for one path, got {wanted.shape}")
         batch = self.distance.shape[:-1]
         where = np.broadcast_to(np.atleast_1d(wanted), (*batch, *(wanted.shape[-1:] or (1,))))
         length = self.length[..., None]
@@ -177,10 +179,11 @@ class Drift(PointDrift):
     def _inside(self, s: Floats) -> PointDrift:
         """Drift at distances (..., k) on the path: the last border before, and the leg from there, if it has begun."""
         borders = self._border_distance
+        reached = s + 1e-9 * np.maximum(self.length[..., None], 1.0)  # a fix lies where it was said to, rounding or not
         if borders.ndim == 1:
-            leg = np.searchsorted(borders, s, side="right") - 1
+            leg = np.searchsorted(borders, reached, side="right") - 1
         else:
-            leg = (borders[..., None, :] <= s[..., :, None]).sum(axis=-1) - 1
+            leg = (borders[..., None, :] <= reached[..., :, None]).sum(axis=-1) - 1
         border = np.clip(leg, 0, self.runs.lengths.shape[-1])
         leg = np.minimum(border, self.runs.lengths.shape[-1] - 1)
 
@@ -245,7 +248,7 @@ def predict_drift(
     0.195
     """
     runs = read_path(path, start_heading)
-    noises, noise_of_leg = _noises(noise, runs.lengths.shape[-1])
+    noises, noise_of_leg = noise_of_legs(noise, runs.lengths.shape[-1], runs.legs_per_waypoint)
     waypoints = np.arange(0, runs.lengths.shape[-1] + 1, runs.legs_per_waypoint)
     at_border: list[tuple[int, Fix]] = []
     if fixes:
@@ -255,9 +258,10 @@ def predict_drift(
     state = Moments(np.exp(1j * runs.heading), runs.start, *([zero] * 8))
     arrivals, borders = _along(pieces, state, at_border)
     distance = np.concatenate([zero[..., None], np.cumsum(runs.lengths, axis=-1)], axis=-1)
-    return Drift(
-        distance[..., waypoints], borders[..., waypoints], runs, noises, noise_of_leg, borders, arrivals, distance
-    )
+    at_waypoints, moments = distance[..., waypoints], borders[..., waypoints]
+    for array in (distance, at_waypoints, *moments.arrays(), *borders.arrays(), *arrivals.arrays()):
+        array.setflags(write=False)
+    return Drift(at_waypoints, moments, runs, noises, noise_of_leg, borders, arrivals, distance)
 
 
 def _along(pieces: Moments, start: Moments, fixes: list[tuple[int, Fix]]) -> tuple[Moments, Moments]:
@@ -301,30 +305,10 @@ def _cut_at_fixes(
     runs: Runs, waypoints: NDArray[np.intp], noise_of_leg: NDArray[np.intp], fixes: Sequence[Fix]
 ) -> tuple[Runs, NDArray[np.intp], NDArray[np.intp], list[tuple[int, Fix]]]:
     """The path with a leg border at every fix, and which border that is."""
-    if runs.lengths.ndim != 1:
-        raise ValueError(
-            f"expected one path with fixes, got a batch of shape {runs.lengths.shape[:-1]}: predict one by one"
-        )
     ordered = sorted(fixes, key=lambda fix: fix.s_m)
-    length = float(runs.lengths.sum())
-    if ordered[-1].s_m > length * (1 + 1e-9):
-        raise ValueError(f"expected fixes on the path, at 0 to {length:.6g} m, got one at s_m={ordered[-1].s_m:.6g}")
-    cut, at, borders = runs.cut(np.minimum([fix.s_m for fix in ordered], length))
+    cut, at, borders = runs.cut(np.array([fix.s_m for fix in ordered]))
     legs_from = np.diff(borders)
     return cut, borders[waypoints], np.repeat(noise_of_leg, legs_from), list(zip(at.tolist(), ordered, strict=True))
-
-
-def _noises(noise: Noises, legs: int) -> tuple[tuple[OdometryNoise, ...], NDArray[np.intp]]:
-    """The distinct noises, and which of them each leg has."""
-    if isinstance(noise, OdometryNoise):
-        return (noise,), np.zeros(legs, dtype=np.intp)
-    if not (isinstance(noise, Sequence) and all(isinstance(n, OdometryNoise) for n in noise)):
-        raise ValueError(f"expected an OdometryNoise or one per run, got {type(noise).__name__}")
-    if len(noise) != legs:
-        raise ValueError(f"expected one OdometryNoise per run, {legs} in all, got {len(noise)}")
-    index: dict[OdometryNoise, int] = {}
-    of_leg = np.array([index.setdefault(n, len(index)) for n in noise], dtype=np.intp)
-    return tuple(index), of_leg
 
 
 def _legs(
@@ -352,15 +336,3 @@ def _legs_of_one_noise(turns: Floats, lengths: Floats, curvatures: Floats, noise
     if noise.heading_var_per_rad == 0 and noise.distance_var_per_rad == 0 and noise.heading_bias_per_rad == 0:
         return runs.rotated(np.exp(1j * turns))
     return compose(turn_moments(turns, noise), runs)
-
-
-def _planar(z: NDArray[Any]) -> Floats:
-    return np.stack([np.real(z), np.imag(z)], axis=-1)
-
-
-def _covariance(moments: Moments, u: NDArray[Any] | complex) -> Floats:
-    """Covariance of u e: from E|e|² - |E e|² and E e² - (E e)²."""
-    spread = np.maximum(moments.N.real - np.abs(moments.e1) ** 2, 0.0)
-    skew = u * u * (moments.e2 - moments.e1**2)
-    xx, yy, xy = (spread + skew.real) / 2, (spread - skew.real) / 2, skew.imag / 2
-    return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)

@@ -90,12 +90,16 @@ def turn_moments(turn_rad: Array, noise: OdometryNoise) -> Moments:
     turn = np.asarray(turn_rad, dtype=float)
     angle = np.abs(turn)
     heading_var = noise.heading_var_per_rad * angle
-    if noise.distance_var_per_rad == 0:
+    distance_var = noise.distance_var_per_rad * angle
+    if noise.distance_var_per_rad == 0 or (noise.step_m is None and noise.heading_distance_corr == 0):
         mean = noise.heading_bias_per_rad * turn
         law = law_moments(noise.heading_law, heading_var)
         d1, d2 = shifted(law.d1, law.d2, mean)
         zero = np.zeros(turn.shape)
-        return Moments(np.exp(1j * turn), zero, d1, d2, -2 * d1.real, zero, zero, zero, zero, zero)
+        e2 = zero
+        if noise.distance_var_per_rad > 0:  # it points wherever the robot faces while it turns
+            e2 = distance_var * _phi(2j * (turn + mean) - 2 * heading_var)
+        return Moments(np.exp(1j * turn), zero, d1, d2, -2 * d1.real, zero, distance_var, e2, zero, zero)
     if noise.step_m is None:
         side = np.sign(turn)
         return _stretch(
@@ -115,7 +119,7 @@ def turn_moments(turn_rad: Array, noise: OdometryNoise) -> Moments:
         true_move=np.zeros(turn.shape),
         heading_var=heading_var,
         heading_mean=noise.heading_bias_per_rad * turn,
-        distance_var=noise.distance_var_per_rad * angle,
+        distance_var=distance_var,
         lateral_var=np.zeros(turn.shape),
         distance_mean=np.zeros(turn.shape),
     )
@@ -299,11 +303,10 @@ def _step(
 
 
 def _phi(z: Array) -> Array:
-    """(exp(z) - 1)/z for imaginary z, exact near zero."""
-    x = np.imag(z)
-    half = x / 2
-    sinc = np.where(np.abs(half) > 1e-8, np.sin(half) / np.where(half == 0, 1.0, half), 1.0)
-    return np.asarray(np.exp(1j * half) * sinc)
+    """(exp(z) - 1)/z, exact near zero."""
+    tiny = np.abs(z) < 1e-100  # where dividing would overflow on the way
+    safe = np.where(tiny, 1.0, z)
+    return np.asarray(np.where(tiny, 1.0, np.expm1(safe) / safe))
 
 
 def _horner(coefficients: tuple[float, ...], x: Array) -> Array:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from .heading_laws import law_moments
+from .inputs import Floats, covariance, not_negative, number
 from .moments import Moments
 
 
@@ -19,7 +18,8 @@ class Fix:
     The measured quantity's error is replaced by the measurement's, independent of all before: a full fix replaces
     position and heading error, a position fix (RFID) leaves the heading error, a heading fix the position error.
     Nothing is fused: a fix less accurate than the estimate makes it worse, and a filter that used the correlation of
-    position and heading error would also gain heading from a position fix.
+    position and heading error would also gain heading from a position fix. In the step model (``step_m``) a fix ends a
+    step: the run it lies in counts its steps anew on either side, whether or not the fix is detected.
 
     Attributes
     ----------
@@ -39,21 +39,22 @@ class Fix:
     """
 
     s_m: float
-    position_cov: NDArray[np.float64] | None = None
+    position_cov: Floats | None = None
     heading_std: float | None = None
     detection_probability: float = 1.0
 
     def __post_init__(self) -> None:
-        if not (isfinite(self.s_m) and self.s_m >= 0):
-            raise ValueError(f"expected s_m finite and >= 0, got {self.s_m!r}")
+        object.__setattr__(self, "s_m", not_negative("s_m", self.s_m))
         if self.position_cov is None and self.heading_std is None:
             raise ValueError("expected a fix to measure position_cov, heading_std or both, got neither")
-        if self.heading_std is not None and not (isfinite(self.heading_std) and self.heading_std >= 0):
-            raise ValueError(f"expected heading_std finite and >= 0, got {self.heading_std!r}")
-        if not 0 <= self.detection_probability <= 1:
+        if self.heading_std is not None:
+            object.__setattr__(self, "heading_std", not_negative("heading_std", self.heading_std))
+        if not 0 <= number("detection_probability", self.detection_probability) <= 1:
             raise ValueError(f"expected detection_probability in [0, 1], got {self.detection_probability!r}")
         if self.position_cov is not None:
-            object.__setattr__(self, "position_cov", _covariance(self.position_cov))
+            cov = covariance("position_cov", self.position_cov).copy()
+            cov.setflags(write=False)
+            object.__setattr__(self, "position_cov", cov)
 
     @classmethod
     def full(cls, s_m: float, *, position_std_m: float, heading_std: float, detection_probability: float = 1.0) -> Fix:
@@ -104,17 +105,5 @@ def apply_fix(before: Moments, fix: Fix) -> Moments:
     return Moments(before.u, before.p, *mixed)
 
 
-def _isotropic(position_std_m: float) -> NDArray[np.float64]:
-    if not (isfinite(position_std_m) and position_std_m >= 0):
-        raise ValueError(f"expected position_std_m finite and >= 0, got {position_std_m!r}")
-    return position_std_m**2 * np.eye(2)
-
-
-def _covariance(cov: ArrayLike) -> NDArray[np.float64]:
-    matrix = np.array(cov, dtype=float)
-    if matrix.shape != (2, 2) or not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T):
-        raise ValueError(f"expected position_cov a symmetric finite (2, 2) matrix, got {matrix.tolist()}")
-    if np.linalg.eigvalsh(matrix)[0] < -1e-12 * np.trace(matrix):
-        raise ValueError(f"expected position_cov positive semi-definite, got {matrix.tolist()}")
-    matrix.setflags(write=False)
-    return matrix
+def _isotropic(position_std_m: float) -> Floats:
+    return not_negative("position_std_m", position_std_m) ** 2 * np.eye(2)

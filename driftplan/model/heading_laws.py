@@ -16,6 +16,8 @@ from .noise import HeadingLaw
 
 Array = NDArray[Any]
 
+_CIRCLE = 256  # nodes on the circle
+
 
 class LawMoments(NamedTuple):
     """Moments of a symmetric heading error θ with r = exp(jθ); arrays of the variance's shape."""
@@ -86,13 +88,16 @@ def _sinc_derivatives(x: Array) -> tuple[Array, Array, Array]:
 
 
 def _von_mises(v: Array) -> LawMoments:
-    from scipy.special import ive
-
-    kappa = 1 / np.maximum(v, 1e-300)
-    safe = np.minimum(kappa, 500.0)
-    x = np.minimum(v, 1 / 500.0)
+    # 1 - I1(κ)/I0(κ) = E(1 - cos θ): above κ = 500 by its asymptotic series, below by the trapezoidal rule over the
+    # circle, which converges like exp(-_CIRCLE²/2κ) and adds positive numbers only
+    concentrated = v < 1 / 500
+    x = np.where(concentrated, v, 0.0)
     near = x * (0.5 + x * (1 / 8 + x * (1 / 8 + x * (25 / 128 + x * (13 / 32 + x * (1073 / 1024 + x * 103 / 32))))))
-    d1 = -np.where(kappa > 500, near, (ive(0, safe) - ive(1, safe)) / ive(0, safe))
+    spread, back = np.unique(np.where(concentrated, 1.0, v), return_inverse=True)
+    fall = 2 * np.sin(np.pi * np.arange(_CIRCLE) / _CIRCLE) ** 2  # 1 - cos θ
+    weight = np.exp(-fall / spread[:, None])
+    far = (weight @ fall / weight.sum(axis=1))[back].reshape(v.shape)
+    d1 = -np.where(concentrated, near, far)
     nan = np.full_like(v, np.nan)
     return LawMoments(d1, -2 * d1 - 2 * (1 + d1) * v, nan, nan, nan)
 

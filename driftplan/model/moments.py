@@ -127,14 +127,14 @@ def power(X: Moments, count: Array | int | float) -> Moments:
     count : array of whole numbers >= 0, shape broadcasting with X
     """
     count = np.asarray(count)
-    if 0 < max(X.N.size, count.size) <= _FEW:
-        X = _broadcast(X, count.shape)
+    X = _broadcast(X, count.shape)
+    if 0 < np.size(X.N) <= _FEW:
         flat = zip(
             *(x.ravel().tolist() for x in X.arrays()), np.broadcast_to(count, X.shape).ravel().tolist(), strict=True
         )
         powers = [_scalar_power(Moments(*numbers), int(n)) for *numbers, n in flat]
         return Moments(*(np.array(column).reshape(X.shape) for column in zip(*map(_fields, powers), strict=True)))
-    nothing = identity(np.broadcast_shapes(X.shape, count.shape))
+    nothing = identity(X.shape)
     result: Moments | None = None
     while True:
         odd = count % 2 == 1

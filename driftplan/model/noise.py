@@ -7,12 +7,15 @@ described here, and driftplan predicts where the estimate ends up relative to th
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from math import inf, isfinite, radians, tau
+from math import radians, tau
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from .inputs import not_negative, number, positive
 
 HeadingLaw = Literal["gaussian", "laplace", "von_mises", "uniform"]
 
@@ -97,7 +100,7 @@ class OdometryNoise:
 
     def __post_init__(self) -> None:
         for name in (*_VARIANCES, *_SYSTEMATIC, "heading_distance_corr"):
-            object.__setattr__(self, name, _number(name, getattr(self, name)))
+            object.__setattr__(self, name, number(name, getattr(self, name)))
         for name in _VARIANCES:
             if getattr(self, name) < 0:
                 raise ValueError(f"expected {name} >= 0, got {getattr(self, name)!r}")
@@ -112,7 +115,7 @@ class OdometryNoise:
                 "heading_distance_corr is not defined for heading_law='von_mises': use 'gaussian', got both"
             )
         if self.step_m is not None:
-            object.__setattr__(self, "step_m", _positive("step_m", self.step_m))
+            object.__setattr__(self, "step_m", positive("step_m", self.step_m))
             return
         for name in _VARIANCES[5:]:
             if getattr(self, name) > 0:
@@ -146,13 +149,13 @@ class OdometryNoise:
         >>> round(noise.heading_var_per_m, 9), round(noise.distance_var_per_m, 9)
         (3.0462e-05, 0.00025)
         """
-        after_m = _positive("after_m", after_m)
+        after_m = positive("after_m", after_m)
         spreads = {
             "heading_deg": heading_deg,
             "distance_m": distance_m,
             "heading_deg_per_full_turn": heading_deg_per_full_turn,
         }
-        heading, distance, turn = (_not_negative(name, value) for name, value in spreads.items())
+        heading, distance, turn = (not_negative(name, value) for name, value in spreads.items())
         return cls(
             heading_var_per_m=radians(heading) ** 2 / after_m,
             distance_var_per_m=distance**2 / after_m,
@@ -178,7 +181,7 @@ class OdometryNoise:
         0.5
         """
         spreads = {"heading_std": heading_std, "distance_std": distance_std, "lateral_std": lateral_std}
-        heading, distance, lateral = (_not_negative(name, value) for name, value in spreads.items())
+        heading, distance, lateral = (not_negative(name, value) for name, value in spreads.items())
         return cls(
             heading_var_per_step=heading**2,
             distance_var_per_step=distance**2,
@@ -212,8 +215,8 @@ class OdometryNoise:
             stacklevel=2,
         )
         alphas = {"alpha1": alpha1, "alpha2": alpha2, "alpha3": alpha3, "alpha4": alpha4}
-        a1, a2, a3, a4 = (_not_negative(name, value) for name, value in alphas.items())
-        step_m, step_rad = _positive("step_m", step_m), _positive("step_rad", step_rad)
+        a1, a2, a3, a4 = (not_negative(name, value) for name, value in alphas.items())
+        step_m, step_rad = positive("step_m", step_m), positive("step_rad", step_rad)
         return cls(
             heading_var_per_m=2 * a2 * step_m,
             distance_var_per_m=a3 * step_m,
@@ -229,7 +232,7 @@ class OdometryNoise:
         >>> OdometryNoise(heading_var_per_m=1e-4).scaled(2.0).heading_var_per_m
         0.0004
         """
-        factor = _not_negative("std_factor", std_factor)
+        factor = not_negative("std_factor", std_factor)
         changed = {name: getattr(self, name) * factor**2 for name in _VARIANCES}
         changed |= {name: getattr(self, name) * factor for name in _SYSTEMATIC}
         return replace(self, **changed)
@@ -257,24 +260,17 @@ def steps_in(length_m: ArrayLike, step_m: float) -> NDArray[np.float64]:
     return np.asarray(np.ceil(np.asarray(length_m, dtype=float) / step_m - 1e-9))
 
 
-def _number(name: str, value: object) -> float:
-    if isinstance(value, bool) or (not isinstance(value, (int, float)) and not hasattr(value, "__float__")):
-        raise ValueError(f"expected {name} to be a number, got {value!r}")
-    number = float(value)
-    if not isfinite(number):
-        raise ValueError(f"expected {name} finite, got {number!r}")
-    return number
+def noise_of_legs(noise: Noises, legs: int, legs_per_run: int) -> tuple[tuple[OdometryNoise, ...], NDArray[np.intp]]:
+    """The distinct noises of a path, and which of them each leg has."""
+    if isinstance(noise, OdometryNoise):
+        return (noise,), np.zeros(legs, dtype=np.intp)
+    if not (isinstance(noise, Sequence) and all(isinstance(n, OdometryNoise) for n in noise)):
+        raise ValueError(f"expected an OdometryNoise or one per run, got {type(noise).__name__}")
+    if len(noise) * legs_per_run != legs:
+        raise ValueError(f"expected one OdometryNoise per run, {legs // legs_per_run} in all, got {len(noise)}")
+    index: dict[OdometryNoise, int] = {}
+    of_run = np.array([index.setdefault(n, len(index)) for n in noise], dtype=np.intp)
+    return tuple(index), np.repeat(of_run, legs_per_run)
 
 
-def _not_negative(name: str, value: object) -> float:
-    number = _number(name, value)
-    if not 0 <= number < inf:
-        raise ValueError(f"expected {name} >= 0, got {number!r}")
-    return number
-
-
-def _positive(name: str, value: object) -> float:
-    number = _number(name, value)
-    if number <= 0:
-        raise ValueError(f"expected {name} > 0, got {number!r}")
-    return number
+Noises = OdometryNoise | Sequence[OdometryNoise]

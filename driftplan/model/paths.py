@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Floats = NDArray[np.float64]
+from .inputs import Floats as Floats
+from .inputs import finite, not_negative, number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,6 +31,11 @@ class Run:
     length_m: float
     curvature_per_m: float = 0.0
     turn_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        not_negative("length_m", self.length_m)
+        number("curvature_per_m", self.curvature_per_m)
+        number("turn_rad", self.turn_rad)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +75,7 @@ class Runs:
         >>> Runs.from_odometry([1.0, 1.0], [0.0, 1.5]).lengths
         array([1., 1.])
         """
-        lengths, turns = _finite("distances_m", distances_m), _finite("turns_rad", turns_rad)
+        lengths, turns = finite("distances_m", distances_m).copy(), finite("turns_rad", turns_rad).copy()
         if lengths.shape != turns.shape or lengths.ndim < 1 or lengths.shape[-1] < 1:
             raise ValueError(
                 f"expected distances_m, turns_rad of one shape (..., m), m >= 1, got {lengths.shape}, {turns.shape}"
@@ -84,13 +90,26 @@ class Runs:
 
         Returns the cut path, the border at which each distance now lies (k,), and where the old borders went (m + 1,).
         A distance that falls on a border takes the last border there, after any turn that drives nowhere.
+
+        Raises
+        ------
+        ValueError
+            For several paths at once, and distances off the path.
         """
+        if self.lengths.ndim != 1:
+            raise ValueError(
+                f"expected one path with fixes, got a batch of shape {self.lengths.shape[:-1]}: take one by one"
+            )
         ends = np.concatenate(([0.0], np.cumsum(self.lengths)))
         turns, lengths, curvatures = self.turns.tolist(), self.lengths.tolist(), self.curvatures.tolist()
         old = np.arange(len(ends))
         at = np.empty(len(distances_m), dtype=np.intp)
         tolerance = 1e-9 * max(ends[-1], 1.0)
-        for k, s in enumerate(distances_m.tolist()):
+        if distances_m[-1] > ends[-1] + tolerance:
+            raise ValueError(
+                f"expected fixes on the path, at 0 to {ends[-1]:.6g} m, got one at s_m={distances_m[-1]:.6g}"
+            )
+        for k, s in enumerate(np.minimum(distances_m, ends[-1]).tolist()):
             border = int(np.searchsorted(ends, s + tolerance, side="right")) - 1
             if s - ends[border] > tolerance:
                 first = s - ends[border]
@@ -115,8 +134,8 @@ def read_path(path: Any, start_heading: float | ArrayLike | None = None) -> Runs
         waypoint, drives, and turns to the heading asked for; (..., n, 2|3) batches; a list of arrays of different
         lengths (shorter ones then stand still at their end, which costs nothing); a list of `Run`; `Runs`.
     start_heading : float or array, optional
-        Heading before the first turn, rad. Default: the heading of the first run (for poses and `Run` lists: the first
-        pose's, and 0).
+        Heading before the first turn, rad. Default: the heading of the first run; for `Run` lists and logs 0. Poses
+        bring their own.
 
     Raises
     ------
@@ -129,15 +148,17 @@ def read_path(path: Any, start_heading: float | ArrayLike | None = None) -> Runs
         runs = _from_runs(path)
     else:
         runs = _from_array(_as_array(path))
-        if start_heading is None or runs.legs_per_waypoint == 2:
+        if start_heading is None:
             return runs
-        heading = np.broadcast_to(_finite("start_heading", start_heading), runs.heading.shape)
+        if runs.legs_per_waypoint == 2:
+            raise ValueError("expected no start_heading with a path of poses, whose first heading it is: got both")
+        heading = np.broadcast_to(finite("start_heading", start_heading), runs.heading.shape)
         turns = runs.turns.copy()
         turns[..., 0] = wrap(turns[..., 0] + runs.heading - heading)
         return Runs(runs.start, heading, turns, runs.lengths, runs.curvatures)
     if start_heading is None:
         return runs
-    heading = np.broadcast_to(_finite("start_heading", start_heading), np.shape(runs.heading))
+    heading = np.broadcast_to(finite("start_heading", start_heading), np.shape(runs.heading))
     return Runs(runs.start, heading, runs.turns, runs.lengths, runs.curvatures, runs.legs_per_waypoint)
 
 
@@ -186,12 +207,8 @@ def _course(legs: NDArray[np.complex128], first: Floats | None) -> Floats:
 
 
 def _from_runs(runs: Sequence[Run]) -> Runs:
-    columns = [[r.turn_rad for r in runs], [r.length_m for r in runs], [r.curvature_per_m for r in runs]]
-    turns, lengths, curvatures = (
-        _finite(name, column) for name, column in zip(("turn_rad", "length_m", "curvature_per_m"), columns, strict=True)
-    )
-    if (lengths < 0).any():
-        raise ValueError(f"expected length_m >= 0, got {lengths.min()}")
+    columns = zip(*((run.turn_rad, run.length_m, run.curvature_per_m) for run in runs), strict=True)
+    turns, lengths, curvatures = (np.array(column, dtype=float) for column in columns)
     return Runs(np.zeros((), complex), np.zeros(()), turns, lengths, curvatures)
 
 
@@ -218,23 +235,12 @@ def _padded(paths: list[Floats]) -> Floats:
 
 
 def _waypoints(path: Any) -> Floats:
-    array = _finite("path", path)
+    array = finite("path", path)
     if array.ndim < 2 or array.shape[-1] not in (2, 3) or array.shape[-2] < 2:
         raise ValueError(
             "expected a path of at least 2 waypoints, shape (..., n, 2) in metres or (..., n, 3) with headings in rad, "
             f"got shape {array.shape}"
         )
-    return array
-
-
-def _finite(name: str, values: Any) -> Floats:
-    try:
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError) as err:
-        raise ValueError(f"expected {name} to be numbers, got {type(values).__name__}: {err}") from None
-    if not np.isfinite(array).all():
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise ValueError(f"expected {name} finite, got {array[where]} at index {where}")
     return array
 
 

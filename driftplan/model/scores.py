@@ -10,7 +10,9 @@ Whatever the distribution: E|e| <= rms, and the radius at confidence c is at mos
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,8 +21,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _LOG_T = np.arange(-75.0, 75.0, 0.2)  # trapezoid nodes: exact to rounding, the integrand is analytic in ln t
-_NODES = 160  # Gauss-Legendre nodes across the major axis
-_BISECTIONS = 60
+_NODES = 64  # Gauss-Legendre nodes in each of the three panels across the major axis
+_SOLVER_STEPS = 100
+_BLOCK = 2048  # points worked on at once, which bounds the memory
 
 
 def mean_distance(mean: Floats, cov: Floats) -> Floats:
@@ -39,17 +42,7 @@ def mean_distance(mean: Floats, cov: Floats) -> Floats:
     1.253314
     """
     variance, offset = _principal(mean, cov)
-    scale = variance.sum(-1) + (offset**2).sum(-1)
-    unit = np.where(scale > 0, scale, 1.0)
-    t = np.exp(_LOG_T)
-    total = np.zeros(scale.shape)
-    v, m2 = variance / unit[..., None], offset**2 / unit[..., None]
-    log_m = np.zeros((*scale.shape, t.size))
-    for k in range(2):
-        spread = 2 * t * v[..., k, None]
-        log_m -= 0.5 * np.log1p(spread) + t * m2[..., k, None] / (1 + spread)
-    total = 0.2 * np.sum(-np.expm1(log_m) / np.sqrt(t), axis=-1) / (2 * np.sqrt(np.pi))
-    return np.asarray(np.where(scale > 0, np.sqrt(scale) * total, 0.0))
+    return _in_blocks(_mean_distance, variance, offset)
 
 
 def probability_within(radius: Any, mean: Floats, cov: Floats) -> Floats:
@@ -63,7 +56,9 @@ def probability_within(radius: Any, mean: Floats, cov: Floats) -> Floats:
     radius = np.asarray(radius, dtype=float)
     if np.isnan(radius).any() or (radius < 0).any():
         raise ValueError(f"expected a radius >= 0, got {radius}")
-    return _within(radius, *_principal(mean, cov))
+    variance, offset = _principal(mean, cov)
+    radius = np.broadcast_to(radius, np.broadcast_shapes(radius.shape, variance.shape[:-1]))
+    return _in_blocks(_within, variance, offset, radius)
 
 
 def radius_at(confidence: float, mean: Floats, cov: Floats) -> Floats:
@@ -74,16 +69,44 @@ def radius_at(confidence: float, mean: Floats, cov: Floats) -> Floats:
     >>> radius_at(0.95, np.zeros(2), np.eye(2)).round(4).item()  # sqrt(-2 ln 0.05)
     2.4477
     """
-    if not 0 < confidence < 1:
+    if np.ndim(confidence) != 0 or not 0 < confidence < 1:
         raise ValueError(f"expected a confidence in (0, 1), got {confidence!r}")
     variance, offset = _principal(mean, cov)
+    return _in_blocks(partial(_radius, confidence), variance, offset)
+
+
+def _mean_distance(variance: Floats, offset: Floats) -> Floats:
+    scale = variance.sum(-1) + (offset**2).sum(-1)
+    unit = np.where(scale > 0, scale, 1.0)
+    t = np.exp(_LOG_T)
+    v, m2 = variance / unit[:, None], offset**2 / unit[:, None]
+    log_m = np.zeros((*scale.shape, t.size))
+    for k in range(2):
+        spread = 2 * t * v[:, k, None]
+        log_m -= 0.5 * np.log1p(spread) + t * m2[:, k, None] / (1 + spread)
+    total = 0.2 * np.sum(-np.expm1(log_m) / np.sqrt(t), axis=-1) / (2 * np.sqrt(np.pi))
+    return np.asarray(np.where(scale > 0, np.sqrt(scale) * total, 0.0))
+
+
+def _radius(confidence: float, variance: Floats, offset: Floats) -> Floats:
+    """Regula falsi, in the variant that halves the value of an end that stays (Illinois)."""
     rms = np.sqrt(variance.sum(-1) + (offset**2).sum(-1))
     low, high = np.zeros(rms.shape), rms / np.sqrt(1 - confidence) * (1 + 1e-12)  # Markov's inequality
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        short = _within(middle, variance, offset) < confidence
+    below = np.full(rms.shape, -confidence)
+    above = _within(variance, offset, high) - confidence
+    middle = high
+    for step in range(_SOLVER_STEPS):
+        secant = high - above * (high - low) / np.where(above > below, above - below, 1.0)
+        # the probability of a flat error may jump: every third step halves the bracket
+        middle = np.where((step % 3 == 2) | (above <= below), 0.5 * (low + high), secant)
+        value = _within(variance, offset, middle) - confidence
+        short = value < 0
+        below = np.where(short, value, 0.5 * below)
+        above = np.where(short, 0.5 * above, value)
         low, high = np.where(short, middle, low), np.where(short, high, middle)
-    return np.asarray(0.5 * (low + high))
+        if ((high - low <= 1e-12 * rms) | (np.abs(value) < 1e-13)).all():
+            break
+    return np.asarray(middle)
 
 
 def _principal(mean: Floats, cov: Floats) -> tuple[Floats, Floats]:
@@ -93,11 +116,15 @@ def _principal(mean: Floats, cov: Floats) -> tuple[Floats, Floats]:
     return np.maximum(values[..., ::-1], 0.0), offset[..., ::-1]
 
 
-def _within(radius: Floats, variance: Floats, offset: Floats) -> Floats:
+def _within(variance: Floats, offset: Floats, radius: Floats) -> Floats:
+    """Probability mass in discs about zero: across the major axis y, of strips of the disc along the minor axis.
+
+    Where the circle passes the line of a flat error the strips' mass changes abruptly, so the range is cut there.
+    """
     from scipy.special import ndtr
 
-    major, minor = np.sqrt(variance[..., 0]), np.sqrt(variance[..., 1])
-    m1, m2 = offset[..., 0], offset[..., 1]
+    major, minor = np.sqrt(variance[:, 0]), np.sqrt(variance[:, 1])
+    m1, m2 = offset[:, 0], offset[:, 1]
     sure = major == 0
     s1 = np.where(sure, 1.0, major)
     s2 = np.maximum(minor, 1e-12 * s1)
@@ -106,15 +133,28 @@ def _within(radius: Floats, variance: Floats, offset: Floats) -> Floats:
     r = np.where(outside, 1.0, radius)
     low, high = np.where(outside, -1.0, low), np.where(outside, 1.0, high)
     a, b = np.arcsin(np.clip(low / r, -1, 1)), np.arcsin(np.clip(high / r, -1, 1))
+    edge = np.arccos(np.clip(np.abs(m2) / r, 0, 1))
     nodes, weights = _legendre()
-    angle = (0.5 * (a + b))[..., None] + nodes * (0.5 * (b - a))[..., None]
-    y, half = r[..., None] * np.sin(angle), r[..., None] * np.cos(angle)
-    s1, s2, m1_, m2_ = (x[..., None] for x in (s1, s2, m1, m2))
-    density = np.exp(-0.5 * ((y - m1_) / s1) ** 2) / (s1 * np.sqrt(2 * np.pi))
-    strip = ndtr((half - m2_) / s2) - ndtr((-half - m2_) / s2)
-    inside = np.sum(weights * half * density * strip, axis=-1) * 0.5 * (b - a)
+    inside = np.zeros(radius.shape)
+    cuts = (a, np.clip(-edge, a, b), np.clip(edge, a, b), b)
+    for left, right in pairwise(cuts):
+        angle = (0.5 * (left + right))[:, None] + nodes * (0.5 * (right - left))[:, None]
+        y, half = r[:, None] * np.sin(angle), r[:, None] * np.cos(angle)
+        density = np.exp(-0.5 * ((y - m1[:, None]) / s1[:, None]) ** 2) / (s1[:, None] * np.sqrt(2 * np.pi))
+        strip = ndtr((half - m2[:, None]) / s2[:, None]) - ndtr((-half - m2[:, None]) / s2[:, None])
+        inside += np.sum(weights * half * density * strip, axis=-1) * 0.5 * (right - left)
     fixed = (np.hypot(m1, m2) <= radius).astype(float)
     return np.asarray(np.where(sure, fixed, np.where(outside, 0.0, np.clip(inside, 0.0, 1.0))))
+
+
+def _in_blocks(work: Callable[..., Floats], variance: Floats, *others: Floats) -> Floats:
+    """``work`` on flat blocks of points, put back into their shape."""
+    shape = np.broadcast_shapes(variance.shape[:-1], *(x.shape for x in others[1:]))
+    columns: list[Floats] = [np.broadcast_to(x, (*shape, 2)).reshape(-1, 2) for x in (variance, others[0])]
+    columns += [np.broadcast_to(x, shape).reshape(-1) for x in others[1:]]
+    count = len(columns[0])
+    parts = [work(*(x[k : k + _BLOCK] for x in columns)) for k in range(0, count, _BLOCK)]
+    return np.concatenate(parts).reshape(shape) if parts else np.zeros(shape)
 
 
 @cache

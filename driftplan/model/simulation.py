@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .fixes import Fix
-from .noise import OdometryNoise, steps_in
+from .noise import Noises, OdometryNoise, noise_of_legs, steps_in
 from .paths import Runs, read_path
 
 Complexes = NDArray[np.complex128]
@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 def simulate_drift(
     path: Any,
-    noise: OdometryNoise,
+    noise: Noises,
     *,
     runs: int = 1000,
     rng: np.random.Generator | int = 0,
@@ -30,9 +30,8 @@ def simulate_drift(
 
     Parameters
     ----------
-    path, start_heading, fixes :
+    path, noise, start_heading, fixes :
         As for `predict_drift`; one path.
-    noise : OdometryNoise
     runs : int
         Number of drives.
     rng : numpy.random.Generator or seed
@@ -60,23 +59,25 @@ def simulate_drift(
     if legs.lengths.ndim != 1:
         raise ValueError(f"expected one path, got a batch of shape {legs.lengths.shape[:-1]}: simulate one by one")
     waypoints = np.arange(0, len(legs.lengths) + 1, legs.legs_per_waypoint)
+    noises, which = noise_of_legs(noise, len(legs.lengths), legs.legs_per_waypoint)
     due: dict[int, list[Fix]] = {}
     if fixes:
         ordered = sorted(fixes, key=lambda fix: fix.s_m)
         legs, at, borders = legs.cut(np.array([fix.s_m for fix in ordered]))
-        waypoints = borders[waypoints]
+        waypoints, which = borders[waypoints], np.repeat(which, np.diff(borders))
         for border, fix in zip(at.tolist(), ordered, strict=True):
             due.setdefault(border, []).append(fix)
-    return _Drives(noise, runs, np.random.default_rng(rng), legs, substep_m).errors(due)[:, waypoints]
+    of_leg = [noises[k] for k in which.tolist()]
+    return _Drives(of_leg, runs, np.random.default_rng(rng), legs, substep_m).errors(due)[:, waypoints]
 
 
 class _Drives:
     """Many drives at once: heading error and estimated position of each, beside the one true pose."""
 
     def __init__(
-        self, noise: OdometryNoise, count: int, rng: np.random.Generator, legs: Runs, substep_m: float | None
+        self, noises: list[OdometryNoise], count: int, rng: np.random.Generator, legs: Runs, substep_m: float | None
     ) -> None:
-        self.noise, self.rng, self.legs, self.count = noise, rng, legs, count
+        self.noises, self.rng, self.legs, self.count = noises, rng, legs, count
         self.substep_m = substep_m or max(float(legs.lengths.sum()), 1e-300) / 400
         self.theta = np.zeros(count)  # heading error
         self.p_hat = np.full(count, complex(legs.start))
@@ -88,6 +89,7 @@ class _Drives:
         for border in range(len(self.legs.lengths) + 1):
             if border > 0:
                 k = border - 1
+                self.noise = self.noises[k]
                 self._turn(float(self.legs.turns[k]))
                 self._run(float(self.legs.lengths[k]), float(self.legs.curvatures[k]))
             for fix in due.get(border, ()):

@@ -93,6 +93,11 @@ def test_there_and_back_ends_where_it_began(path):
     end = predict_drift(loop, OdometryNoise()).end
     np.testing.assert_allclose(end.xy, path[0], atol=1e-11)
     assert end.rms == 0
+    # and a scale error, which shifts the far end by a tenth of its distance, cancels on the way back
+    there = predict_drift(path, OdometryNoise(distance_scale_error=0.1)).end
+    back = predict_drift(loop, OdometryNoise(distance_scale_error=0.1)).end
+    assert there.bias_norm == pytest.approx(0.1 * np.linalg.norm(path[-1] - path[0]), abs=1e-9)
+    assert back.bias_norm == pytest.approx(0.0, abs=1e-9)
 
 
 @settings(deadline=None)
@@ -141,6 +146,9 @@ def test_standing_still_on_the_way_costs_nothing():
 def test_a_noise_for_each_leg_is_the_paths_joined():
     quiet, loud = OdometryNoise(heading_var_per_m=1e-4), OdometryNoise(**ALL_ON)
     drift = predict_drift(ZIGZAG, [quiet, loud, quiet])
+    assert worst_z(ZIGZAG, [quiet, loud, quiet], runs=10_000, seed=12) < 4
+    poses = np.column_stack([ZIGZAG, [0.0, 0.5, 1.0, 0.0]])
+    assert worst_z(poses, [quiet, loud, quiet], runs=10_000, seed=13) < 4
     assert drift.at(10.0).rms == pytest.approx(float(predict_drift(ZIGZAG[:2], quiet).end.rms), rel=1e-12)
     np.testing.assert_allclose(predict_drift(ZIGZAG, [loud] * 3).cov, predict_drift(ZIGZAG, loud).cov, rtol=1e-12)
     assert predict_drift(ZIGZAG, quiet).end.rms < drift.end.rms < predict_drift(ZIGZAG, loud).end.rms
@@ -332,14 +340,20 @@ NOISE = OdometryNoise(heading_var_per_m=1e-4)
         ("path.csv", "path to be numbers, got str"),
         (None, "path finite|path to be numbers|shape"),
         ([ZIGZAG, np.column_stack([ZIGZAG[:2], [0, 0]])], r"all paths of a batch to be \(n, 2\), or all \(n, 3\)"),
-        ([Run(length_m=-1.0)], "length_m >= 0, got -1"),
-        ([Run(length_m=np.nan)], "length_m finite"),
         ([], "shape"),
     ],
 )
 def test_bad_paths_are_refused(path, message):
     with pytest.raises(ValueError, match=message):
         predict_drift(path, NOISE)
+
+
+@pytest.mark.parametrize(
+    ("length", "message"), [(-1.0, "length_m >= 0, got -1"), (np.nan, "length_m finite"), ("1", "a number")]
+)
+def test_bad_runs_are_refused(length, message):
+    with pytest.raises(ValueError, match=message):
+        Run(length_m=length)
 
 
 def test_bad_noise_and_bad_places_are_refused():
@@ -349,8 +363,14 @@ def test_bad_noise_and_bad_places_are_refused():
         predict_drift(ZIGZAG, [NOISE, NOISE])
     with pytest.raises(ValueError, match=r"distances on the path, in \[0, 22\.6\d+\] m, got 40\.0"):
         predict_drift(ZIGZAG, NOISE).at(40.0)
-    with pytest.raises(ValueError, match="on the path"):
+    with pytest.raises(ValueError, match="s finite, got nan"):
         predict_drift(ZIGZAG, NOISE).at([1.0, np.nan])
+    with pytest.raises(ValueError, match=r"shape \(\) or \(k,\) for one path"):
+        predict_drift(ZIGZAG, NOISE).at([[1.0], [2.0]])
+    with pytest.raises(ValueError, match="no start_heading with a path of poses"):
+        predict_drift(np.column_stack([ZIGZAG, np.zeros(4)]), NOISE, start_heading=1.0)
+    with pytest.raises(ValueError, match=r"fixes on the path, at 0 to 22\.\d+ m, got one at s_m=30"):
+        simulate_drift(ZIGZAG, NOISE, fixes=[Fix.position(30.0, position_std_m=0.1)])
     with pytest.raises(ValueError, match=r"fixes on the path, at 0 to 22\.\d+ m, got one at s_m=30"):
         predict_drift(ZIGZAG, NOISE, fixes=[Fix.position(30.0, position_std_m=0.1)])
     with pytest.raises(ValueError, match="one path with fixes, got a batch"):
@@ -365,6 +385,20 @@ def test_bad_noise_and_bad_places_are_refused():
         Runs.from_odometry([-1.0], [0.0])
     with pytest.raises(ValueError, match="spacing_m > 0"):
         predict_drift(ZIGZAG, NOISE).profile(0.0)
+
+
+def test_results_cannot_be_changed():
+    drift = predict_drift(ZIGZAG, NOISE)
+    for array in (drift.distance, drift.moments.N, drift.moments.e1):
+        with pytest.raises(ValueError, match="read-only"):
+            array[1] = 99.0
+
+
+def test_a_log_can_be_changed_after_it_was_read():
+    distances = np.ones(3)
+    log = Runs.from_odometry(distances, np.zeros(3))
+    distances[:] = 5.0
+    assert predict_drift(log, NOISE).length == 3.0
 
 
 def test_same_seed_same_drives():

@@ -143,7 +143,7 @@ def test_an_arc_in_steps_ends_where_the_arc_ends():
 
 
 @pytest.mark.parametrize("law", ["gaussian", "laplace", "uniform", "von_mises"])
-@pytest.mark.parametrize("variance", [1e-24, 1e-12, 1e-6, 1e-3, 0.0999, 0.3, 4.0, 60.0])
+@pytest.mark.parametrize("variance", [1e-24, 1e-12, 1e-6, 1e-3, 0.00199, 0.00201, 0.005, 0.02, 0.0999, 0.3, 4.0, 60.0])
 def test_heading_laws_against_fifty_digits(law, variance):
     mp.mp.dps = 60
     v = mp.mpf(variance)

@@ -87,6 +87,7 @@ def test_power_is_repeated_composition(seed, count):
 
 def test_power_takes_a_count_for_each_piece():
     X = realistic(np.random.default_rng(0), 5)
+    assert power(identity(), np.ones(20)).shape == (20,)
     counts = np.array([0, 1, 2, 7, 100])
     together = power(X, counts)
     for k, count in enumerate(counts):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.special import ellipe
+from scipy.integrate import trapezoid
+from scipy.special import ellipe, ndtr
 
 from driftplan import OdometryNoise, predict_drift
 from driftplan.model.scores import mean_distance, probability_within, radius_at
@@ -39,8 +40,8 @@ def test_mean_distance_of_a_centred_error_is_the_elliptic_integral(variance, fla
 def test_radius_and_probability_are_inverse(confidence, mean, flatness, scale):
     cov = np.diag([1.0, flatness])
     radius = radius_at(confidence, scale * mean, scale**2 * cov)
-    # 1e-4: a flat error whose mean lies on the circle has a kink in its probability
-    assert probability_within(radius, scale * mean, scale**2 * cov) == pytest.approx(confidence, abs=1e-4)
+    # 1e-6: where a flat error's line touches the circle the probability jumps within rounding of the radius
+    assert probability_within(radius, scale * mean, scale**2 * cov) == pytest.approx(confidence, abs=1e-6)
     rms = scale * np.sqrt(np.trace(cov) + mean @ mean)
     assert radius <= rms / np.sqrt(1 - confidence) * (1 + 1e-9)
     assert mean_distance(scale * mean, scale**2 * cov) <= rms * (1 + 1e-9)
@@ -50,6 +51,24 @@ def test_isotropic_and_flat_errors_have_textbook_radii():
     assert radius_at(0.95, np.zeros(2), np.eye(2)) == pytest.approx(np.sqrt(-2 * np.log(0.05)), rel=1e-10)
     assert radius_at(0.95, np.zeros(2), np.diag([1.0, 0.0])) == pytest.approx(1.959963984540, rel=1e-8)
     assert radius_at(0.95, np.array([3.0, 4.0]), np.zeros((2, 2))) == pytest.approx(5.0)
+
+
+@settings(deadline=None)
+@given(
+    radius=st.floats(0.1, 5.0),
+    mean=st.tuples(st.floats(-3, 3), st.floats(-3, 3)).map(np.array),
+    minor_std=st.sampled_from([1e-9, 1e-5, 1e-3, 1e-2, 0.1, 1.0]),
+)
+def test_probability_against_a_fine_grid(radius, mean, minor_std):
+    """Flat errors off the origin are what odometry with a scale error has."""
+    y = np.linspace(max(-radius, mean[0] - 9), min(radius, mean[0] + 9), 200_001)
+    expected = 0.0
+    if y[-1] > y[0]:
+        half = np.sqrt(np.maximum(radius**2 - y**2, 0))
+        strip = ndtr((half - mean[1]) / minor_std) - ndtr((-half - mean[1]) / minor_std)
+        expected = trapezoid(np.exp(-0.5 * (y - mean[0]) ** 2) / np.sqrt(2 * np.pi) * strip, y)
+    # the grid's own error: a jump of the strips' mass within one of 2e5 cells of up to 10 m
+    assert probability_within(radius, mean, np.diag([1.0, minor_std**2])) == pytest.approx(expected, abs=5e-5)
 
 
 def test_sampling_agrees():

@@ -23,8 +23,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..inputs import Array, Floats, as_covariance, as_plane, finite, not_negative, positive
 from ..moments import Moments, identity, scan
-from .inputs import Array, Floats, as_covariance, as_plane, finite, not_negative, positive
 from .relative_pose import element
 
 _NODES = 16  # Gauss-Hermite, over the steering error; to rounding, as long as

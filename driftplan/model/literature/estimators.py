@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..inputs import Floats, as_covariance, as_plane, finite, number, plane, shaped
 from ..moments import power
-from .inputs import Floats, as_covariance, as_plane, finite, number, plane, shaped
 from .relative_pose import StepNoise, moments_of_noise, step_moments
 
 _TRY_ALL = 4096  # step numbers tried one by one

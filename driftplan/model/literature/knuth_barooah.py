@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..inputs import Array, Floats, as_covariance, as_plane, finite, not_negative, number, shaped, whole
 from ..moments import compose, identity, power, scan
-from .inputs import Array, Floats, as_covariance, as_plane, finite, not_negative, number, shaped, whole
 from .relative_pose import StepNoise, step_moments
 
 
@@ -330,7 +330,7 @@ def _rotation(turn: float | ArrayLike, d: int) -> Floats:
             raise ValueError(f"expected turn as a (3, 3) rotation matrix in space, got {turn!r}")
         return np.eye(d) if angle == 0 else _as_matrix(np.exp(1j * angle))
     R = shaped("turn", turn, (d, d))
-    if not np.allclose(R @ R.T, np.eye(d), atol=1e-9):
+    if not np.allclose(R @ R.T, np.eye(d), atol=1e-9) or np.linalg.det(R) < 0:
         raise ValueError(f"expected turn a rotation matrix, got {R.tolist()}")
     return R
 

@@ -10,7 +10,7 @@ from math import log
 
 import numpy as np
 
-from .inputs import not_negative, number, whole
+from ..inputs import not_negative, number, whole
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike
 
 from ..drift import PointDrift
 from ..heading_laws import law_moments, shifted
+from ..inputs import Array, covariance, finite, not_negative, number, plane, shaped
 from ..moments import Moments, identity, scan
 from ..noise import HeadingLaw
-from .inputs import Array, covariance, finite, not_negative, number, plane, shaped
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

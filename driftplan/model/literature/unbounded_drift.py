@@ -26,7 +26,7 @@ from math import exp
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .inputs import Array, Complexes, Floats, as_covariance, as_plane, finite, not_negative
+from ..inputs import Array, Complexes, Floats, as_covariance, as_plane, finite, not_negative
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

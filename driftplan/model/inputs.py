@@ -1,4 +1,4 @@
-"""What the functions of this package accept, checked at their edge."""
+"""What the public functions of the model accept, checked at their edge; and vectors of the plane as complex numbers."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ def number(name: str, value: object) -> float:
 
 
 def not_negative(name: str, value: object) -> float:
+    """A finite number >= 0."""
     result = number(name, value)
     if result < 0:
         raise ValueError(f"expected {name} >= 0, got {result!r}")
@@ -32,6 +33,7 @@ def not_negative(name: str, value: object) -> float:
 
 
 def positive(name: str, value: object) -> float:
+    """A finite number > 0."""
     result = number(name, value)
     if result <= 0:
         raise ValueError(f"expected {name} > 0, got {result!r}")
@@ -50,7 +52,7 @@ def finite(name: str, values: Any) -> Floats:
     try:
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError) as err:
-        raise ValueError(f"expected {name} to be numbers: {err}") from None
+        raise ValueError(f"expected {name} to be numbers, got {type(values).__name__}: {err}") from None
     if not np.isfinite(array).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise ValueError(f"expected {name} finite, got {array[where]} at index {where}")
@@ -90,8 +92,8 @@ def as_plane(z: ArrayLike) -> Floats:
     return np.stack([np.real(z), np.imag(z)], axis=-1)
 
 
-def as_covariance(mean: Array, N: Array, e2: Array) -> Floats:
-    """Covariance (..., 2, 2) of a planar error e from E e, E|e|² and E e²."""
-    spread, skew = np.real(N) - np.abs(mean) ** 2, e2 - mean**2
+def as_covariance(mean: Array, N: Array, e2: Array, u: Array | complex = 1.0) -> Floats:
+    """Covariance (..., 2, 2) of u e, for a planar error e with E e, E|e|² and E e² and a rotation u."""
+    spread, skew = np.maximum(np.real(N) - np.abs(mean) ** 2, 0.0), u * u * (e2 - mean**2)
     xx, yy, xy = (spread + np.real(skew)) / 2, (spread - np.real(skew)) / 2, np.imag(skew) / 2
     return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
