@@ -31,6 +31,7 @@ from .moments import Array, Moments, doubled, power
 from .noise import OdometryNoise, steps_in
 
 _ORDER = 12  # of the Taylor series
+_BLOCK = 8192  # pieces solved at once
 _PIECE_RAD = 0.125  # greatest rotation or heading variance on one piece: its truncation error is below 1e-17
 
 
@@ -62,11 +63,11 @@ def run_moments(length_m: Array, curvature_per_m: Array, noise: OdometryNoise) -
         return _stretch(
             length,
             curvature,
+            heading_rate,
+            bias_rate,
+            distance_rate,
+            np.full(np.shape(length), noise.lateral_var_per_m),
             speed=1.0,
-            heading_rate=heading_rate,
-            bias_rate=bias_rate,
-            distance_rate=distance_rate,
-            lateral_rate=np.full(np.shape(length), noise.lateral_var_per_m),
             scale_error=noise.distance_scale_error,
             correlation=noise.heading_distance_corr,
         )
@@ -105,11 +106,11 @@ def turn_moments(turn_rad: Array, noise: OdometryNoise) -> Moments:
         return _stretch(
             angle,
             side,
+            np.full(turn.shape, noise.heading_var_per_rad),
+            noise.heading_bias_per_rad * side,
+            np.full(turn.shape, noise.distance_var_per_rad),
+            np.zeros(turn.shape),
             speed=0.0,
-            heading_rate=np.full(turn.shape, noise.heading_var_per_rad),
-            bias_rate=noise.heading_bias_per_rad * side,
-            distance_rate=np.full(turn.shape, noise.distance_var_per_rad),
-            lateral_rate=np.zeros(turn.shape),
             scale_error=0.0,
             correlation=noise.heading_distance_corr,
         )
@@ -128,16 +129,24 @@ def turn_moments(turn_rad: Array, noise: OdometryNoise) -> Moments:
 def _stretch(
     length: Array,
     curvature: Array,
-    *,
-    speed: float,
     heading_rate: Array,
     bias_rate: Array,
     distance_rate: Array,
     lateral_rate: Array,
+    *,
+    speed: float,
     scale_error: float,
     correlation: float,
 ) -> Moments:
     """The differential equation of the module's docstring, driven at ``speed`` (1 for runs, 0 on the spot)."""
+    columns = (length, curvature, heading_rate, bias_rate, distance_rate, lateral_rate)
+    if length.size > _BLOCK:  # a dense log: the dozens of Taylor coefficients of each piece must fit the cache
+        flat = [np.broadcast_to(x, length.shape).reshape(-1) for x in columns]
+        blocks = (tuple(x[k : k + _BLOCK] for x in flat) for k in range(0, length.size, _BLOCK))
+        parts = [
+            _stretch(*block, speed=speed, scale_error=scale_error, correlation=correlation).arrays() for block in blocks
+        ]
+        return Moments(*(np.concatenate(x).reshape(length.shape) for x in zip(*parts, strict=True)))
     fastest = np.maximum(np.maximum(np.abs(curvature), heading_rate), np.abs(bias_rate))
     with np.errstate(divide="ignore"):
         halvings = np.maximum(0, np.ceil(np.log2(fastest * length / _PIECE_RAD))).astype(int)

@@ -182,3 +182,16 @@ def test_a_billion_steps_are_one_power():
     expected = 1e18 * (x / 3 - x**2 / 16 + x**3 / 120) + 1e-6 * 1e9
     assert float(X.N) == pytest.approx(expected, rel=1e-8)
     assert power(run_moments(np.array(1.0), 0.0, noise), 10**9).N == X.N
+
+
+def test_a_dense_log_is_its_pieces():
+    noise = OdometryNoise(
+        heading_var_per_m=1e-3, distance_var_per_m=1e-3, heading_bias_per_m=0.1, heading_distance_corr=0.3
+    )
+    rng = np.random.default_rng(0)
+    lengths, curvatures = rng.uniform(0, 2, 20_000), rng.normal(0, 0.3, 20_000)
+    together = run_moments(lengths, curvatures, noise)
+    for k in (0, 8191, 8192, 19_999):  # either side of a block's border
+        alone = run_moments(lengths[k : k + 1], curvatures[k : k + 1], noise)
+        for name in NAMES:
+            np.testing.assert_allclose(getattr(together, name)[k], getattr(alone, name)[0], rtol=1e-13, atol=1e-18)
