@@ -18,17 +18,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from driftplan.beacons.passes import passes_of
-from driftplan.model.drift import Drift, Noises, predict_drift
+from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.fixes import Fix
-from driftplan.model.noise import OdometryNoise
-from driftplan.model.paths import Floats
+from driftplan.model.inputs import Floats, not_negative, number, positive
+from driftplan.model.noise import Noises, OdometryNoise
 from driftplan.world.world import World
 
 _POINT_M = 1e-6  # a pass shorter than this is one reading
@@ -72,16 +72,13 @@ class BeaconKind:
     cost: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("range_m", "reading_spacing_m", "cost"):
-            object.__setattr__(self, name, _number(name, getattr(self, name), above=0.0))
+        for name in ("range_m", "reading_spacing_m", "cost", "detection_probability"):
+            object.__setattr__(self, name, positive(name, getattr(self, name)))
         for name in ("position_std_m", "heading_std"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, _number(name, getattr(self, name), least=0.0))
+                object.__setattr__(self, name, not_negative(name, getattr(self, name)))
         if self.position_std_m is None and self.heading_std is None:
             raise ValueError("expected a kind of beacon with position_std_m, heading_std or both, got neither")
-        object.__setattr__(
-            self, "detection_probability", _number("detection_probability", self.detection_probability, above=0.0)
-        )
         if self.detection_probability > 1:
             raise ValueError(f"expected detection_probability in (0, 1], got {self.detection_probability!r}")
 
@@ -177,7 +174,7 @@ class Beacon:
         if not isinstance(self.kind, BeaconKind):
             raise ValueError(f"expected kind to be a BeaconKind, got {self.kind!r}")
         for name in ("x", "y"):
-            object.__setattr__(self, name, _number(name, getattr(self, name)))
+            object.__setattr__(self, name, number(name, getattr(self, name)))
 
     @property
     def xy(self) -> Floats:
@@ -344,13 +341,3 @@ def readings_on(path: Floats, beacons: BeaconColumns, world: World | None) -> Re
     missed = (1 - beacons.detection_probability[beacon]) ** (1 / count[k])
     s_m = found.enter[k] + length[k] * step / np.maximum(count[k] - 1, 1)
     return Readings(beacon, s_m, 1 - missed, beacons.rank[beacon])
-
-
-def _number(name: str, value: Any, *, least: float = -inf, above: float = -inf) -> float:
-    if isinstance(value, (bool, str)) or not hasattr(value, "__float__"):
-        raise ValueError(f"expected {name} to be a number, got {value!r}")
-    number = float(value)
-    if not (isfinite(number) and number >= least and number > above):
-        wanted = f" and > {above:g}" if above > -inf else f" and >= {least:g}" if least > -inf else ""
-        raise ValueError(f"expected {name} finite{wanted}, got {value!r}")
-    return number

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
 from typing import Any
 
 import numpy as np
 import shapely
 
 from driftplan.beacons.beacon import waypoints_of
-from driftplan.model.paths import Floats
+from driftplan.model.inputs import Floats, positive
 from driftplan.world.world import World
 
 
@@ -23,7 +22,7 @@ def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ())
     >>> grid_sites(world, 1.0).shape
     (16, 2)
     """
-    spacing = _spacing(spacing_m)
+    spacing = positive("spacing_m", spacing_m)
     xmin, ymin, xmax, ymax = world.bounds
     x, y = (
         low + spacing / 2 + spacing * np.arange(int((high - low) / spacing))
@@ -37,7 +36,7 @@ def wall_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ())
     """Points on the outlines of the obstacles, at most ``spacing_m`` apart: (n, 2), outline by outline."""
     found = [np.zeros((0, 2))]
     for ring in shapely.get_rings(shapely.get_parts(world.obstacles)):
-        found.append(_along(ring, _spacing(spacing_m))[:-1])
+        found.append(_along(ring, positive("spacing_m", spacing_m))[:-1])
     return allowed(np.concatenate(found), forbidden)
 
 
@@ -49,7 +48,7 @@ def route_sites(routes: Sequence[Any], spacing_m: float, *, forbidden: Sequence[
     >>> route_sites([[(0, 0), (4, 0)]], 2.0).tolist()
     [[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]]
     """
-    spacing = _spacing(spacing_m)
+    spacing = positive("spacing_m", spacing_m)
     xy = np.concatenate([_along(shapely.LineString(waypoints_of(route)), spacing) for route in routes])
     _, first = np.unique(np.round(xy, 6), axis=0, return_index=True)
     return allowed(xy[np.sort(first)], forbidden)
@@ -68,10 +67,3 @@ def _along(line: Any, spacing: float) -> Floats:
     parts = max(1, int(np.ceil(line.length / spacing - 1e-9)))
     places = np.linspace(0.0, line.length, parts + 1)
     return np.asarray(shapely.get_coordinates(shapely.line_interpolate_point(line, places)))
-
-
-def _spacing(spacing_m: float) -> float:
-    spacing = float(spacing_m)
-    if not (isfinite(spacing) and spacing > 0):
-        raise ValueError(f"expected spacing_m finite and > 0, got {spacing_m!r}")
-    return spacing

@@ -11,8 +11,8 @@ import shapely
 from driftplan.beacons.beacon import Beacon, beacon_fixes, floor_of, passes, waypoints_of
 from driftplan.model.drift import PointDrift, predict_drift
 from driftplan.model.fixes import Fix
+from driftplan.model.inputs import Floats
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.paths import Floats
 from driftplan.world.world import World
 
 _QUANTILES = 128  # per principal axis of the error

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from driftplan.model.paths import Floats
+from driftplan.model.inputs import Floats
 
 Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
@@ -34,11 +34,13 @@ class Pairs(NamedTuple):
     Attributes
     ----------
     site : (n,) sites read before the slot
+    turns : (n,) whether they fix the heading
     alone : (n,) whether the site's last reading holds it by itself, or with the heading known at the start
     together : (n, n) whether the heading of row's last reading and the position of column's, later, hold it
     """
 
     site: Ints
+    turns: Bools
     alone: Bools
     together: Bools
 
@@ -50,13 +52,12 @@ def pair_exclusions(pairs: Pairs, within: Bools) -> Iterator[Bools]:
     """
     if (pairs.alone & within).any() or pairs.together[np.ix_(within, within)].any():
         return
-    turns = pairs.together.any(axis=1) | pairs.alone
-    use = pairs.together.sum(axis=0) + pairs.together.sum(axis=1)
-    for first in (turns, ~turns):
+    turns = pairs.turns
+    for first in (~turns, turns):  # pairs are of one site of each sort: sites of one sort never hinder each other
         W = within.copy()
-        for k in np.lexsort((use, first)).tolist():
-            if not (W[k] or pairs.alone[k] or pairs.together[k, W].any() or pairs.together[W, k].any()):
-                W[k] = True
+        for sort in (first, ~first):
+            held = pairs.together[W].any(axis=0) | pairs.together[:, W].any(axis=1)
+            W = W | (sort & ~pairs.alone & ~held)
         yield W
 
 

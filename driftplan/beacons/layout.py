@@ -10,12 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from driftplan.beacons.beacon import Beacon, drift_with_beacons, passes
+from driftplan.beacons.beacon import Beacon, BeaconColumns, drift_with_beacons
 from driftplan.beacons.covering import Outcome
+from driftplan.beacons.passes import passes_of
 from driftplan.model.drift import Drift, PointDrift
 from driftplan.model.fixes import Fix
+from driftplan.model.inputs import Floats
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.paths import Floats
 from driftplan.world.world import World
 
 
@@ -48,7 +49,9 @@ class Task:
 
     def met(self, beacons: Sequence[Beacon], route: int) -> list[Beacon]:
         """Those of the beacons that a route meets."""
-        return [b for b in beacons if len(passes(self.routes[route], b, self.world))]
+        columns = BeaconColumns.of(beacons)
+        found = passes_of(self.routes[route], columns.xy, columns.range_m, columns.must_see, self.world)
+        return [beacons[i] for i in np.unique(found.beacon)]
 
     def failures(self, beacons: Sequence[Beacon], route: int) -> Iterator[tuple[tuple[Beacon, ...], Drift]]:
         """Every set of at most redundancy - 1 dead beacons on a route, and the drift without them."""

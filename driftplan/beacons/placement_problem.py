@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -19,8 +18,8 @@ from driftplan.beacons.passes import passes_of
 from driftplan.beacons.requirements import DriftRequirements
 from driftplan.beacons.tracks import Tracks, lay_tracks
 from driftplan.model.fixes import Fix
+from driftplan.model.inputs import Floats, finite, not_negative, whole
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.paths import Floats
 from driftplan.world.world import World
 
 Bools = NDArray[np.bool_]
@@ -118,7 +117,7 @@ def placement_problem(
         noise=_continuous(noise),
         start_fix=_start(start_fix),
         confidence=_confidence(confidence),
-        redundancy=_whole("redundancy", redundancy, least=1),
+        redundancy=whole("redundancy", redundancy, least=1),
     )
     listed, cost = _candidates(task, _kinds(kind), candidates, spacing_m, costs, forbidden)
     kept = _outside(listed, forbidden)
@@ -131,12 +130,12 @@ def placement_problem(
     new = np.arange(len(kept))
     demands, caps, rules = _groups(groups, listed, kept)
     if max_beacons is not None:
-        caps.append(Cut(new, -np.ones(len(new)), -float(_whole("max_beacons", max_beacons, least=0))))
+        caps.append(Cut(new, -np.ones(len(new)), -float(whole("max_beacons", max_beacons, least=0))))
         rules.append(f"max_beacons={max_beacons}")
     if budget is not None:
-        caps.append(Cut(new, -cost[kept], -_positive("budget", budget, zero=True)))
+        caps.append(Cut(new, -cost[kept], -not_negative("budget", budget)))
         rules.append(f"budget={budget:g}")
-    if _positive("min_spacing_m", min_spacing_m, zero=True) > 0:
+    if not_negative("min_spacing_m", min_spacing_m) > 0:
         caps += _too_close(sites, len(kept), min_spacing_m)
         rules.append(f"min_spacing_m={min_spacing_m:g}")
     return PlacementProblem(
@@ -238,9 +237,9 @@ def _candidates(
         if candidates is None:
             points = _generated(task, kinds, spacing_m, forbidden)
         else:
-            points = np.asarray(candidates, dtype=float)
-            if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
-                raise ValueError(f"expected candidates (n, 2) finite, in metres, or Beacons, got shape {points.shape}")
+            points = finite("candidates", candidates)
+            if points.ndim != 2 or points.shape[1] != 2:
+                raise ValueError(f"expected candidates (n, 2) in metres, or Beacons, got shape {points.shape}")
         listed = [Beacon(kind, x, y) for x, y in points.tolist() for kind in kinds]
         shape = (len(points),) if len(kinds) == 1 else (len(points), len(kinds))
     if not listed:
@@ -292,11 +291,11 @@ def _groups(groups: Sequence[SiteGroup], listed: list[Beacon], kept: Ints) -> tu
                 raise ValueError(f"group {number}: expected members to be candidates, got {member!r}")
             members.append(k)
         columns = np.array(sorted({column[k] for k in members if k in column}), dtype=np.intp)
-        least = _whole(f"group {number}: at_least", group.at_least, least=0)
+        least = whole(f"group {number}: at_least", group.at_least, least=0)
         if least > 0:
             demands.append(Cut(columns, np.ones(len(columns)), float(least), (-2, number)))
         if group.at_most is not None:
-            most = _whole(f"group {number}: at_most", group.at_most, least=least)
+            most = whole(f"group {number}: at_most", group.at_most, least=least)
             caps.append(Cut(columns, -np.ones(len(columns)), -float(most)))
             rules.append(f"group {number}: at_most={most}")
     return demands, caps, rules
@@ -336,16 +335,3 @@ def _unique_ids(sites: Sequence[Beacon]) -> None:
         if beacon.id in seen:
             raise ValueError(f"expected every beacon to have its own id, got {beacon.id!r} twice")
         seen.add(beacon.id)
-
-
-def _whole(name: str, value: Any, *, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ValueError(f"expected {name} a whole number >= {least}, got {value!r}")
-    return int(value)
-
-
-def _positive(name: str, value: Any, *, zero: bool = False) -> float:
-    number = float(value)
-    if not (isfinite(number) and (number > 0 or (zero and number == 0))):
-        raise ValueError(f"expected {name} finite and {'>=' if zero else '>'} 0, got {value!r}")
-    return number

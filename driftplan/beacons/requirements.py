@@ -15,7 +15,7 @@ does not depend on the readings before it, the reach is exact and these rows say
 is an upper bound over all headings that the earlier readings may have left, and rows and cuts of two more kinds help:
 
 * at least so many sites outside a set that cannot hold the slot (`exclusions`);
-* no-good cut, when a layout meets all that and still fails the exact model (`hops.first_breach`): something that the
+* no-good cut, when a layout meets all that and still fails the exact model (`drives.first_breach`): something that the
   state in the slot depends on must change, Σ_{A} y + Σ_{K} (1 - y) >= 1, K the living sites whose readings it depends
   on, A the absent sites whose readings would change it.
 """
@@ -29,12 +29,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driftplan.beacons.covering import Cut
+from driftplan.beacons.drives import HOLDS, Layouts, first_breach
 from driftplan.beacons.exclusions import Chances, Pairs, chance_exclusion, order_exclusion, pair_exclusions
-from driftplan.beacons.hops import HOLDS, Layouts, Limit, Sources, first_breach, reach
-from driftplan.beacons.spans import RouteSpans
+from driftplan.beacons.hops import Limit, Sources, reach
+from driftplan.beacons.spans import Spans
 from driftplan.beacons.tracks import Tracks
+from driftplan.model.inputs import Floats
 from driftplan.model.moments import Moments
-from driftplan.model.paths import Floats
 
 Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
@@ -74,7 +75,7 @@ class DriftRequirements:
         )
         self.reach_of_start = self._reach(self.start, tracks.slots)
         self.reach_of = np.where(self.places, self._reach(self.sources, self._before_next_own()), HOLDS)
-        self._spans_of: dict[int, RouteSpans] = {}
+        self.spans = Spans(tracks)
         met = np.unique(tracks.site * np.intp(max(tracks.routes, 1)) + self.route)
         self._routes_meeting = np.split(
             met % max(tracks.routes, 1), np.searchsorted(met // max(tracks.routes, 1), np.arange(1, sites))
@@ -163,12 +164,8 @@ class DriftRequirements:
         simple = self.independent[layouts.route]
         found = [self._sure_cut(chosen, *breach) for breach in self._breached_hops(layouts, simple)]
         if not simple.all():
-            others = np.flatnonzero(~simple)
-            position = np.full(len(simple), -1)
-            position[others] = np.arange(len(others))
-            mine = position[layouts.drive] >= 0
-            rest = Layouts(layouts.route[others], position[layouts.drive[mine]], layouts.event[mine])
-            slots, early = first_breach(self.tracks, rest, self.limit)
+            rest = layouts.only(~simple)
+            slots, early = first_breach(self.spans, rest, self.limit)
             for k in np.flatnonzero(slots != HOLDS).tolist():
                 alive = rest.event[rest.drive == k]
                 found += self._cuts_of(chosen, int(rest.route[k]), int(slots[k]), bool(early[k]), alive)
@@ -267,19 +264,19 @@ class DriftRequirements:
         """Which last readings, and which two of them, hold a slot."""
         last = self._last_readings(route, slot)
         turns = self.turns[last]
-        bar, spans = self._bar(route), self._spans(route)
-        kept = spans.coherence[self.tracks.border[last]]
+        bar = self._bar(route)
+        kept = self.spans.c[self.spans.first[route] + self.tracks.border[last]]
         left = np.where(turns, (1 + self.tracks.heading_d1[last]) / kept, 0.0)  # E r, as if set at the start
         begun = 1 + self.tracks.start.d1[route]
         in_reach = self.reach_of[last] >= slot
         alone, together = in_reach.copy(), np.outer(turns, in_reach & ~turns) & np.less.outer(last, last)
         for border in {slot, min(slot + 1, int(self.tracks.slots[route]))}:
-            base, lever = (x[self.tracks.border[last]] for x in spans.to(border))
+            base, lever = (x[self.tracks.border[last]] for x in self.spans.to(route, border))
             base = base + self.tracks.trace[last]
             lever = lever * kept
             alone &= turns | (base - 2 * (begun * lever).real <= bar)
             together &= base - 2 * np.multiply.outer(left, lever).real <= bar
-        return Pairs(self.tracks.site[last], alone, together)
+        return Pairs(self.tracks.site[last], turns, alone, together)
 
     def _chance_cuts(self, route: int, slot: int, border: int, within: list[int]) -> list[Cut]:
         """At least so many sites outside a set that cannot hold the slot, judged at one border; none if it may."""
@@ -331,11 +328,12 @@ class DriftRequirements:
 
     def _least_squares(self, route: int, border: int, events: Ints) -> tuple[float, Floats]:
         """Least E|e|² at a border after nothing but the start, and after each of the readings, had it come last."""
-        spans, tracks, borders = self._spans(route), self.tracks, self.tracks.border[events]
+        tracks, borders = self.tracks, self.tracks.border[events]
         if self.blind[route]:
-            noise = spans.translation[border] - spans.translation
+            along = self.spans.translation[self.spans.first[route] + np.arange(border + 1)]
+            noise = along[border] - along
             return float(tracks.start.N[route].real + noise[0]), tracks.trace[events] + noise[borders]
-        base, lever = spans.to(border)
+        base, lever = self.spans.to(route, border)
         turned = (1 + tracks.start.d1[route]) * lever[0]
         at_start = float(tracks.start.N[route].real + base[0] - 2 * np.real(turned))
         lever = lever[borders]
@@ -347,11 +345,6 @@ class DriftRequirements:
     def _bar(self, route: int) -> float:
         """The limit squared, and a little more: rounding must not exclude a layout that just holds."""
         return float(self.limit.metres[route]) ** 2 * (1 + _ROUNDING)
-
-    def _spans(self, route: int) -> RouteSpans:
-        if route not in self._spans_of:
-            self._spans_of[route] = RouteSpans(self.tracks, route)
-        return self._spans_of[route]
 
 
 def _every(tracks: Tracks, what: Bools) -> Bools:

@@ -24,13 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driftplan.beacons.beacon import Beacon, BeaconColumns, Readings, floor_of, readings_on
-from driftplan.model.drift import Noises
 from driftplan.model.elements import run_moments, turn_moments
 from driftplan.model.fixes import Fix, apply_fix
 from driftplan.model.heading_laws import law_moments
+from driftplan.model.inputs import Floats
 from driftplan.model.moments import Moments
-from driftplan.model.noise import OdometryNoise
-from driftplan.model.paths import Floats, wrap
+from driftplan.model.noise import Noises, OdometryNoise
+from driftplan.model.paths import wrap
 from driftplan.world.world import World
 
 Ints = NDArray[np.intp]

@@ -247,13 +247,13 @@ def test_an_earlier_fix_makes_a_later_capture_likelier():
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda: BeaconKind.rfid(range_m=0.0, position_std_m=0.1), "expected range_m finite and > 0, got 0.0"),
-        (lambda: BeaconKind.rfid(range_m=1.0, position_std_m=-0.1), "position_std_m finite and >= 0, got -0.1"),
+        (lambda: BeaconKind.rfid(range_m=0.0, position_std_m=0.1), "expected range_m > 0, got 0.0"),
+        (lambda: BeaconKind.rfid(range_m=1.0, position_std_m=-0.1), "position_std_m >= 0, got -0.1"),
         (lambda: BeaconKind.rfid(range_m=float("nan"), position_std_m=0.1), "range_m finite"),
         (lambda: BeaconKind.heading(range_m=1.0, heading_std=float("inf")), "heading_std finite"),
         (lambda: BeaconKind(name="nothing", range_m=1.0), "position_std_m, heading_std or both, got neither"),
         (lambda: BeaconKind.rfid(1.0, 0.1, detection_probability=1.5), r"detection_probability in \(0, 1\], got 1.5"),
-        (lambda: BeaconKind.rfid(1.0, 0.1, detection_probability=0.0), "detection_probability finite and > 0"),
+        (lambda: BeaconKind.rfid(1.0, 0.1, detection_probability=0.0), "detection_probability > 0"),
         (lambda: BeaconKind.rfid("1", 0.1), "expected range_m to be a number, got '1'"),
         (lambda: Beacon("rfid", 0.0, 0.0), "expected kind to be a BeaconKind, got 'rfid'"),
         (lambda: Beacon(TAG, float("nan"), 0.0), "expected x finite, got nan"),

@@ -6,9 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.beacons.hops import HOLDS, Limit
+from driftplan.beacons.drives import HOLDS
+from driftplan.beacons.hops import Limit
 from driftplan.beacons.placement_problem import placement_problem
-from driftplan.beacons.spans import RouteSpans
+from driftplan.beacons.spans import Spans
 from driftplan.model.drift import predict_drift
 from driftplan.model.fixes import Fix
 from driftplan.model.moments import compose
@@ -58,13 +59,13 @@ def test_the_pieces_of_a_track_make_up_the_route(noise):
 @pytest.mark.parametrize("noise", [NOISE, SYSTEMATIC, WILD])
 def test_spans_are_the_drift_after_a_fix(noise):
     tracks, _ = tracks_of(noise)
-    spans, distance = RouteSpans(tracks, 0), tracks.distances_of(0)
+    spans, distance = Spans(tracks), tracks.distances_of(0)
     position_std, heading_std = 0.07, 0.04
     run = tracks.length > 0
     plain = [k for k in range(1, len(run)) if run[k - 1] and run[k]]  # beside a turn a distance stands for two borders
     for border in (plain[len(plain) // 3], plain[len(plain) // 2], len(run)):
-        base, lever = spans.to(border)
-        for e in [k for k in plain if k < border][::3]:
+        base, lever = spans.to(0, border)
+        for e in [k for k in plain if k < border][:: max(1, len(plain) // 8)]:
             fix = Fix.full(float(distance[e]), position_std_m=position_std, heading_std=heading_std)
             expected = predict_drift(PATH, noise, fixes=[fix]).at(float(distance[border])).rms ** 2
             found = 2 * position_std**2 + base[e] - 2 * np.real(np.exp(-(heading_std**2) / 2) * lever[e])
@@ -74,8 +75,8 @@ def test_spans_are_the_drift_after_a_fix(noise):
 def test_where_the_heading_is_forgotten_spans_are_composed():
     path = [(0, 0), (30, 0)]
     tracks, _ = tracks_of(WILD, path=path)
-    assert RouteSpans(tracks, 0).forgets
-    base, lever = RouteSpans(tracks, 0).to(int(tracks.slots[0]))
+    assert Spans(tracks).forgets.all()
+    base, lever = Spans(tracks).to(0, int(tracks.slots[0]))
     expected = predict_drift(path, WILD).end.rms ** 2
     assert base[0] - 2 * lever[0].real == pytest.approx(expected, rel=1e-9)
 
