@@ -17,6 +17,7 @@ steps, systematic errors and zones included, is priced here.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -95,7 +96,13 @@ def turn_maps(
     for index in np.unique(zone):
         here = np.flatnonzero(zone == index)
         kind = noise if index < 0 else space.zones[index].noise
-        _write(whole, here, _map(turn_moments(turn_rad[here], kind), facing[here], _levers(goal, at[here])))
+        shaken = np.zeros(len(here))
+        if kind.distance_var_per_rad and not kind.heading_distance_corr:
+            # Independent of the heading, it only adds up: no need for the moments of both.
+            shaken = kind.distance_var_per_rad * np.abs(turn_rad[here])
+            kind = replace(kind, distance_var_per_rad=0.0)
+        turns = _map(turn_moments(turn_rad[here], kind), facing[here], _levers(goal, at[here]))
+        _write(whole, here, turns._replace(gain=turns.gain + shaken))
     return whole
 
 

@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.exact_cost import Prepending, identity, run_maps, turn_maps, turns_matter
+from driftplan.planning.exact_cost import Prepending, run_maps, turn_maps, turns_matter
 from driftplan.planning.path_polish import Complexes, arriving, bearing
-from driftplan.planning.roadmap_pricing import Floats, Ints, Space, exact_drift
+from driftplan.planning.roadmap_pricing import Floats, Ints, Space
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +30,14 @@ class ExactJudge:
         return 3
 
     def price(self, path: Floats) -> float:
-        return float(exact_drift(self.space, path, self.noise, self.start_heading).end.rms) ** 2
+        mean_square, bias = 0.0, 0j
+        for leg in reversed(_rows(self._legs(path))):
+            mean_square, bias = _prepended(leg, mean_square, bias)
+        return mean_square
 
     def prices(self, path: Floats, moved: Ints, tried: Floats) -> Floats:
         left, right = path[moved - 1], path[moved + 1]
-        before, (all_squares, all_biases) = self._beginnings(path), self._ends(path)
+        (gains, levers), (all_squares, all_biases) = self._beginnings(path), self._ends(path)
         to, away = bearing(left, tried), bearing(tried, right)
         mean_square, bias = all_squares[moved + 1], all_biases[moved + 1]
         if self._turns_matter:
@@ -49,26 +52,27 @@ class ExactJudge:
         if self._turns_matter:
             facing = arriving(path, moved, to, self.start_heading)
             mean_square, bias = self._turns(left, facing, to, tried)(mean_square, bias)
-        return before.pick(moved - 1)(mean_square, bias)[0]
+        return np.asarray(gains[moved - 1] + mean_square - 2 * (np.conj(levers[moved - 1]) * bias).real)
 
-    def _beginnings(self, path: Floats) -> Prepending:
-        """One map for what is driven before each waypoint, on arrival there."""
-        legs = self._legs(path)
-        maps = [identity(1)]
-        for k in range(len(path) - 1):
-            maps.append(maps[-1].after(legs.pick([k])))
-        return Prepending(*(np.concatenate(columns) for columns in zip(*maps, strict=True)))
+    def _beginnings(self, path: Floats) -> tuple[Floats, Complexes]:
+        """(K, F) of what is driven before each waypoint, on arrival there."""
+        gains, levers = [0.0], [0j]
+        for kappa, shift, gain, lever in _rows(self._legs(path)):
+            gains.append(gains[-1] + gain - 2 * (levers[-1].conjugate() * shift).real)
+            levers.append(lever + kappa.conjugate() * levers[-1])
+        return np.array(gains), np.array(levers)
 
     def _ends(self, path: Floats) -> tuple[Floats, Complexes]:
         """(N, b) of what is driven from each waypoint on, the turn there left out."""
-        legs, runs = self._legs(path), self._runs(path[:-1], path[1:])
-        n = len(path) - 1
-        mean_square, bias = np.zeros(n + 1), np.zeros(n + 1, complex)
-        state = np.zeros(1), np.zeros(1, complex)
-        for k in reversed(range(n)):
-            (mean_square[k],), (bias[k],) = runs.pick([k])(*state)
-            state = legs.pick([k])(*state)
-        return mean_square, bias
+        legs, runs = _rows(self._legs(path)), _rows(self._runs(path[:-1], path[1:]))
+        squares, biases = [0.0], [0j]
+        state = 0.0, 0j
+        for leg, run in zip(reversed(legs), reversed(runs), strict=True):
+            mean_square, bias = _prepended(run, *state)
+            squares.append(mean_square)
+            biases.append(bias)
+            state = _prepended(leg, *state)
+        return np.array(squares[::-1]), np.array(biases[::-1])
 
     def _legs(self, path: Floats) -> Prepending:
         """Turn and run of every leg."""
@@ -97,3 +101,16 @@ class ExactJudge:
     @cached_property
     def _turns_matter(self) -> bool:
         return turns_matter(self.noise, self.space)
+
+
+Row = tuple[complex, complex, float, complex]
+
+
+def _rows(maps: Prepending) -> list[Row]:
+    """Each map as numbers of Python, which are faster one by one than arrays."""
+    return list(zip(*(column.tolist() for column in maps), strict=True))
+
+
+def _prepended(motion: Row, mean_square: float, bias: complex) -> tuple[float, complex]:
+    kappa, shift, gain, lever = motion
+    return mean_square + gain - 2 * (lever.conjugate() * bias).real, kappa * bias + shift

@@ -107,17 +107,20 @@ def _with_turns(
     )
 
 
-def additive_bound(roadmap: Roadmap, noise: OdometryNoise, least_var: float, most_var: float) -> float:
+def additive_bound(
+    roadmap: Roadmap, noise: OdometryNoise, least_var: float, most_var: float, known: float = inf
+) -> float:
     """A lower bound of E|e|² (m²) over all paths of the roadmap whose heading variance H is in a range (rad²).
 
     Such a path has ``E|e|² >= Λ(H) J_h + J_p`` with its heading and position cost. With the least J and J_h on the
     roadmap, and the least position cost r per heading variance of any of its edges and a turn, that is at least
     ``max(Λ(H) min J, Λ(H) min J_h + r H)``, whose least value over H is returned. Zero where the noise is not plain.
+    ``known`` is the additive cost of some path: no need to look at dearer ones for min J.
     """
     if not is_plain(noise, roadmap.pricing.space):
         return 0.0
     prices = roadmap.prices
-    least = roadmap.shortest().cost
+    least = min(roadmap.shortest(known).cost, known)
     if not least < inf:
         return inf
     heading_cost = roadmap.distances(np.maximum(prices.cost - prices.position, 0.0), START)[0][GOAL]
@@ -142,14 +145,19 @@ class Bound(NamedTuple):
     heading_std: float  # rad; infinite where it holds for all paths
 
 
-def bracketed(roadmap: Roadmap, noise: OdometryNoise, heading_std: float) -> Bound:
+def bracketed(roadmap: Roadmap, noise: OdometryNoise, heading_std: float, known: float = inf) -> Bound:
     """What the additive cost proves: for all paths, or for those with up to twice the ``heading_std`` of one found."""
     most = (TIMES * heading_std) ** 2
-    return _beyond(roadmap, noise, most, additive_bound(roadmap, noise, 0.0, most))
+    return _beyond(roadmap, noise, most, additive_bound(roadmap, noise, 0.0, most, known), known)
 
 
 def exactly_best(
-    roadmap: Roadmap, noise: OdometryNoise, path_cost: float, heading_std: float, stop: Callable[[], bool]
+    roadmap: Roadmap,
+    noise: OdometryNoise,
+    path_cost: float,
+    heading_std: float,
+    stop: Callable[[], bool] = lambda: False,
+    known: float = inf,
 ) -> tuple[Floats | None, Bound, bool]:
     """The simple path of the roadmap with the least E|e|², if below ``path_cost``; a bound; whether that is proven.
 
@@ -159,7 +167,7 @@ def exactly_best(
     most = (TIMES * heading_std) ** 2
     graph = search_graph(roadmap, noise, most, path_cost)
     best: Floats | None = None
-    bound, finished = additive_bound(roadmap, noise, 0.0, most), False
+    bound, finished = additive_bound(roadmap, noise, 0.0, most, known), False
     anything = np.zeros(0, dtype=np.int64)
     for memory in (anything, None):
         found = least_exact_cost(graph, upper=path_cost, gap=GAP, memory=memory, stop=stop)
@@ -174,11 +182,11 @@ def exactly_best(
             best, path_cost = roadmap.xy[nodes], found.cost
             if finished:
                 break
-    return best, _beyond(roadmap, noise, most, bound), finished
+    return best, _beyond(roadmap, noise, most, bound, known), finished
 
 
-def _beyond(roadmap: Roadmap, noise: OdometryNoise, most_var: float, bound: float) -> Bound:
+def _beyond(roadmap: Roadmap, noise: OdometryNoise, most_var: float, bound: float, known: float) -> Bound:
     """A bound for paths of heading variance up to ``most_var``; for all of them where the others cannot be better."""
     plain = is_plain(noise, roadmap.pricing.space)
-    everywhere = not plain or most_var == inf or additive_bound(roadmap, noise, most_var, inf) >= bound
+    everywhere = not plain or most_var == inf or additive_bound(roadmap, noise, most_var, inf, known) >= bound
     return Bound(bound, inf if everywhere else most_var**0.5)

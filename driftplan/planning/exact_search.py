@@ -39,6 +39,7 @@ from driftplan.planning.cost import bracket
 from driftplan.planning.exact_cost import Prepending
 from driftplan.planning.roadmap_pricing import Floats, Ints
 
+_COMPARED = 64  # labels at one place that later ones are compared with; the others are only extended
 _HUGE = 1e300  # in place of infinity, which times zero is not a number
 _SAFETY = 1 - 1e-9  # additive costs are sums of round-off and tie-breaks
 
@@ -225,7 +226,8 @@ class _Search:
             if lead - K + allowed >= self.reach(state, lead, abs(self.F[other])) * distance:
                 self.dropped[other] = True
         here[:] = [other for other in here if not self.dropped[other]]
-        here.append(len(self.K))
+        if len(here) < _COMPARED:
+            here.append(len(self.K))
         self.K.append(K)
         self.F.append(F)
         self.visited.append(visited)

@@ -62,7 +62,7 @@ def polished(
 def refined(judge: Judge, space: Space, path: Floats, stop: Callable[[], bool] = lambda: False) -> Floats:
     """The path with its waypoints moved, from coarse to fine, where that lowers what ``judge`` says it costs."""
     for legs in _LEVELS:
-        path = _split(path, legs)
+        path = _split(space, path, legs)
         price = judge.price(path)
         for _ in range(_SWEEPS):
             if stop():
@@ -129,14 +129,25 @@ def shortcut(pricing: Pricing, path: Floats, start_heading: float | None = None)
     return path
 
 
-def _split(path: Floats, legs: int) -> Floats:
-    """The same path with legs of at most 1/``legs`` of its length."""
+def _split(space: Space, path: Floats, legs: int) -> Floats:
+    """The same path with legs of at most 1/``legs`` of its length.
+
+    Legs stay whole where a part of them is not free by itself: by round-off, or because a checker looks at samples of
+    a motion only.
+    """
     step = np.diff(path, axis=0)
     length = np.linalg.norm(step, axis=1)
     parts = np.maximum(1, np.ceil(length * legs / length.sum() - 1e-9)).astype(int)
+    cut, leg = _cut(path, step, parts)
+    parts[np.unique(leg[~space.segments_free(cut[:-1], cut[1:])])] = 1
+    return _cut(path, step, parts)[0]
+
+
+def _cut(path: Floats, step: Floats, parts: Ints) -> tuple[Floats, Ints]:
+    """Leg k of the path cut into ``parts[k]`` equal ones, and the old leg that each new one belongs to."""
     leg = np.repeat(np.arange(len(step)), parts)
     share = (np.arange(len(leg)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[leg]
-    return np.concatenate([path[leg] + share[:, None] * step[leg], path[-1:]])
+    return np.concatenate([path[leg] + share[:, None] * step[leg], path[-1:]]), leg
 
 
 def _better_places(judge: Judge, space: Space, path: Floats, moved: Ints) -> Floats:

@@ -324,7 +324,8 @@ class _Asked:
         free = []
         ends = zip(a.reshape(-1, 2).tolist(), b.reshape(-1, 2).tolist(), strict=True)
         for (begin[0], begin[1]), (end[0], end[1]) in ends:
-            free.append(valid(begin, end))
+            # Both ways round: OMPL's own validator takes the first state for valid, and rounds differently backwards.
+            free.append(valid(begin, end) and valid(end, begin))
         return np.array(free, dtype=bool).reshape(a.shape[:-1])
 
     def corners(self, tolerance_m: float | None = None, /) -> Floats:

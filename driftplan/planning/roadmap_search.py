@@ -182,13 +182,15 @@ class RoadmapSearch:
             return Bound(min(roadmap.shortest().cost, self.cost), math.inf), False
         if not self.exact:
             self._join()
-            bound = bracketed(roadmap, noise, self.heading_std)
+            bound = bracketed(roadmap, noise, self.heading_std, self._least_additive)
             return bound._replace(mean_square=min(bound.mean_square, self.cost)), False
         judge = ExactJudge(self.pricing.space, noise, self.pricing.goal, self.start_heading)
         for _ in range(_EXACT_ROUNDS):
             self._offer(refined(judge, self.pricing.space, self.path, stop))
             self._join()
-            found, bound, finished = exactly_best(roadmap, noise, self.cost, self.heading_std, stop)
+            found, bound, finished = exactly_best(
+                roadmap, noise, self.cost, self.heading_std, stop, self._least_additive
+            )
             if found is None or not self._offer(found) or stop():
                 break
         bound = bound._replace(mean_square=min(bound.mean_square, self.cost))
