@@ -7,17 +7,27 @@ are the nominal path, and the odometry is what varies about them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import degrees, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .inputs import Floats
 from .matching import Match, MatchCounts
 from .noise import OdometryNoise
-from .paths import Floats
-from .quasi_likelihood import RANDOM, SYSTEMATIC, TRUTH, Solution, bootstrap, intervals, models, solve
+from .quasi_likelihood import (
+    RANDOM,
+    SYSTEMATIC,
+    TRUTH,
+    Solution,
+    bootstrap,
+    intervals,
+    models,
+    solve,
+    systematic_errors,
+)
 from .recordings import OdometryLog, Trajectory
 from .segment_check import SegmentCheck, check_segments
 from .segment_ladder import Ladder, drives_of, ladder_of
@@ -32,6 +42,7 @@ _MOST_STEPS = 50
 _FIRST_LOOK = 4  # steps after which collinear rates are told
 _COLLINEAR = 20.0  # variance inflation above which a rate per radian cannot be told from one per metre
 _STRAIGHT_RAD = 0.2  # turned per longest segment: below, nothing is learnt about turning
+_CLEAR_SHIFT = 3.0  # standard errors by which the systematic errors of other drives are said to differ
 _CHANCE = 0.01  # that drives are said to differ when they do not
 
 
@@ -255,7 +266,16 @@ def check_noise(
         time_offset_s=time_offset_s,
         max_gap_s=max_gap_s,
     )
-    return check_segments(ladder, noise, TruthNoise(truth_position_std_m**2, truth_heading_std**2))
+    truth = TruthNoise(truth_position_std_m**2, truth_heading_std**2)
+    check = check_segments(ladder, noise, truth)
+    notes = []
+    for name, (value, error) in systematic_errors(ladder, noise, truth).items():
+        if abs(value - getattr(noise, name)) > _CLEAR_SHIFT * error:
+            notes.append(
+                f"The systematic errors differ: {name} seems to be {value:.2g} ± {error:.1g} on these drives, not "
+                f"{getattr(noise, name):.2g}."
+            )
+    return replace(check, notes=(*notes, *check.notes))
 
 
 def _checked_parameters(parameters: Sequence[str]) -> tuple[str, ...]:

@@ -15,10 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .paths import Floats
+from .inputs import Complexes, Floats
 from .recordings import OdometryLog, Trajectory
-
-Complexes = NDArray[np.complex128]
 
 _JUMP_SPREADS = (
     10.0  # a truth sample is an outlier if it is farther from the last good one than the odometry's distance

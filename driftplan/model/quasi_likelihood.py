@@ -29,8 +29,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .inputs import Floats
 from .noise import OdometryNoise
-from .paths import Floats
 from .segment_ladder import Ladder
 from .segments import TruthNoise
 
@@ -120,6 +120,21 @@ def solve(ladder: Ladder, names: Sequence[str], most_steps: int, start: Floats |
             break
     score, information = _equations(ladder, model.mean, model.cov, *model.slopes(scale))
     return Solution(names, model.theta, score, information, size < _CONVERGED)
+
+
+def systematic_errors(ladder: Ladder, noise: OdometryNoise, truth: TruthNoise) -> dict[str, tuple[float, float]]:
+    """What the systematic errors of these drives seem to be, one step from a noise: values and standard errors."""
+    names = (*SYSTEMATIC, *RANDOM, *TRUTH)
+    theta = np.array([*(getattr(noise, name) for name in (*SYSTEMATIC, *RANDOM)), *truth])
+    model = _Model(ladder, names, theta)
+    score, information = _equations(ladder, model.mean, model.cov, *model.slopes(_start(ladder, names)[1]))
+    few = len(SYSTEMATIC)
+    score, information = score[:, :few], information[:, :few, :few]
+    step = np.linalg.lstsq(information.sum(axis=0), score.sum(axis=0))[0]
+    here = Solution(SYSTEMATIC, theta[:few] + step, score - (information @ step), information, True)
+    replicates, blocks = bootstrap(ladder, here, 400, np.random.default_rng(0))
+    error = intervals(here, replicates, blocks, 0.95)[2]
+    return {name: (float(here.theta[k]), float(error[k])) for k, name in enumerate(SYSTEMATIC)}
 
 
 def bounded_step(information: Floats, score: Floats, lowest: Floats) -> Floats:

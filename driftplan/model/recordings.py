@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .paths import Floats, wrap
+from .inputs import Complexes, Floats, finite
+from .paths import wrap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +34,7 @@ class OdometryLog:
     """
 
     times: Floats
-    moves: NDArray[np.complex128]
+    moves: Complexes
     turns: Floats
     holds_velocity: bool = False
     repeated: int = 0
@@ -128,10 +129,9 @@ class OdometryLog:
         >>> OdometryLog.from_poses([(0, 0, np.pi / 2), (0, 2, np.pi / 2)]).moves.round(6)
         array([2.+0.j])
         """
-        array = np.asarray(poses, dtype=float)
+        array = finite("poses", poses)
         if array.ndim != 2 or array.shape[1] != 3 or len(array) < 2:
             raise ValueError(f"expected poses of shape (n, 3): x, y, heading, with n >= 2, got {array.shape}")
-        _check_finite("poses", array)
         times = np.arange(float(len(array))) if times_s is None else _series("times_s", times_s)
         if times.size != len(array):
             raise ValueError(f"expected times_s of shape ({len(array)},), one per pose, got {times.shape}")
@@ -149,7 +149,7 @@ class OdometryLog:
         return np.concatenate([[0.0], np.cumsum(self.turns)])
 
     @property
-    def positions(self) -> NDArray[np.complex128]:
+    def positions(self) -> Complexes:
         """Dead-reckoned position at every sample, x + jy, metres, (n + 1,); 0 at the first."""
         return np.concatenate([[0.0], np.cumsum(self.moves * np.exp(1j * self.headings[:-1]))])
 
@@ -205,12 +205,11 @@ class Trajectory:
     repeated: int = 0
 
     def __post_init__(self) -> None:
-        times, xy = _series("times", self.times), np.asarray(self.xy, dtype=float)
+        times, xy = _series("times", self.times), finite("xy", self.xy)
         if xy.shape != (times.size, 2) or times.size < 2:
             raise ValueError(
                 f"expected xy of shape (n, 2) and times of shape (n,), n >= 2, got {xy.shape} and {times.shape}"
             )
-        _check_finite("xy", xy)
         keep = _later(times)
         if keep.sum() < 2:
             raise ValueError("expected at least 2 different times, got one")
@@ -224,7 +223,7 @@ class Trajectory:
         object.__setattr__(self, "repeated", self.repeated + int(keep.size - keep.sum()))
 
     @property
-    def positions(self) -> NDArray[np.complex128]:
+    def positions(self) -> Complexes:
         """x + jy, (n,)."""
         return np.asarray(self.xy[:, 0] + 1j * self.xy[:, 1])
 
@@ -239,12 +238,12 @@ class Trajectory:
         return Trajectory(self.times[inside], self.xy[inside], heading, self.repeated)
 
 
-def _chord(turns: Floats) -> NDArray[np.complex128]:
+def _chord(turns: Floats) -> Complexes:
     """Displacement of an arc of length 1 that turns by ``turns``, in the frame of its start."""
     return np.asarray(np.sinc(turns / (2 * np.pi)) * np.exp(0.5j * turns))
 
 
-def _merged(times: Floats, moves: NDArray[np.complex128], turns: Floats) -> OdometryLog:
+def _merged(times: Floats, moves: Complexes, turns: Floats) -> OdometryLog:
     """Steps that end no later than they began are joined to the step before them: the motion they report is real, only
     their time is not. (Before any time has passed there is nothing to join to: such motion precedes the log.)"""
     keep = _later(times)
@@ -267,17 +266,7 @@ def _later(times: Floats) -> NDArray[np.bool_]:
 
 
 def _series(name: str, values: object) -> Floats:
-    try:
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError) as err:
-        raise ValueError(f"expected {name} to be numbers, got {type(values).__name__}: {err}") from None
+    array = finite(name, values)
     if array.ndim != 1:
         raise ValueError(f"expected {name} of shape (n,), got {array.shape}")
-    _check_finite(name, array)
     return array
-
-
-def _check_finite(name: str, array: Floats) -> None:
-    if not np.isfinite(array).all():
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise ValueError(f"expected {name} finite, got {array[where]} at index {where}")

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .inputs import Floats
 from .noise import OdometryNoise
-from .paths import Floats
 from .segment_ladder import Ladder
 from .segments import TruthNoise
 

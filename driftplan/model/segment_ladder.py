@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .inputs import Floats
 from .matching import Match, Stretch, match
 from .moments import Moments
 from .noise import OdometryNoise
-from .paths import Floats
 from .recordings import OdometryLog, Trajectory
 from .segments import Observations, TruthNoise, expect, observe, pieces, windows
 

@@ -23,10 +23,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .matching import Complexes, Stretch
+from .inputs import Complexes, Floats
+from .matching import Stretch
 from .moments import Moments, compose
 from .noise import OdometryNoise
-from .paths import Floats
 
 _SHORTEST_CHORD = 0.25  # of its path: below, the chord's direction says too little to align by
 

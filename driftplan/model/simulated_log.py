@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .inputs import Floats, positive
 from .noise import OdometryNoise
-from .paths import Floats, Runs, read_path
+from .paths import Runs, read_path
 from .recordings import OdometryLog, Trajectory
 
 _TURN_STEP_RAD = 0.05  # of a turn on the spot
@@ -56,9 +57,7 @@ def simulate_log(
     """
     if noise.step_m is not None or noise.heading_distance_corr != 0:
         raise ValueError(f"expected a noise of the continuous model without heading_distance_corr, got {noise!r}")
-    for name, value in (("step_m", step_m), ("speed_m_per_s", speed_m_per_s)):
-        if not value > 0:
-            raise ValueError(f"expected {name} > 0, got {value!r}")
+    step_m, speed_m_per_s = positive("step_m", step_m), positive("speed_m_per_s", speed_m_per_s)
     rng = np.random.default_rng(rng)
     runs = read_path(path, start_heading)
     if runs.lengths.ndim != 1:
