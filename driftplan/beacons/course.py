@@ -130,7 +130,7 @@ def follow(
     begun = _stacked(leaving)
     before = _stacked(arriving)
     end = float(state.N)
-    greatest = max(float(before.N.max()), float(begun.N.max()), end)
+    greatest = max(float(before.N[1:].max()), float(begun.N.max()), end)  # at the start: after the readings there
     inside = _inside(begun, driven, course[leg], kind, kinds, math.sqrt(max(greatest, 0.0)))
     worst = math.sqrt(max(greatest, inside, 0.0))
     u = np.concatenate([course[leg], course[-1:]])
@@ -147,7 +147,8 @@ def _runs(length: Floats, kind: NDArray[Any], kinds: Sequence[OdometryNoise]) ->
         part = run_moments(length[here], np.zeros(len(here)), noise)
         for array, values in zip(arrays, part.arrays(), strict=True):
             array[here] = values
-    return Moments(*arrays)
+    u, p, d1, d2, D, e1, N, e2, a, b = arrays
+    return Moments(u, p, d1, d2, D.real, e1, N.real, e2, a, b)
 
 
 def _in_world(pieces: Moments, direction: NDArray[Any]) -> Moments:

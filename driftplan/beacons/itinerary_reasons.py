@@ -37,6 +37,11 @@ def why_infeasible(search: ItinerarySearch, limit: float, longest: float) -> str
         reasons.append("no beacon gives a position")
     elif min(accuracy) > limit:
         reasons.append(f"the most accurate beacon leaves an rms error of {min(accuracy):.3g} m itself")
+    elif _captures_would_help(search, limit, longest):
+        reasons.append(
+            "beacons that could hold it would be missed: having drifted, the robot comes within their ranges less "
+            f"surely than min_capture={search.check.min_capture:g} demands; larger ranges or more beacons would help"
+        )
     elif _headings_would_help(search, limit, longest):
         reasons.append(
             "position fixes alone cannot hold it because the heading is never fixed well enough: with beacons that "
@@ -51,6 +56,17 @@ def why_infeasible(search: ItinerarySearch, limit: float, longest: float) -> str
     if least is not None:
         reasons.append(f"a limit of {least:.3g} m can be kept")
     return f"{asked} (roadmap of {search.nodes} nodes): " + "; ".join(reasons)
+
+
+def _captures_would_help(search: ItinerarySearch, limit: float, longest: float) -> bool:
+    """Whether the limit could be kept if the robot came within every range as planned."""
+    if search.check.min_capture == 0:
+        return False
+    _more_time(search)
+    check, search.check = search.check, replace(search.check, min_capture=0.0)
+    found = search.shortest_within(limit, longest, shorten=False)
+    search.check = check
+    return found is not None
 
 
 def _headings_would_help(search: ItinerarySearch, limit: float, longest: float) -> bool:

@@ -1,0 +1,73 @@
+"""Itineraries among 200 beacons on a roadmap of 1000 nodes; growth with beacons and nodes."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from driftplan import InfeasibleError, OdometryNoise, World, bundled_map, load_world
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.itinerary import Itinerary, plan_itinerary
+
+BERLIN = Path(__file__).resolve().parents[2] / "../shared/data/movingai/Berlin_1_256.map"
+NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.1, after_m=10.0)
+
+
+def scattered(world: World, count: int, range_m: float) -> list[Beacon]:
+    """Tags and, every fourth, a landmark, at random free places."""
+    tag = BeaconKind.rfid(range_m=range_m, position_std_m=0.1)
+    sign = BeaconKind.landmark(range_m=1.5 * range_m, position_std_m=0.05, heading_std=0.01)
+    xmin, ymin, xmax, ymax = world.bounds
+    points = np.random.default_rng(1).uniform((xmin, ymin), (xmax, ymax), (20 * count, 2))
+    points = points[world.is_free(points)][:count]
+    return [Beacon(sign if k % 4 == 0 else tag, *xy) for k, xy in enumerate(points)]
+
+
+def timed(title: str, world: World, ends: np.ndarray, beacons: list[Beacon], **asked: object) -> Itinerary | None:
+    began, cpu = time.perf_counter(), time.process_time()
+    try:
+        found = plan_itinerary(world, ends[0], ends[1], NOISE, beacons=beacons, time_limit=20.0, **asked)  # type: ignore[arg-type]
+        said = (
+            f"{found.length:7.2f} m (shortest {found.shortest_length:.2f}), worst {found.worst_drift:.3f} m, "
+            f"end {found.rms:.3f} m, {len(found.beacons)} beacons, {found.labels} labels"
+        )
+    except InfeasibleError as err:
+        found, said = None, str(err)[:100]
+    took = f"{time.perf_counter() - began:5.2f} s, {time.process_time() - cpu:5.2f} s of processor"
+    print(f"{title:42s} {took}: {said}", flush=True)
+    return found
+
+
+def main() -> None:
+    warehouse = load_world(bundled_map("warehouse"), robot_radius=0.3)
+    places: dict[str, tuple[World, np.ndarray, float]] = {
+        "warehouse": (warehouse, np.array([(51.0, 33.0), (23.5, 18.7)]), 1.5)
+    }
+    if BERLIN.exists():
+        berlin = load_world(BERLIN, robot_radius=0.3)
+        ends = np.array([berlin.nearest_free((20.0, 20.0)), berlin.nearest_free((236.0, 236.0))])
+        places["Berlin"] = (berlin, ends, 6.0)
+    else:
+        print("Berlin: map not there, left out")
+    for name, (world, ends, range_m) in places.items():
+        beacons = scattered(world, 200, range_m)
+        free = timed(f"{name}: 200 beacons, no limit", world, ends, beacons, nodes=1000)
+        assert free is not None
+        for share in (0.8, 0.5):
+            limit = share * free.worst_drift
+            timed(f"{name}: 200 beacons, limit {limit:.2f} m", world, ends, beacons, nodes=1000, max_drift=limit)
+        limit = 0.8 * free.worst_drift
+        timed(f"{name}: any one dead, limit {limit:.2f} m", world, ends, beacons, max_drift=limit, redundancy=2)
+        timed(f"{name}: least worst drift", world, ends, beacons, nodes=1000, minimise="worst_drift")
+    world, ends, range_m = places["warehouse"]
+    for count in (25, 50, 100, 200, 400):
+        timed(f"warehouse: {count} beacons, limit 1 m", world, ends, scattered(world, count, range_m), max_drift=1.0)
+    for nodes in (250, 500, 1000, 2000, 4000):
+        title = f"warehouse: 50 beacons, {nodes} nodes, limit 0.6 m"
+        timed(title, world, ends, scattered(world, 50, range_m), max_drift=0.6, nodes=nodes)
+
+
+if __name__ == "__main__":
+    main()
