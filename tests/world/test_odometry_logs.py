@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
@@ -211,6 +211,7 @@ def test_three_nameless_columns_of_odometry_need_a_kind(tmp_path):
 
 
 @given(content=st.binary(max_size=200))
+@settings(deadline=None)
 def test_whatever_the_bytes_the_answer_is_a_table_or_a_trajectory_error(content, tmp_path_factory):
     file = tmp_path_factory.mktemp("noise") / "noise.txt"
     file.write_bytes(content)

@@ -1,0 +1,96 @@
+"""Noise as YAML: what a fit found, kept where scenarios, scripts and people can read it."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from driftplan.errors import TrajectoryError
+from driftplan.model.calibration import NoiseFit
+from driftplan.model.noise import OdometryNoise
+from driftplan.world.files import write_files
+
+_KEYS = tuple(f.name for f in fields(OdometryNoise))
+_MOST_BYTES = 1 << 20
+
+
+def save_noise(path: str | os.PathLike[str], noise: OdometryNoise | NoiseFit) -> None:
+    """Write a noise, or a fitted one with its intervals as comments, under the names of `OdometryNoise`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> noise = OdometryNoise(heading_var_per_m=1e-4, distance_scale_error=-0.01)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_noise(Path(folder) / "noise.yaml", noise)
+    ...     load_noise(Path(folder) / "noise.yaml") == noise
+    True
+    """
+    lines = ["# Noise of an odometry for driftplan, in SI units and radians."]
+    if isinstance(noise, NoiseFit):
+        counts = noise.counts
+        lines += [
+            f"# Fitted to {counts.used_m:.1f} m of drives ({counts.turned_rad:.1f} rad turned); brackets:",
+            f"# {100 * noise.confidence:g} % intervals.",
+            *(f"# {note}" for note in noise.notes),
+        ]
+        for name, (low, high) in noise.intervals.items():
+            lines.append(f"{name}: {_yaml(getattr(noise.noise, name))}  # [{low:.3g}, {high:.3g}]")
+    else:
+        for f in fields(noise):
+            value = getattr(noise, f.name)
+            if value != f.default:
+                lines.append(f"{f.name}: {_yaml(value)}")
+        if len(lines) == 1:
+            lines.append("{}")
+    write_files({Path(path): ("\n".join(lines) + "\n").encode()})
+
+
+def load_noise(path: str | os.PathLike[str]) -> OdometryNoise:
+    """Read a noise from YAML: keys are the names of `OdometryNoise`, what is missing has its default.
+
+    Raises
+    ------
+    TrajectoryError
+        If the file is missing or broken, has unknown keys or values out of range: the message names file and key.
+    """
+    import yaml
+
+    file = Path(path)
+    try:
+        with file.open("rb") as stream:
+            text = stream.read(_MOST_BYTES + 1)
+        if len(text) > _MOST_BYTES:
+            raise TrajectoryError(f"{file}: more than {_MOST_BYTES >> 20} MB, which is no noise")
+        content = yaml.safe_load(text)
+    except OSError as err:
+        raise TrajectoryError(f"{file}: {err.strerror or err}") from err
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as err:
+        if isinstance(err, TrajectoryError):
+            raise
+        raise TrajectoryError(f"{file}: not readable as YAML: {' '.join(str(err).split())}") from err
+    if not isinstance(content, dict):
+        raise TrajectoryError(
+            f"{file}: expected keys of OdometryNoise, such as heading_var_per_m: 1.0e-4, got {content!r:.80}"
+        )
+    unknown = [key for key in content if key not in _KEYS]
+    if unknown:
+        raise TrajectoryError(f"{file}: unknown key {unknown[0]!r}; expected keys of {', '.join(_KEYS)}")
+    try:
+        return OdometryNoise(**content)
+    except ValueError as err:
+        raise TrajectoryError(f"{file}: {err}") from err
+
+
+def _yaml(value: Any) -> str:
+    """A scalar that YAML reads back as the same value: floats always have a point, or YAML 1.1 takes 1e-4 for text."""
+    if not isinstance(value, float):
+        return str(value)
+    text = repr(float(np.float64(value)))
+    if "e" in text and "." not in text:
+        return text.replace("e", ".0e")
+    return text
