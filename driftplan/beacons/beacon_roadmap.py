@@ -18,15 +18,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from driftplan.beacons.beacon import Beacon, BeaconColumns
 from driftplan.model.elements import run_moments, turn_moments
 from driftplan.model.fixes import Fix, apply_fix
-from driftplan.model.moments import Moments, compose, identity
+from driftplan.model.moments import Moments, identity
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Floats
 from driftplan.world.world import World
@@ -37,7 +38,6 @@ Complexes = NDArray[np.complex128]
 SIZE = 9  # of the error state
 N, D, D1_RE, D1_IM, E1_RE, E1_IM, A_RE, A_IM, ONE = range(SIZE)
 _LEAST_M = 1e-6  # a range touched on less than this is a graze, read once
-_PAIRS_AT_ONCE = 2_000_000  # of edges and beacons
 
 
 class Effects(NamedTuple):
@@ -201,10 +201,48 @@ def fix_matrix(fix: Fix) -> Floats:
 
 
 def _matrices(pieces: Moments, direction: Complexes) -> Floats:
-    """What pieces that begin in a direction do to the error state in the world frame, (n, 9, 9)."""
+    """What pieces that begin in a direction do to the error state in the world frame, (n, 9, 9): the terms of
+    `driftplan.model.moments.compose` that flow into it, sorted by what they multiply."""
     turned = pieces.rotated(direction)
-    ones = np.ones(pieces.shape)
-    return _linear(lambda state: compose(state, Moments(ones, *(turned.arrays()[1:]))), pieces.shape)
+    p, d1, e1, a = (np.asarray(x, dtype=complex) for x in (turned.p, turned.d1, turned.e1, turned.a))
+    lever = p + e1
+    epsilon = np.conj(p) * e1 + turned.N
+    kappa = p * np.conj(d1) + a
+    matrix = np.zeros((*pieces.shape, SIZE, SIZE))
+    matrix[..., N, N] = matrix[..., ONE, ONE] = 1
+    matrix[..., N, D] = (np.conj(p) * lever).real + epsilon.real
+    for column, factor in ((D1_RE, epsilon), (E1_RE, e1), (A_RE, lever)):
+        matrix[..., N, column], matrix[..., N, column + 1] = 2 * factor.real, 2 * factor.imag
+    matrix[..., N, ONE] = turned.N.real
+    matrix[..., D, D] = 1 + 2 * d1.real + turned.D.real
+    gain = np.conj(d1) + turned.D
+    matrix[..., D, D1_RE], matrix[..., D, D1_IM], matrix[..., D, ONE] = 2 * gain.real, -2 * gain.imag, turned.D.real
+    for row, column, factor in (
+        (D1_RE, D1_RE, 1 + d1),
+        (E1_RE, E1_RE, np.ones(pieces.shape)),
+        (E1_RE, D1_RE, lever),
+        (A_RE, A_RE, 1 + np.conj(d1)),
+        (A_RE, E1_RE, np.conj(d1)),
+        (A_RE, D1_RE, kappa),
+    ):
+        matrix[..., row, column] += factor.real
+        matrix[..., row, column + 1] -= factor.imag
+        matrix[..., row + 1, column] += factor.imag
+        matrix[..., row + 1, column + 1] += factor.real
+    mirrored = e1 + a  # multiplies conj(E δ)
+    matrix[..., A_RE, D1_RE] += mirrored.real
+    matrix[..., A_RE, D1_IM] += mirrored.imag
+    matrix[..., A_IM, D1_RE] += mirrored.imag
+    matrix[..., A_IM, D1_IM] -= mirrored.real
+    for row, column, value in (
+        (A_RE, D, lever + kappa),
+        (D1_RE, ONE, d1),
+        (E1_RE, ONE, e1),
+        (A_RE, ONE, a),
+    ):
+        matrix[..., row, column] += value.real
+        matrix[..., row + 1, column] += value.imag
+    return matrix
 
 
 def _linear(act: Callable[[Moments], Moments], shape: tuple[int, ...]) -> Floats:
@@ -303,22 +341,22 @@ def _edge_readings(
     a: Floats, along: Floats, length: Floats, beacons: BeaconColumns, world: World | None
 ) -> tuple[Ints, Ints, Floats, Floats]:
     """Edge, beacon, distance and chance of every reading; none where an edge begins, for that was read before."""
-    found: list[tuple[NDArray[Any], ...]] = []
-    per = max(1, _PAIRS_AT_ONCE // max(len(beacons.xy), 1))
-    for lo in range(0, len(a), per):
-        part = slice(lo, lo + per)
-        offset = beacons.xy[None, :, :] - a[part, None, :]
-        foot = np.einsum("mlk,mk->ml", offset, along[part])
-        aside = offset[..., 0] * along[part, None, 1] - offset[..., 1] * along[part, None, 0]
-        half = np.sqrt(np.maximum(beacons.range_m**2 - aside**2, 0.0))
-        start, end = np.maximum(foot - half, 0.0), np.minimum(foot + half, length[part, None])
-        edge, site = np.nonzero((np.abs(aside) <= beacons.range_m) & (start <= end))
-        found.append((edge + lo, site, start[edge, site], end[edge, site]))
-    if not found:
+    if not len(beacons.xy):
         none = np.zeros(0, dtype=np.intp)
         return none, none, np.zeros(0), np.zeros(0)
-    edge, site = (np.concatenate([part[k] for part in found]).astype(np.intp) for k in (0, 1))
-    start, end = (np.concatenate([part[k] for part in found]).astype(float) for k in (2, 3))
+    reach = float(beacons.range_m.max())
+    low, high = np.minimum(a, a + length[:, None] * along) - reach, np.maximum(a, a + length[:, None] * along) + reach
+    boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
+    edge, site = shapely.STRtree(shapely.points(beacons.xy)).query(boxes)
+    order = np.lexsort((site, edge))
+    edge, site = edge[order], site[order]
+    offset, range_m = beacons.xy[site] - a[edge], beacons.range_m[site]
+    foot = np.einsum("nk,nk->n", offset, along[edge])
+    aside = offset[:, 0] * along[edge, 1] - offset[:, 1] * along[edge, 0]
+    half = np.sqrt(np.maximum(range_m**2 - aside**2, 0.0))
+    start, end = np.maximum(foot - half, 0.0), np.minimum(foot + half, length[edge])
+    within = (np.abs(aside) <= range_m) & (start <= end)
+    edge, site, start, end = edge[within], site[within], start[within], end[within]
     sure = beacons.detection_probability[site] == 1
     parts = np.ceil((end - start) / beacons.reading_spacing_m[site] - 1e-6)
     count = np.where(sure & (end - start > _LEAST_M), np.maximum(parts, 1) + 1, 1).astype(np.intp)

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from driftplan.beacons.beacon_roadmap import A_IM, A_RE, BeaconRoadmap, D, Effects, N
 from driftplan.model.paths import Floats
 
-_ASK_EVERY = 64  # labels between two looks at the clock
+_ASK_EVERY = 32  # labels expanded between two looks at the clock
 
 Score = tuple[float, float, complex]  # E|e|², E|δ|², E[e conj δ]
 
@@ -145,7 +145,7 @@ class _Search:
     def run(self, least_drift: bool) -> Walk:
         task = self.task
         start = np.ascontiguousarray(task.states.T)
-        best, end, finished = math.inf, -1, True
+        best, end, finished, expanded = math.inf, -1, True, 0
         nearest, bound = (task.start, float(task.to_goal[task.start])), float(task.to_goal[task.start])
         if float(start[N].max()) <= self.limit_sq:
             self.add(task.start, 0.0, start, _scores(start), task.arriving, -1)
@@ -163,7 +163,8 @@ class _Search:
                     best, end = worst, label
                 if not least_drift:
                     break
-            if len(self.node) % _ASK_EVERY == 0 and (self.stop() or len(self.node) > self.most_labels):
+            expanded += 1
+            if expanded % _ASK_EVERY == 1 and (self.stop() or len(self.node) > self.most_labels):
                 finished = False
                 break
             self.expand(label)

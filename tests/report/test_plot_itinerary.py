@@ -1,0 +1,53 @@
+"""Figures of itineraries: what is drawn is what was found."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.itinerary import plan_itinerary
+from driftplan.beacons.pareto import knee, pareto_routes
+from driftplan.model.noise import OdometryNoise
+from driftplan.report.plot_itinerary import plot_beacons, plot_itinerary, plot_pareto
+from driftplan.world.world import World
+
+NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.1, after_m=10.0)
+SIGN = BeaconKind.landmark(range_m=3.0, position_std_m=0.05, heading_std=0.01)
+HALL = World.from_polygons([[(25, 0), (27, 0), (27, 8), (25, 8)]], bounds=(0, 0, 60, 40), robot_radius=0.5)
+BEACONS = [Beacon(SIGN, 18, 17), Beacon(SIGN, 30, 18), Beacon(SIGN, 42, 17), Beacon(SIGN, 5, 35)]
+ENDS = ((3.0, 10.0), (57.0, 10.0))
+
+
+@pytest.fixture(scope="module")
+def itinerary():
+    return plan_itinerary(HALL, *ENDS, NOISE, beacons=BEACONS, max_drift=2.0, nodes=100)
+
+
+def test_beacons_counted_on_look_different_from_the_others():
+    ax = Figure().subplots()
+    used, others = plot_beacons(BEACONS, ax=ax, used=BEACONS[:3])
+    assert (len(used.get_paths()), len(others.get_paths())) == (3, 1)
+    assert not np.array_equal(used.get_facecolor(), others.get_facecolor())
+
+
+def test_the_figure_of_an_itinerary_shows_route_beacons_and_limit(itinerary):
+    figure = plot_itinerary(HALL, itinerary, BEACONS)
+    on_map, on_drift = figure.axes
+    assert len(on_map.collections[0].get_paths()) == len(itinerary.beacons)
+    assert any(np.array_equal(line.get_ydata(), [2.0, 2.0]) for line in on_drift.lines)
+    top = max(line.get_ydata().max() for line in on_drift.lines if len(line.get_ydata()) > 2)
+    assert top == pytest.approx(itinerary.worst_drift, rel=1e-3)
+    assert any("limit 2 m" in text.get_text() for text in figure.legends[0].get_texts())
+    figure.canvas.draw()
+
+
+def test_the_figure_of_a_trade_off_marks_the_knee():
+    routes = pareto_routes(HALL, *ENDS, NOISE, beacons=BEACONS, most=3, nodes=100, time_limit=5.0)
+    figure = plot_pareto(HALL, routes)
+    on_map, on_curve = figure.axes
+    paths = [line.get_xydata() for line in on_map.lines]
+    assert all(any(np.array_equal(route.path, path) for path in paths) for route in routes)
+    (mark,) = (line for line in on_curve.lines if line.get_label() == "knee")
+    best = routes[knee(routes)]
+    assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (best.length, best.worst_drift)
+    figure.canvas.draw()
