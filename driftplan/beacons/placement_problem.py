@@ -119,12 +119,13 @@ def placement_problem(
         confidence=_confidence(confidence),
         redundancy=whole("redundancy", redundancy, least=1),
     )
-    listed, cost = _candidates(task, _kinds(kind), candidates, spacing_m, costs, forbidden)
-    kept = _outside(listed, forbidden)
     for beacon in existing:
         if not isinstance(beacon, Beacon):
             raise ValueError(f"expected existing to be Beacon objects, got {beacon!r}")
-    old = [replace(b, id=b.id or f"E{k + 1}") for k, b in enumerate(existing)]
+    old = _named(existing, "E", set())
+    listed, cost = _candidates(task, _kinds(kind), candidates, spacing_m, costs, forbidden)
+    listed = _named(listed, "S", {b.id for b in old})
+    kept = _outside(listed, forbidden)
     sites = (*(listed[i] for i in kept.tolist()), *old)
     _unique_ids(sites)
     new = np.arange(len(kept))
@@ -246,7 +247,6 @@ def _candidates(
         raise ValueError("expected at least one candidate, got none")
     if candidates is not None and spacing_m is not None:
         raise ValueError("expected spacing_m only for generated candidates, got both candidates and spacing_m")
-    listed = [b if b.id else replace(b, id=f"S{k + 1}") for k, b in enumerate(listed)]
     if costs is None:
         return listed, np.array([b.kind.cost for b in listed])
     if candidates is None:
@@ -327,6 +327,17 @@ def _too_close(sites: Sequence[Beacon], new: int, spacing_m: float) -> list[Cut]
             columns = np.array(sorted(clique), dtype=np.intp)
             caps.append(Cut(columns, -np.ones(len(columns)), -1.0))
     return caps
+
+
+def _named(beacons: Sequence[Beacon], letter: str, taken: set[str]) -> list[Beacon]:
+    """The same beacons, those without an id named by letter and position (and a + where that is taken)."""
+    named = []
+    for k, beacon in enumerate(beacons, start=1):
+        name = beacon.id or f"{letter}{k}"
+        while not beacon.id and name in taken:
+            name += "+"
+        named.append(replace(beacon, id=name))
+    return named
 
 
 def _unique_ids(sites: Sequence[Beacon]) -> None:

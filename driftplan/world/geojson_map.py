@@ -35,7 +35,7 @@ def read_geojson_map(path: Path, *, robot_radius: float) -> World:
     boundary: list[Polygon | MultiPolygon] = []
     obstacles: list[Polygon | MultiPolygon] = []
     zones: list[Zone] = []
-    for number, feature in enumerate(_features(path), start=1):
+    for number, feature in enumerate(read_features(path), start=1):
         where = f"{path}, feature {number}"
         if not (isinstance(feature, dict) and feature.get("type") == "Feature"):
             raise MapError(f"{where}: expected a Feature, got {short(feature)}")
@@ -77,7 +77,8 @@ def _feature(area: Any, **properties: Any) -> dict[str, Any]:
     return {"type": "Feature", "properties": properties, "geometry": json.loads(shapely.to_geojson(area))}
 
 
-def _features(path: Path) -> list[Any]:
+def read_features(path: Path) -> list[Any]:
+    """The features of a GeoJSON FeatureCollection in metres, not looked into; a file that is none is a `MapError`."""
     if path.stat().st_size > _MAX_BYTES:
         raise MapError(f"{path}: expected at most {_MAX_BYTES} bytes, got {path.stat().st_size}")
     try:

@@ -1,0 +1,246 @@
+"""Beacon layouts drawn: on the map, as a sawtooth of drift against distance, as a trade-off curve, as importance bars.
+
+As in `driftplan.report.plotting`: numbers are computed apart from drawing, artists are returned, nothing is shown or
+saved, and no global setting of matplotlib is touched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import cycle
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driftplan.beacons.layout import Layout
+from driftplan.report.plotting import ROUTE_STYLES, plot_world
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import LineCollection
+    from matplotlib.container import BarContainer
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+Floats = NDArray[np.float64]
+
+_NEW = "#D55E00"
+_OLD = "#555555"
+_LIMIT: dict[str, Any] = {"color": "#B00020", "linestyle": (0, (5, 2)), "linewidth": 1.2}
+_SHOWN_ROUTES = 5  # sawtooth lines with a style of their own; others are grey
+_SHOWN_BARS = 25
+_SHOWN_IDS = 40  # with more beacons on a map their names would cover each other
+_SPACING_M = 0.25
+
+
+class LayoutArtists(NamedTuple):
+    """What `plot_layout` drew."""
+
+    routes: LineCollection
+    ranges: list[Patch]
+    beacons: list[Line2D]
+
+
+def route_segments(layout: Layout) -> tuple[Floats, Floats]:
+    """Short segments of all routes, (k, 2, 2) in metres, and the greatest drift on each, (k,), for `plot_layout`."""
+    segments, values = [], []
+    for drift in layout.drifts:
+        profile = drift.profile(_SPACING_M)
+        xy, score = profile.xy, layout.task.score(profile)
+        segments.append(np.stack([xy[:-1], xy[1:]], axis=1))
+        values.append(np.maximum(score[:-1], score[1:]))
+    return np.concatenate(segments), np.concatenate(values)
+
+
+def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True, **line_kwargs: Any) -> LayoutArtists:
+    """Draw a layout on its map: beacons with their ranges and ids, routes coloured by their drift.
+
+    Parameters
+    ----------
+    layout : Layout
+    ax : Axes, optional
+        Default: pyplot's current Axes.
+    colorbar : bool
+        Whether to add one beside the Axes.
+    **line_kwargs
+        Go to the routes' LineCollection untouched.
+    """
+    from matplotlib.collections import LineCollection
+    from matplotlib.patches import Circle
+
+    ax = _current_axes() if ax is None else ax
+    if layout.task.world is not None:
+        plot_world(layout.task.world, ax=ax)
+    segments, drift = route_segments(layout)
+    order = np.argsort(drift)  # where routes share an aisle the worst is on top
+    look: dict[str, Any] = {"cmap": "viridis", "linewidths": 1.8, "capstyle": "round", "zorder": 2.5, **line_kwargs}
+    routes = LineCollection(list(segments[order]), **look)
+    routes.set_array(drift[order])
+    routes.set_clim(0.0, max(layout.max_drift))
+    ax.add_collection(routes)
+    ranges: list[Patch] = []
+    beacons: list[Line2D] = []
+    for colour, marker, label, some in (
+        (_OLD, "s", "existing beacon", layout.existing),
+        (_NEW, "^", "new beacon", layout.beacons),
+    ):
+        for beacon in some:
+            circle = Circle(
+                (beacon.x, beacon.y), beacon.kind.range_m, facecolor=colour, edgecolor=colour, alpha=0.18, zorder=2
+            )
+            ranges.append(ax.add_patch(circle))
+            if len(layout.beacons) + len(layout.existing) <= _SHOWN_IDS:
+                ax.annotate(beacon.id, (beacon.x, beacon.y), (4, 4), textcoords="offset points", fontsize=7, zorder=5)
+        if some:
+            xy = np.array([b.xy for b in some])
+            dots: dict[str, Any] = {"linestyle": "none", "markersize": 6, "zorder": 4, "markeredgecolor": "white"}
+            beacons += ax.plot(xy[:, 0], xy[:, 1], marker=marker, color=colour, label=label, **dots)
+    ax.set(xlabel="x (m)", ylabel="y (m)")
+    ax.set_aspect("equal", adjustable="box")
+    if layout.task.world is None:
+        ax.autoscale_view()
+    if colorbar:
+        ax.figure.colorbar(routes, ax=ax, label=_score_label(layout), fraction=0.035, pad=0.02)
+    return LayoutArtists(routes, ranges, beacons)
+
+
+def plot_sawtooth(
+    layout: Layout, *, routes: Sequence[int] | None = None, ax: Axes | None = None, **line_kwargs: Any
+) -> list[Line2D]:
+    """Draw drift against distance driven: it grows, and drops wherever a beacon is read, under the limit.
+
+    Parameters
+    ----------
+    layout : Layout
+    routes : sequence of int, optional
+        Which to draw with a style and a label; default: the five that come nearest to their limits, the others thin
+        and grey.
+    ax : Axes, optional
+        Default: pyplot's current Axes.
+    **line_kwargs
+        Go to the lines of ``routes`` untouched.
+
+    Returns
+    -------
+    list of Line2D
+        Those of ``routes``, in order.
+    """
+    ax = _current_axes() if ax is None else ax
+    share = np.array(layout.worst_drifts) / np.array(layout.max_drift)
+    chosen = list(np.argsort(-share, kind="stable")[:_SHOWN_ROUTES]) if routes is None else list(routes)
+    lines: list[Line2D] = []
+    grey: dict[str, Any] = {"color": "0.8", "linewidth": 0.6, "zorder": 1}
+    for r in range(len(layout.drifts)) if routes is None else ():
+        if r not in chosen:
+            ax.plot(*_profile(layout, r), **grey)
+    for r, style in zip(chosen, cycle(ROUTE_STYLES)):
+        plain = {key: value for key, value in style.items() if key != "marker"}
+        look = {"linewidth": 1.5, "zorder": 3, "label": f"route {r}", **plain, **line_kwargs}
+        lines += ax.plot(*_profile(layout, int(r)), **look)
+    for limit in sorted({layout.max_drift[int(r)] for r in chosen}):
+        ax.axhline(limit, label=f"limit {limit:.3g} m", **_LIMIT, zorder=2)
+    ax.set(xlabel="distance driven (m)", ylabel=_score_label(layout))
+    ax.set_xlim(left=0.0)
+    ax.set_ylim(bottom=0.0)
+    ax.legend(loc="lower right", fontsize=8, framealpha=0.9)
+    return lines
+
+
+def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwargs: Any) -> Line2D:
+    """Draw the worst drift that a number of beacons can hold; points not proven to be the best are hollow.
+
+    Parameters
+    ----------
+    curve : sequence of Layout
+        From `driftplan.beacons.placement.beacon_tradeoff`.
+    """
+    from matplotlib.ticker import MaxNLocator
+
+    ax = _current_axes() if ax is None else ax
+    if not curve:
+        raise ValueError("expected a trade-off curve of at least one layout, got none")
+    drift, count = np.array([x.worst_drift for x in curve]), np.array([len(x.beacons) for x in curve])
+    look: dict[str, Any] = {"color": "#0072B2", "linewidth": 1.5, "drawstyle": "steps-post", "zorder": 2, **line_kwargs}
+    (line,) = ax.plot(drift[::-1], count[::-1], **look)
+    for proven, face in ((True, line.get_color()), (False, "white")):
+        some = np.array([x.proven == proven for x in curve])
+        if some.any():
+            label = "proven" if proven else "best found"
+            ax.plot(drift[some], count[some], "o", color=line.get_color(), markerfacecolor=face, label=label, zorder=3)
+    ax.set(xlabel=f"limit on the {_score_label(curve[0])}", ylabel="fewest beacons")
+    ax.set_ylim(bottom=0.0)
+    ax.yaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.grid(visible=True, color="0.9", linewidth=0.6)
+    ax.set_axisbelow(True)
+    ax.legend(loc="upper right", fontsize=8)
+    return line
+
+
+def plot_importance(layout: Layout, *, ax: Axes | None = None, **bar_kwargs: Any) -> BarContainer:
+    """Draw, for every beacon, the worst drift on any route if it alone is dead, and the limit.
+
+    Beacons whose failure hurts most are on top; of more than 25 the others are left out.
+    """
+    ax = _current_axes() if ax is None else ax
+    said = [x for x in layout.importance if x.routes]
+    said = sorted(said, key=lambda x: -x.worst_if_dead)[:_SHOWN_BARS]
+    hurt = [x.worst_if_dead for x in said]
+    old = {b.id for b in layout.existing}
+    look: dict[str, Any] = {"color": [_OLD if x.beacon.id in old else _NEW for x in said], "alpha": 0.85, **bar_kwargs}
+    bars = ax.barh(np.arange(len(said)), hurt, **look)
+    ax.set_yticks(np.arange(len(said)), [x.beacon.id for x in said], fontsize=7)
+    ax.invert_yaxis()
+    limit = min(layout.max_drift)
+    ax.axvline(limit, **_LIMIT, label=f"limit {limit:.3g} m")
+    ax.set(xlabel=f"{_score_label(layout)} if this beacon is dead", ylabel="beacon")
+    ax.legend(loc="lower right", fontsize=8)
+    return bars
+
+
+def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
+    """The layout on its map, the sawtooth of its routes and the importance of its beacons, in one figure."""
+    from matplotlib.figure import Figure
+
+    xy = np.concatenate([drift.xy for drift in layout.drifts])
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    box = (*low, *high) if layout.task.world is None else layout.task.world.bounds
+    shape = min(max((box[3] - box[1]) / max(box[2] - box[0], 1e-9), 0.25), 1.5)
+    if figure is None:
+        figure = Figure(figsize=(12.0, 12.0 * shape * 0.85 + 4.2), layout="constrained", dpi=150)
+    grid = figure.add_gridspec(2, 2, height_ratios=(12.0 * shape * 0.85, 3.6), width_ratios=(2.0, 1.0))
+    on_map = figure.add_subplot(grid[0, :])
+    plot_layout(layout, ax=on_map)
+    number = len(layout.beacons)
+    proof = "proven fewest" if layout.proven else f"at least {layout.lower_bound:g} needed"
+    on_map.set_title(
+        f"{number} beacon{'' if number == 1 else 's'} of cost {layout.cost:g} ({proof}), worst drift "
+        f"{layout.worst_drift:.3g} m",
+        fontsize=10,
+    )
+    if on_map.get_legend_handles_labels()[0]:
+        on_map.legend(loc="upper right", fontsize=8, framealpha=0.9)
+    plot_sawtooth(layout, ax=figure.add_subplot(grid[1, 0]))
+    bars = figure.add_subplot(grid[1, 1])
+    if any(x.routes for x in layout.importance):
+        plot_importance(layout, ax=bars)
+    else:
+        bars.set_axis_off()
+    return figure
+
+
+def _profile(layout: Layout, route: int) -> tuple[Floats, Floats]:
+    profile = layout.drifts[route].profile(_SPACING_M)
+    return profile.distance, layout.task.score(profile)
+
+
+def _score_label(layout: Layout) -> str:
+    confidence = layout.task.confidence
+    return "rms drift (m)" if confidence is None else f"{100 * confidence:g} % radius (m)"
+
+
+def _current_axes() -> Axes:
+    from matplotlib import pyplot
+
+    return pyplot.gca()
