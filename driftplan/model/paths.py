@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from .inputs import Floats as Floats
 from .inputs import finite, not_negative, number
 
+_FARTHEST_M = 1e12  # beyond, lengths squared lose the digits of any noise
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
@@ -241,6 +243,8 @@ def _waypoints(path: Any) -> Floats:
             "expected a path of at least 2 waypoints, shape (..., n, 2) in metres or (..., n, 3) with headings in rad, "
             f"got shape {array.shape}"
         )
+    if (np.abs(array) > _FARTHEST_M).any():
+        raise ValueError(f"expected waypoints within {_FARTHEST_M:g} m of the origin, got {np.abs(array).max():g}")
     return array
 
 

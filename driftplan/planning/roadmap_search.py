@@ -394,8 +394,10 @@ def checked_ends(
         raise ValueError(f"expected an OdometryNoise, got {noise!r}")
     if minimise not in ("drift", "length"):
         raise ValueError(f"expected minimise 'drift' or 'length', got {minimise!r}")
-    if not (isinstance(time_limit, (int, float)) and time_limit > 0):
-        raise ValueError(f"expected time_limit > 0 s, got {time_limit!r}")
+    if isinstance(time_limit, bool) or not (
+        isinstance(time_limit, (int, float, np.floating)) and 0 < time_limit < math.inf
+    ):
+        raise ValueError(f"expected time_limit > 0 s and finite, got {time_limit!r}")
     if batches is not None and not (isinstance(batches, int) and batches >= 1):
         raise ValueError(f"expected batches >= 1 or None, got {batches!r}")
     if start_heading is not None and not math.isfinite(start_heading):
@@ -406,11 +408,25 @@ def checked_ends(
         if point.shape != (2,) or not np.isfinite(point).all():
             raise ValueError(f"expected {name} (x, y) in metres, finite, got {value!r}")
         if not world.is_free(point):
-            nearest = world.nearest_free(point)
+            nearest = _nearest_sayable(world, point)
             raise error(f"{name} {said(point)} is not free; the nearest free point is {said(nearest)}")
         points.append(point)
     return np.stack(points)
 
 
 def said(point: Floats) -> str:
-    return f"({point[0]:.6g}, {point[1]:.6g})"
+    """A point in metres, to the millimetre."""
+    x, y = (f"{round(float(c), 3) + 0.0:.3f}".rstrip("0").rstrip(".") for c in point)
+    return f"({x}, {y})"
+
+
+def _nearest_sayable(world: World, point: Floats) -> Floats:
+    """The nearest free point, or one a little farther in that is still free when written to the millimetre."""
+    nearest = world.nearest_free(point)
+    way = nearest - point
+    inward = way / max(float(np.linalg.norm(way)), 1e-12)
+    for step in (0.0, 0.001, 0.002, 0.005, 0.02, 0.1):
+        rounded = np.round(nearest + step * inward, 3)
+        if world.is_free(rounded):
+            return rounded
+    return nearest

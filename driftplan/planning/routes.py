@@ -18,12 +18,13 @@ from driftplan.planning.cost import CostRates, bracket
 from driftplan.planning.path_polish import polished
 from driftplan.planning.roadmap_pricing import Floats, Pricing, exact_drift
 from driftplan.planning.roadmap_search import Status, check_connected, checked_ends, plan_on_roadmap, said
-from driftplan.world.world import World
+from driftplan.world.world import World, Zone
 
 Minimise = Literal["drift", "length"]
 ROADMAP = "roadmap"
 _SHARE_OF_SHORTEST = 0.2  # of the time, for the shortest route, whose polished form is a candidate too
 _DETOUR_TRIALS = 5
+_SEEDS = 2**31  # what OMPL takes, and one less
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -111,7 +112,8 @@ def plan_route(
     start_heading : float, optional
         Heading at the start, rad: then the first turn counts too.
     time_limit : float
-        Seconds of search, polishing not counted for OMPL's planners.
+        Seconds of search. The roadmap's first batch is completed in any case; polishing the paths of OMPL's planners
+        is not counted.
     seed : int
         Same seed, same samples; how many are drawn depends on the time.
 
@@ -142,8 +144,10 @@ def plan_route(
         raise ValueError(f"expected minimise one of {get_args(Minimise)}, got {minimise!r}")
     if max_detour is not None and not (math.isfinite(max_detour) and max_detour >= 1):
         raise ValueError(f"expected max_detour >= 1, got {max_detour!r}")
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise ValueError(f"expected seed a whole number >= 0, got {seed!r}")
+    if max_detour is not None and minimise == "length":
+        raise ValueError("expected no max_detour with minimise='length', which makes none: got both")
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < _SEEDS:
+        raise ValueError(f"expected seed a whole number >= 0 and < {_SEEDS}, got {seed!r}")
     if planner != ROADMAP:
         from driftplan.planning.ompl_solve import check_planner
 
@@ -156,25 +160,23 @@ def plan_route(
     check_connected(world, ends)
     given = [_candidate(world, ends, path) for path in candidates]
     search = _Search(world, ends, noise, planner, start_heading, int(seed))
+    if (ends[0] == ends[1]).all():
+        return search.route(ends, minimise, _Found((ends,), Status.OPTIMAL, 0.0))
     if minimise == "length":
-        found = search.run("length", noise, time_limit)
-        return search.route(min((*found.paths, *given), key=_length), "length", found)
+        found = search.run("length", world, time_limit)
+        pool = [*found.paths, *given]
+        return search.route(min(search.some(pool, time_limit), key=_length), "length", found)
 
-    try:
-        shortest = search.run("length", noise, _SHARE_OF_SHORTEST * time_limit).paths
-    except NoPathError:  # not in its share of the time; the search for the least drift has more
-        if max_detour is not None:
-            raise
-        shortest = ()
-    longest = math.inf if max_detour is None else max_detour * min(map(_length, (*shortest, *given)))
+    shortest = search.run("length", world, _SHARE_OF_SHORTEST * time_limit).paths
     shares = 1 if max_detour is None else 1 + _DETOUR_TRIALS
     each = (1 - _SHARE_OF_SHORTEST) * time_limit / shares
-    found = search.run("drift", noise, each, exact)
-    pool = [*given, *shortest, *(search.polish(path, noise) for path in shortest), *found.paths]
+    found = search.run("drift", world, each, exact)
+    pool = [*given, *shortest, *(search.polish(path) for path in shortest), *found.paths]
+    longest = math.inf if max_detour is None else max_detour * min(map(_length, search.some(pool, time_limit)))
     if all(_length(path) > longest for path in found.paths):
         pool += search.within_detour(longest, each)
-    path = min((p for p in pool if _length(p) <= longest * (1 + 1e-9)), key=search.mean_square)
-    return search.route(path, "drift", found)
+    fitting = [path for path in search.some(pool, time_limit) if _length(path) <= longest * (1 + 1e-9)]
+    return search.route(min(fitting, key=search.mean_square), "drift", found)
 
 
 class _Found(NamedTuple):
@@ -194,50 +196,70 @@ class _Search:
         self.world, self.ends, self.noise = world, ends, noise
         self.planner, self.start_heading, self.seed = planner, start_heading, seed
 
-    def run(self, minimise: Minimise, noise: OdometryNoise, time_limit: float, exact: bool = False) -> _Found:
-        """The planner's best path, as it is and polished."""
-        if self.planner == ROADMAP:
-            result = plan_on_roadmap(
-                self.world,
-                self.ends[0],
-                self.ends[1],
-                noise,
-                minimise=minimise,
-                exact=exact,
-                time_limit=time_limit,
-                seed=self.seed,
-                start_heading=self.start_heading,
+    def some(self, pool: list[Floats], time_limit: float) -> list[Floats]:
+        """The paths, if there are any."""
+        if not pool:
+            raise NoPathError(
+                f"{self.planner} found no path from {said(self.ends[0])} to {said(self.ends[1])} within "
+                f"{time_limit:g} s, though free space connects them: allow more time, or use planner='{ROADMAP}'"
             )
+        return pool
+
+    def run(
+        self,
+        minimise: Minimise,
+        world: World,
+        time_limit: float,
+        exact: bool = False,
+        noise: OdometryNoise | None = None,
+    ) -> _Found:
+        """The planner's best path, as it is and polished; no path if it found none in time."""
+        noise = noise or self.noise
+        if self.planner == ROADMAP:
+            try:
+                result = plan_on_roadmap(
+                    world,
+                    self.ends[0],
+                    self.ends[1],
+                    noise,
+                    minimise=minimise,
+                    exact=exact,
+                    time_limit=time_limit,
+                    seed=self.seed,
+                    start_heading=self.start_heading,
+                )
+            except NoPathError:
+                return _Found((), Status.TIME_LIMIT, None)
             return _Found((result.path,), result.status, result.bound)
         from driftplan.planning.ompl_solve import solve
 
         priced = noise if minimise == "drift" else None
         raw = solve(
-            self.world, self.ends[0], self.ends[1], priced, planner=self.planner, time_limit=time_limit, seed=self.seed
+            world, self.ends[0], self.ends[1], priced, planner=self.planner, time_limit=time_limit, seed=self.seed
         )
         if raw is None:
-            raise NoPathError(
-                f"{self.planner} found no path from {said(self.ends[0])} to {said(self.ends[1])} within "
-                f"{time_limit:g} s, though free space connects them: allow more time, or use planner='{ROADMAP}'"
-            )
-        pricing = Pricing(self.world, self.ends[1], noise, minimise)
+            return _Found((), Status.TIME_LIMIT, None)
+        pricing = Pricing(world, self.ends[1], noise, minimise)
         return _Found((raw, polished(pricing, raw, self.start_heading)), Status.TIME_LIMIT, None)
 
-    def polish(self, path: Floats, noise: OdometryNoise) -> Floats:
-        return polished(Pricing(self.world, self.ends[1], noise, "drift"), path, self.start_heading)
+    def polish(self, path: Floats) -> Floats:
+        return polished(Pricing(self.world, self.ends[1], self.noise, "drift"), path, self.start_heading)
 
     def within_detour(self, longest: float, time_limit: float) -> list[Floats]:
         """Paths of low drift no longer than ``longest``: a price on length is raised until they fit, then refined.
 
-        A price per metre is a distance variance per metre to the additive cost, so the search need not know of it.
+        A price per metre is a distance variance per metre to the additive cost, here and in the zones. It finds the
+        routes that are best for some price, which not every route that is best for its length is.
         """
-        straight = max(float(np.linalg.norm(self.ends[1] - self.ends[0])), 1e-9)
+        straight = float(np.linalg.norm(self.ends[1] - self.ends[0]))
         low, high = 0.0, self.noise.heading_var_per_m * straight**2 + self.noise.distance_var_per_m + 1e-9
         fitting: list[Floats] = []
         for _ in range(_DETOUR_TRIALS):
             price = high if not fitting else math.sqrt(max(low, high * 1e-3) * high)
-            dearer = changed(self.noise, distance_var_per_m=self.noise.distance_var_per_m + price)
-            fits = [path for path in self.run("drift", dearer, time_limit).paths if _length(path) <= longest]
+            zones = tuple(Zone(zone.polygon, _dearer(zone.noise, price)) for zone in self.world.zones)
+            world = changed(self.world, zones=zones) if zones else self.world
+            paths = self.run("drift", world, time_limit, noise=_dearer(self.noise, price)).paths
+            fits = [path for path in paths if _length(path) <= longest]
             fitting += fits
             if fits:
                 high = price
@@ -379,6 +401,10 @@ def _candidate(world: World, ends: Floats, path: ArrayLike) -> Floats:
             f"{said(points[leg + 1])}"
         )
     return points
+
+
+def _dearer(noise: OdometryNoise, price_per_m: float) -> OdometryNoise:
+    return changed(noise, distance_var_per_m=noise.distance_var_per_m + price_per_m)
 
 
 def _length(path: Floats) -> float:

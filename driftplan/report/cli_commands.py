@@ -101,7 +101,8 @@ def plan(args: argparse.Namespace) -> None:
         _print_json(args, map=args.map, noise=noise_as_json(noise), route={**summary, "waypoints": waypoints})
         return
     print(output.routes_table([summary]))
-    print(f"{route.planner}: {route.status.value} No route has less than {_bound(route)}.\n")
+    which = "path of its roadmap" if route.bound_covers == "roadmap" else "route"
+    print(f"{route.planner}: {route.status.value} No {which} has less than {_bound(route)}.\n")
     print(output.drift_table(route.drift))
 
 
@@ -118,7 +119,11 @@ def compare(args: argparse.Namespace) -> None:
     drawn: dict[str, Any] = {}
     rows = []
     for file in args.paths:
-        path = read_path(file)[:, :2]
+        path = read_path(file)
+        if path.shape[1] == 3:
+            raise ValueError(
+                f"{file}: expected waypoints x,y to compare on a map, got headings too: leave the column out"
+            )
         drawn[file] = exact_drift(world, path, noise, heading)
         rows.append(_scored(file, drawn[file], bool(world.segments_free(path[:-1], path[1:]).all())))
     for planner in (args.planner or [DEFAULT_PLANNER]) if args.start else ():
@@ -199,6 +204,7 @@ def _planned(name: str, route: Route) -> dict[str, Any]:
         "minimise": route.minimise,
         "status": route.status.name.lower(),
         bound: route.bound,
+        "bound_covers": route.bound_covers,
     }
     return {**_scored(name, route.drift, True), **search}
 

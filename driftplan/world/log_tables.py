@@ -17,7 +17,8 @@ from driftplan.errors import TrajectoryError
 
 Floats = NDArray[np.float64]
 
-_MOST_BYTES = 1 << 30  # of text once unpacked: a week of odometry at 100 Hz has less
+_MOST_BYTES = 128 << 20  # of text, unpacked: a million steps take half of it
+_BLOCK = 20_000  # lines
 _MOST_NUMBERS = 200_000_000
 _UNITS = {
     "ns": 1e-9,
@@ -113,36 +114,47 @@ def _text(file: Path) -> Table:
     header = None
     if not _are_numbers(_fields(lines[first])):
         header, first = lines[first], first + 1
-    rows = [(k, _fields(line)) for k, line in enumerate(lines[first:], start=first + 1) if not _is_comment(line)]
-    if not rows:
-        raise TrajectoryError(f"{file}: expected lines of numbers, found none after the header")
-    width = len(rows[0][1])
-    try:
-        values = np.array([fields for _, fields in rows], dtype=float)
-    except ValueError:
-        for number, fields in rows:
-            if len(fields) != width:
-                raise TrajectoryError(f"{file}, line {number}: expected {width} columns, got {len(fields)}") from None
-            if not _are_numbers(fields):
-                raise TrajectoryError(
-                    f"{file}, line {number}: expected numbers, got {' '.join(fields)[:60]!r}"
-                ) from None
-        raise
-    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
-    if bad.size:
-        raise TrajectoryError(f"{file}, line {rows[bad[0]][0]}: expected finite numbers, got {values[bad[0]].tolist()}")
+    values = _numbers(file, lines, first)
     _check_rows(file, values)
     if header is not None:
-        names = _names(header, width)
+        names = _names(header, values.shape[1])
         if names is None:
-            raise TrajectoryError(f"{file}: expected a header of {width} names, got {header.strip()[:80]!r}")
+            raise TrajectoryError(f"{file}: expected a header of {values.shape[1]} names, got {header.strip()[:80]!r}")
     else:
         comments = [line for line in lines[:first] if line.strip()]
-        names = _names(comments[-1].strip().lstrip("#% "), width) if comments else None
+        names = _names(comments[-1].strip().lstrip("#% "), values.shape[1]) if comments else None
     if names is None:
         return Table(values, None)
     scale = np.array([_UNITS.get(unit, 1.0) for _, unit in names])
     return Table(values * scale, tuple(name for name, _ in names), names_are_a_comment=header is None)
+
+
+def _numbers(file: Path, lines: list[str], first: int) -> Floats:
+    """The numbers of all lines from ``first`` on, (n, width); block by block, since text takes much room."""
+    parts: list[Floats] = []
+    width = 0
+    for begin in range(first, len(lines), _BLOCK):
+        block = [
+            (k, line) for k, line in enumerate(lines[begin : begin + _BLOCK], start=begin + 1) if not _is_comment(line)
+        ]
+        rows = [_fields(line) for _, line in block]
+        width = width or (len(rows[0]) if rows else 0)
+        for (number, _), row in zip(block, rows, strict=True):
+            if len(row) != width:
+                raise TrajectoryError(f"{file}, line {number}: expected {width} columns, got {len(row)}")
+        try:
+            values = np.array(rows, dtype=float).reshape(-1, width)
+        except ValueError:
+            number, row = next((n, row) for (n, _), row in zip(block, rows, strict=True) if not _are_numbers(row))
+            raise TrajectoryError(f"{file}, line {number}: expected numbers, got {' '.join(row)[:60]!r}") from None
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        if bad.size:
+            number = block[bad[0]][0]
+            raise TrajectoryError(f"{file}, line {number}: expected finite numbers, got {values[bad[0]].tolist()}")
+        parts.append(values)
+    if not sum(map(len, parts)):
+        raise TrajectoryError(f"{file}: expected lines of numbers, found none after the header")
+    return np.concatenate(parts)
 
 
 def _lines(file: Path) -> list[str]:

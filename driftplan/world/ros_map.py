@@ -27,7 +27,7 @@ from driftplan.world.world import World
 
 _MODES = ("trinary", "scale", "raw")
 _REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
-_MAX_YAML_BYTES = 65_536
+_MAX_YAML_BYTES = 8192
 _FREE, _UNKNOWN, _OCCUPIED = 0, 1, 2
 _ROWS_AT_ONCE = 256  # of a picture, to bound the memory
 
@@ -71,13 +71,23 @@ def ros_map_files(world: World, path: Path, *, cell_size_m: float) -> dict[Path,
     return {picture: content.getvalue(), path: text.encode()}
 
 
+class _PlainLoader(yaml.SafeLoader):
+    """The safe loader without aliases: a few hundred bytes of them can stand for more than memory holds."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            event = self.peek_event()  # type: ignore[no-untyped-call]
+            raise yaml.composer.ComposerError(None, None, "aliases have no place in a map's header", event.start_mark)
+        return super().compose_node(parent, index)
+
+
 def _read_header(path: Path) -> _Header:
     with path.open("rb") as file:
         text = file.read(_MAX_YAML_BYTES + 1)
     if len(text) > _MAX_YAML_BYTES:
         raise MapError(f"{path}: expected a map's YAML of at most {_MAX_YAML_BYTES} bytes, got more")
     try:
-        said = yaml.safe_load(text)
+        said = yaml.load(text, _PlainLoader)
     except yaml.MarkedYAMLError as err:
         line = err.problem_mark.line + 1 if err.problem_mark else "?"
         raise MapError(f"{path}, line {line}: not plain YAML: {err.problem}") from err

@@ -210,7 +210,7 @@ ROOMS = World.from_polygons([[(4.9, 0), (5.1, 0), (5.1, 10), (4.9, 10)]], bounds
         (
             {"start": (5, 5)},
             StartError,
-            r"start \(5, 5\) is not free; the nearest free point is \(2\.\d+, 5\)|nearest free",
+            r"start \(5, 5\) is not free; the nearest free point is \(\d\.\d{1,3}, 5\)",
         ),
         ({"goal": (5, 5)}, GoalError, r"goal \(5, 5\) is not free; the nearest free point is"),
         ({"start": (-5, 5)}, StartError, "nearest free point"),
@@ -220,6 +220,9 @@ ROOMS = World.from_polygons([[(4.9, 0), (5.1, 0), (5.1, 10), (4.9, 10)]], bounds
         ({"max_detour": 0.5}, ValueError, "max_detour >= 1, got 0.5"),
         ({"time_limit": 0.0}, ValueError, "time_limit > 0"),
         ({"seed": -1}, ValueError, "seed a whole number >= 0"),
+        ({"seed": 10**23}, ValueError, "seed a whole number >= 0 and < 2147483648"),
+        ({"time_limit": float("inf")}, ValueError, "time_limit > 0 s and finite, got inf"),
+        ({"minimise": "length", "max_detour": 1.2}, ValueError, "no max_detour with minimise='length'"),
         ({"noise": 0.1}, ValueError, "expected an OdometryNoise"),
         ({"candidates": [[(2, 2), (3, 3)]]}, ValueError, "candidates from"),
         ({"candidates": [[(2, 2), (8, 2)]]}, ValueError, "collides between"),
@@ -230,6 +233,31 @@ def test_bad_input_is_refused(arguments, error, message):
     call = {"world": WALL, "start": (2, 2), "goal": (8, 2), "noise": NOISE, **arguments}
     with pytest.raises(error, match=message):
         plan_route(**call)
+
+
+@pytest.mark.parametrize("planner", ["roadmap", "bitstar"])
+def test_who_is_there_already_stays(planner):
+    route = plan_route(WALL, (2, 2), (2, 2), NOISE, planner=planner)
+    assert route.length == route.rms == route.bound == 0
+
+
+def test_a_planner_that_finds_nothing_in_time_leaves_what_else_is_known():
+    way = [(2, 2), (3, 8), (7, 8), (8, 2)]
+    for minimise in ("length", "drift"):
+        route = plan_route(
+            WALL, (2, 2), (8, 2), NOISE, minimise=minimise, planner="rrtstar", time_limit=1e-4, candidates=[way]
+        )
+        assert_safe(WALL, route, (2, 2), (8, 2))
+    with pytest.raises(NoPathError, match=r"rrtstar found no path from .* though free space connects them"):
+        plan_route(WALL, (2, 2), (8, 2), NOISE, planner="rrtstar", time_limit=1e-4)
+
+
+@pytest.mark.parametrize("point", [(5.0, 5.0), (4.2, 3.3333), (3.6, 6.9), (-5.0, 5.0), (0.2, 0.2)])
+def test_the_nearest_free_point_can_be_used_as_it_is_written(point):
+    with pytest.raises(StartError) as caught:
+        plan_route(WALL, point, (8, 2), NOISE)
+    x, y = str(caught.value).rsplit("(", 1)[1].rstrip(")").split(",")
+    assert WALL.is_free((float(x), float(y)))
 
 
 def test_where_no_route_leads_the_message_says_how_far_one_can_go():
