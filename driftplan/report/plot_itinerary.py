@@ -36,18 +36,14 @@ def plot_beacons(beacons: Sequence[Beacon], *, ax: Axes, used: Sequence[Beacon] 
     from matplotlib.patches import Circle
 
     counted = {id(beacon) for beacon in used}
-    drawn = []
+    drawn: list[PatchCollection] = []
     for is_used, look, label in ((True, _USED, "beacon counted on"), (False, _UNUSED, "other beacon")):
         group = [beacon for beacon in beacons if (id(beacon) in counted) == is_used]
         if group:
-            discs = PatchCollection(
-                [Circle((b.x, b.y), b.kind.range_m) for b in group],
-                match_original=False,
-                label=label,
-                zorder=1.5,
-                **look,
-            )
-            drawn.append(ax.add_collection(discs))
+            discs = PatchCollection([Circle((b.x, b.y), b.kind.range_m) for b in group], **look)
+            discs.set(label=label, zorder=1.5)
+            ax.add_collection(discs)
+            drawn.append(discs)
             mark = "x" if is_used else "."
             ax.plot([b.x for b in group], [b.y for b in group], mark, color=look["edgecolor"], markersize=4, zorder=2)
     return drawn

@@ -1,0 +1,50 @@
+"""The options of `driftplan plan` about beacons: what is asked is what is planned, and all of it is said."""
+
+import argparse
+import json
+
+import pytest
+
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.itinerary import Itinerary
+from driftplan.beacons.layout_files import beacons_geojson
+from driftplan.model.noise import OdometryNoise
+from driftplan.report.cli_options import add_planning_options
+from driftplan.report.itinerary_options import add_itinerary_options, itinerary_as_json, itinerary_text, planned_route
+from driftplan.world.world import World
+
+NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.1, after_m=10.0)
+SIGN = BeaconKind.landmark(range_m=3.0, position_std_m=0.05, heading_std=0.01)
+HALL = World.from_polygons([], bounds=(0, 0, 60, 40), robot_radius=0.5)
+BEACONS = [Beacon(SIGN, 18, 17, id="A"), Beacon(SIGN, 30, 18, id="B"), Beacon(SIGN, 42, 17, id="C")]
+
+
+def asked(*words):
+    parser = argparse.ArgumentParser()
+    add_planning_options(parser, ends="required")
+    add_itinerary_options(parser)
+    return parser.parse_args(["--start", "3,10", "--goal", "57,10", *words])
+
+
+def test_beacons_from_a_file_hold_the_limit_that_is_asked_for(tmp_path):
+    file = tmp_path / "layout.geojson"
+    file.write_bytes(beacons_geojson(BEACONS))
+    words = ("--beacons", str(file), "--max-drift", "1.8", "--minimise", "length", "--time-limit", "5")
+    route = planned_route(asked(*words), HALL, NOISE)
+    assert isinstance(route, Itinerary)
+    assert route.worst_drift <= route.max_drift == 1.8
+    said = json.loads(json.dumps(itinerary_as_json(route)))
+    assert said["worst_drift_m"] == route.worst_drift
+    assert {row["beacon"] for row in said["passes"] if row["counted_on"]} == {b.id for b in route.beacons}
+    text = itinerary_text(route)
+    assert "(limit 1.8 m)" in text
+    assert all(f"\n{b.id} " in text for b in route.beacons)
+
+
+def test_without_beacons_and_limit_a_plain_route_is_planned():
+    assert not isinstance(planned_route(asked("--time-limit", "0.2"), HALL, NOISE), Itinerary)
+
+
+def test_options_that_need_beacons_say_so():
+    with pytest.raises(ValueError, match="expected beacons or max_drift together with"):
+        planned_route(asked("--redundancy", "2"), HALL, NOISE)
