@@ -25,7 +25,10 @@ from .quasi_likelihood import (
     bootstrap,
     intervals,
     models,
+    rms_intervals,
     solve,
+    spread_out,
+    standard_errors,
     systematic_errors,
 )
 from .recordings import OdometryLog, Trajectory
@@ -63,6 +66,9 @@ class NoiseFit:
         rad. They take up whatever does not grow along the way, such as timing jitter.
     check : SegmentCheck
         Predicted against measured on the drives of the fit themselves; for other drives see `check_on`.
+    rms_intervals_m, heading_rms_intervals : array, shape (lengths, 2), or None
+        Intervals of the predicted rms at every length of ``check``: position error in metres, and sine of the heading
+        error gained (None without true headings).
     counts : MatchCounts
         What became of the recordings.
     time_offsets_s : tuple of float
@@ -78,6 +84,8 @@ class NoiseFit:
     truth_position_std_m: float
     truth_heading_std: float
     check: SegmentCheck
+    rms_intervals_m: Floats
+    heading_rms_intervals: Floats | None
     counts: MatchCounts
     time_offsets_s: tuple[float, ...]
     notes: tuple[str, ...] = ()
@@ -212,7 +220,9 @@ def fit_noise(
     )
     solution, notes = _solved(ladder, names)
     replicates, blocks = bootstrap(ladder, solution, resamples, np.random.default_rng(seed))
-    low, high, error = intervals(solution, replicates, blocks, confidence)
+    error = standard_errors(replicates, blocks)
+    replicates = spread_out(solution, replicates, blocks, confidence)
+    low, high = intervals(solution, replicates, confidence)
     noise, truth = models(solution.names, solution.theta)
     check = check_segments(ladder, noise, truth)
     fitted = [k for k, name in enumerate(solution.names) if name not in TRUTH]
@@ -224,6 +234,10 @@ def fit_noise(
         truth_position_std_m=sqrt(truth.position_var),
         truth_heading_std=sqrt(truth.heading_var),
         check=check,
+        rms_intervals_m=rms_intervals(ladder, solution, replicates, confidence, ladder.position),
+        heading_rms_intervals=(
+            rms_intervals(ladder, solution, replicates, confidence, slice(2, 3)) if ladder.has_heading else None
+        ),
         counts=_summed(matches),
         time_offsets_s=tuple(m.time_offset_s for m in matches),
         notes=(*notes, *_drive_notes(ladder, solution, error), *check.notes),

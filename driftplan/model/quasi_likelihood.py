@@ -46,6 +46,7 @@ TRUTH = ("truth_position_var", "truth_heading_var")
 
 _EVENNESS = 0.2  # share of the average covariance in the weights
 _SLOWEST_SHRINK = 0.1  # a variance falls to no less than this share in one step: it may be needed to explain the rest
+_NEGLIGIBLE = 1e-2  # standard errors: a variance below is taken for 0
 _DERIVATIVE_STEP = 1e-3
 _DAMPED_AFTER = 10  # steps are halved, after as many again halved again
 _SETTLED = 1.0  # standard errors: steps below leave the derivatives as they are
@@ -65,6 +66,8 @@ class Solution(NamedTuple):
     score, information : arrays, shapes (n, k), (n, k, k)
         Left side of the equations and its expected slope, of every observation, at the estimate.
     converged : bool
+    d_mean, d_cov : arrays, shapes (n, k, 3), (n, k, 3, 3)
+        Derivatives of the moments of the observations.
     """
 
     names: tuple[str, ...]
@@ -72,6 +75,8 @@ class Solution(NamedTuple):
     score: Floats
     information: Floats
     converged: bool
+    d_mean: Floats
+    d_cov: Floats
 
     @property
     def bounded(self) -> NDArray[np.bool_]:
@@ -108,9 +113,7 @@ def solve(ladder: Ladder, names: Sequence[str], most_steps: int, start: Floats |
         total = information.sum(axis=0)
         error = 1 / np.sqrt(np.maximum(np.diag(total), 1e-300))
         lowest = np.where(bounded, -(1 - _SLOWEST_SHRINK) * model.theta, -np.inf)
-        lowest = np.where(
-            bounded & (model.theta < 1e-3 * error), -model.theta, lowest
-        )  # may vanish: too small to matter
+        lowest = np.where(bounded & (model.theta < _NEGLIGIBLE * error), -model.theta, lowest)  # may vanish
         step = bounded_step(total, score.sum(axis=0), lowest)
         step = np.where(bounded, step, np.clip(step, -longest, longest))
         size = float(np.max(np.abs(step) / error))
@@ -118,8 +121,11 @@ def solve(ladder: Ladder, names: Sequence[str], most_steps: int, start: Floats |
         model = _Model(ladder, names, np.where(bounded, np.maximum(model.theta + damped, 0.0), model.theta + damped))
         if size < _CONVERGED:
             break
-    score, information = _equations(ladder, model.mean, model.cov, *model.slopes(scale))
-    return Solution(names, model.theta, score, information, size < _CONVERGED)
+    vanishing = bounded & (model.theta < _NEGLIGIBLE * error)
+    model = _Model(ladder, names, np.where(vanishing, 0.0, model.theta))
+    slopes = model.slopes(scale)
+    score, information = _equations(ladder, model.mean, model.cov, *slopes)
+    return Solution(names, model.theta, score, information, size < _CONVERGED, *slopes)
 
 
 def systematic_errors(ladder: Ladder, noise: OdometryNoise, truth: TruthNoise) -> dict[str, tuple[float, float]]:
@@ -127,13 +133,15 @@ def systematic_errors(ladder: Ladder, noise: OdometryNoise, truth: TruthNoise) -
     names = (*SYSTEMATIC, *RANDOM, *TRUTH)
     theta = np.array([*(getattr(noise, name) for name in (*SYSTEMATIC, *RANDOM)), *truth])
     model = _Model(ladder, names, theta)
-    score, information = _equations(ladder, model.mean, model.cov, *model.slopes(_start(ladder, names)[1]))
+    d_mean, d_cov = model.slopes(_start(ladder, names)[1])
+    score, information = _equations(ladder, model.mean, model.cov, d_mean, d_cov)
     few = len(SYSTEMATIC)
     score, information = score[:, :few], information[:, :few, :few]
     step = np.linalg.lstsq(information.sum(axis=0), score.sum(axis=0))[0]
-    here = Solution(SYSTEMATIC, theta[:few] + step, score - (information @ step), information, True)
+    there = score - information @ step
+    here = Solution(SYSTEMATIC, theta[:few] + step, there, information, True, d_mean[:, :few], d_cov[:, :few])
     replicates, blocks = bootstrap(ladder, here, 400, np.random.default_rng(0))
-    error = intervals(here, replicates, blocks, 0.95)[2]
+    error = standard_errors(replicates, blocks)
     return {name: (float(here.theta[k]), float(error[k])) for k, name in enumerate(SYSTEMATIC)}
 
 
@@ -179,21 +187,47 @@ def bootstrap(ladder: Ladder, solution: Solution, resamples: int, rng: np.random
     return np.asarray(solution.theta + step), blocks
 
 
-def intervals(solution: Solution, replicates: Floats, blocks: int, confidence: float) -> tuple[Floats, Floats, Floats]:
-    """Percentile intervals of replicates, spread as far as their number of blocks calls for, and standard errors.
+def spread_out(solution: Solution, replicates: Floats, blocks: int, confidence: float) -> Floats:
+    """Replicates as far from the estimate as their number of blocks calls for.
 
     Blocks drawn anew vary (blocks - 1)/blocks times too little; segments that reach from one block into the next add
     1/(3 spans per block) of the variance that the blocks cannot show; and few blocks ask for Student's quantile.
     """
     from scipy.special import ndtri, stdtrit
 
-    widened = sqrt(blocks / (blocks - 1) / (1 - 1 / (3 * _BLOCK_SPANS)))
     tail = (1 - confidence) / 2
     student = float(stdtrit(blocks - 1, 1 - tail) / ndtri(1 - tail))
-    away = replicates - solution.theta
-    low, high = (solution.theta + widened * student * np.quantile(away, q, axis=0) for q in (tail, 1 - tail))
+    return np.asarray(solution.theta + _widened(blocks) * student * (replicates - solution.theta))
+
+
+def intervals(solution: Solution, replicates: Floats, confidence: float) -> tuple[Floats, Floats]:
+    """Percentile intervals of `spread_out` replicates: they hold the estimate, and no negative variance."""
+    tail = (1 - confidence) / 2
+    low, high = np.quantile(replicates, [tail, 1 - tail], axis=0)
     low = np.where(solution.bounded, np.maximum(low, 0.0), low)
-    return np.minimum(low, solution.theta), np.maximum(high, solution.theta), widened * away.std(axis=0)
+    return np.minimum(low, solution.theta), np.maximum(high, solution.theta)
+
+
+def standard_errors(replicates: Floats, blocks: int) -> Floats:
+    """Standard deviations of `bootstrap` replicates, with the same allowances, Student's apart."""
+    return np.asarray(_widened(blocks) * replicates.std(axis=0))
+
+
+def rms_intervals(ladder: Ladder, solution: Solution, replicates: Floats, confidence: float, where: slice) -> Floats:
+    """Intervals of the predicted rms of the observed values ``where`` on every rung, (rungs, 2), to first order."""
+    noise, truth = models(solution.names, solution.theta)
+    mean, cov = ladder.expected(ladder.windows(noise), truth)
+    m, C = mean[:, where], cov[:, where, where]
+    square = ladder.by_rung((m**2).sum(axis=1) + np.trace(C, axis1=1, axis2=2))
+    slope = 2 * (m[:, None] * solution.d_mean[:, :, where]).sum(axis=-1)
+    slope = ladder.by_rung(slope + np.trace(solution.d_cov[:, :, where, where], axis1=2, axis2=3))
+    squares = square + (replicates - solution.theta) @ slope.T
+    tail = (1 - confidence) / 2
+    return np.sqrt(np.maximum(np.quantile(squares, [tail, 1 - tail], axis=0), 0.0)).T
+
+
+def _widened(blocks: int) -> float:
+    return sqrt(blocks / (blocks - 1) / (1 - 1 / (3 * _BLOCK_SPANS)))
 
 
 class _Model:

@@ -68,6 +68,11 @@ class Ladder:
         """Whether the truth's headings are used."""
         return self.stretches[0].truth_heading is not None
 
+    @property
+    def position(self) -> slice:
+        """Which of the observed values are the position error at a segment's end."""
+        return slice(0, 2) if self.has_heading else slice(1, 3)
+
     def windows(self, noise: OdometryNoise) -> dict[int, dict[int, Moments]]:
         """Moments of all segments under a noise, by stretch and number of pieces."""
         needed: dict[int, list[int]] = {}

@@ -30,6 +30,11 @@ def save_noise(path: str | os.PathLike[str], noise: OdometryNoise | NoiseFit) ->
     ...     load_noise(Path(folder) / "noise.yaml") == noise
     True
     """
+    write_files({Path(path): noise_yaml(noise)})
+
+
+def noise_yaml(noise: OdometryNoise | NoiseFit) -> bytes:
+    """What `save_noise` writes."""
     lines = ["# Noise of an odometry for driftplan, in SI units and radians."]
     if isinstance(noise, NoiseFit):
         counts = noise.counts
@@ -47,7 +52,7 @@ def save_noise(path: str | os.PathLike[str], noise: OdometryNoise | NoiseFit) ->
                 lines.append(f"{f.name}: {_yaml(value)}")
         if len(lines) == 1:
             lines.append("{}")
-    write_files({Path(path): ("\n".join(lines) + "\n").encode()})
+    return ("\n".join(lines) + "\n").encode()
 
 
 def load_noise(path: str | os.PathLike[str]) -> OdometryNoise:

@@ -1,0 +1,207 @@
+"""Figures of a noise fit: how errors grow with length, measured and predicted, and how many lie where they should."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from driftplan.model.calibration import NoiseFit
+from driftplan.model.segment_check import LEVELS, SegmentCheck
+from driftplan.report.plotting import ROUTE_STYLES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.container import ErrorbarContainer
+    from matplotlib.figure import Figure
+
+FITTED = "the drives of the fit"
+
+
+def plot_fit(
+    fit: NoiseFit, others: Mapping[str, SegmentCheck] | None = None, *, figure: Figure | None = None
+) -> Figure:
+    """A fit in three or four panels: position error (and heading error) against length, predicted against measured rms,
+    and the shares of errors inside the predicted regions.
+
+    Parameters
+    ----------
+    fit : NoiseFit
+    others : mapping of label to SegmentCheck, optional
+        Checks of the fit on other drives, from `NoiseFit.check_on`.
+    figure : Figure, optional
+        An empty figure to draw into; default: a new one that knows nothing of pyplot.
+    """
+    from matplotlib.figure import Figure
+
+    checks = {FITTED: fit.check, **(others or {})}
+    headed = fit.check.has_heading
+    panels = 4 if headed else 3
+    if figure is None:
+        figure = Figure(figsize=(4.2 * panels, 4.4), layout="constrained", dpi=150)
+    axes = list(figure.subplots(1, panels))
+    plot_growth(fit, others, ax=axes[0])
+    if headed:
+        plot_growth(fit, others, heading=True, ax=axes[1])
+    plot_predicted(checks, ax=axes[-2])
+    plot_coverage(checks, ax=axes[-1])
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4), frameon=False)
+    return figure
+
+
+def plot_growth(
+    fit: NoiseFit,
+    others: Mapping[str, SegmentCheck] | None = None,
+    *,
+    heading: bool = False,
+    ax: Axes | None = None,
+) -> list[ErrorbarContainer]:
+    """Draw measured rms errors of segments against their length, with two standard errors, and the fitted curve with
+    its interval.
+
+    Parameters
+    ----------
+    fit : NoiseFit
+    others : mapping of label to SegmentCheck, optional
+        Checks on other drives: points only.
+    heading : bool
+        The heading error gained (degrees) instead of the position error (metres).
+    ax : Axes, optional
+        Default: pyplot's current Axes.
+    """
+    ax = _current_axes() if ax is None else ax
+    bands = fit.heading_rms_intervals if heading else fit.rms_intervals_m
+    if bands is None:
+        raise ValueError("expected a fit with measured headings, got one of positions alone")
+    unit = np.degrees(1.0) if heading else 1.0
+    length = [row.length_m for row in fit.check.lengths]
+    ax.fill_between(
+        length,
+        unit * bands[:, 0],
+        unit * bands[:, 1],
+        color="0.85",
+        zorder=1,
+        label=f"{100 * fit.confidence:g} % interval of the fit",
+    )
+    ax.plot(length, unit * _predicted(fit.check, heading), color="black", linewidth=1.5, zorder=2, label="predicted")
+    drawn = []
+    for (label, check), style in zip({FITTED: fit.check, **(others or {})}.items(), cycle(ROUTE_STYLES)):
+        errors = None if heading else [2 * row.measured_rms_error_m for row in check.lengths]
+        look = {"color": style["color"], "marker": style["marker"]}
+        drawn.append(
+            ax.errorbar(
+                [row.length_m for row in check.lengths],
+                unit * _measured(check, heading),
+                yerr=errors,
+                linestyle="none",
+                capsize=2,
+                zorder=3,
+                label=f"measured: {label}",
+                **look,
+            )
+        )
+    aligned = "" if fit.check.has_heading else " (first half to align)"
+    what = "rms heading error (deg)" if heading else "rms position error (m)"
+    ax.set(xscale="log", yscale="log", xlabel=f"length of segment (m){aligned}", ylabel=what)
+    _tidy(ax)
+    return drawn
+
+
+def plot_predicted(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None) -> list[ErrorbarContainer]:
+    """Draw measured against predicted rms position errors, a point per length, with two standard errors; on the line
+    they agree, and between the dotted ones within a quarter.
+
+    Parameters
+    ----------
+    checks : mapping of label to SegmentCheck
+    ax : Axes, optional
+        Default: pyplot's current Axes.
+    """
+    ax = _current_axes() if ax is None else ax
+    drawn, sizes = [], []
+    for (label, check), style in zip(checks.items(), cycle(ROUTE_STYLES)):
+        predicted, measured = _predicted(check, False), _measured(check, False)
+        sizes += [*predicted, *measured]
+        errors = [2 * row.measured_rms_error_m for row in check.lengths]
+        look = {"color": style["color"], "marker": style["marker"]}
+        drawn.append(ax.errorbar(predicted, measured, yerr=errors, linestyle="none", capsize=2, label=label, **look))
+    ends = np.array([0.8 * min(sizes), 1.25 * max(sizes)])
+    ax.plot(ends, ends, color="black", linewidth=1.0, zorder=1)
+    for factor in (0.8, 1.25):
+        ax.plot(ends, factor * ends, color="0.5", linewidth=0.8, linestyle=":", zorder=1)
+    ax.set(xscale="log", yscale="log", xlabel="predicted rms (m)", ylabel="measured rms (m)", aspect="equal")
+    _tidy(ax)
+    return drawn
+
+
+def plot_coverage(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None) -> list[ErrorbarContainer]:
+    """Draw, against length, the shares of errors inside the regions that should hold 50, 90 and 95 %, with the two
+    standard errors that chance allows about each.
+
+    Parameters
+    ----------
+    checks : mapping of label to SegmentCheck
+    ax : Axes, optional
+        Default: pyplot's current Axes.
+    """
+    ax = _current_axes() if ax is None else ax
+    drawn = []
+    lines: Sequence[Any] = ("-", "--", ":")
+    for level, line in zip(LEVELS, lines, strict=True):
+        ax.axhline(100 * level, color="0.4", linewidth=0.8, linestyle=line, zorder=1)
+        ax.annotate(
+            f"{100 * level:g} %",
+            (1.01, 100 * level),
+            xycoords=("axes fraction", "data"),
+            va="bottom" if level == LEVELS[-1] else "center" if level == LEVELS[0] else "top",
+            fontsize="small",
+        )
+    for (label, check), style in zip(checks.items(), cycle(ROUTE_STYLES)):
+        length = [row.length_m for row in check.lengths]
+        for k, line in enumerate(lines):
+            drawn.append(
+                ax.errorbar(
+                    length,
+                    [100 * row.coverage[k] for row in check.lengths],
+                    yerr=[200 * row.coverage_error[k] for row in check.lengths],
+                    color=style["color"],
+                    marker=style["marker"],
+                    linestyle=line,
+                    linewidth=1.0,
+                    capsize=2,
+                    label=f"{label}: {100 * LEVELS[k]:g} %",
+                )
+            )
+    ax.set(xscale="log", xlabel="length of segment (m)", ylabel="inside the predicted region (%)", ylim=(0, 105))
+    _tidy(ax)
+    return drawn
+
+
+def _predicted(check: SegmentCheck, heading: bool) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.array([row.predicted_heading_rms if heading else row.predicted_rms_m for row in check.lengths])
+
+
+def _measured(check: SegmentCheck, heading: bool) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.array([row.measured_heading_rms if heading else row.measured_rms_m for row in check.lengths])
+
+
+def _tidy(ax: Axes) -> None:
+    """Few and plain ticks on logarithmic axes, and a quiet grid."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for axis, scale in ((ax.xaxis, ax.get_xscale()), (ax.yaxis, ax.get_yscale())):
+        if scale == "log":
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
+    ax.grid(visible=True, which="major", color="0.9", linewidth=0.6)
+    ax.set_axisbelow(True)
+
+
+def _current_axes() -> Axes:
+    from matplotlib import pyplot
+
+    return pyplot.gca()
