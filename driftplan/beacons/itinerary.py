@@ -168,6 +168,8 @@ def plan_itinerary(
     began = time.monotonic()
     ends = checked_ends(world, start, goal, noise, "length", time_limit, None, start_heading)
     _check(noise, world, beacons, max_drift, minimise, max_detour, redundancy, min_capture, initial, nodes, seed)
+    if (ends[0] == ends[1]).all():
+        raise ValueError(f"expected start and goal apart, got {ends[0].tolist()} for both")
     check_connected(world, ends)
     search = ItinerarySearch(
         world,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from driftplan.beacons.itinerary import ItinerarySearch
 
 _SURE_HEADING = 1e-6  # rad
-_MORE_TIME_S = 2.0  # for the questions asked here
+_MORE_TIME_S = 1.0  # for the questions asked here
 
 
 def why_infeasible(search: ItinerarySearch, limit: float, longest: float) -> str:

@@ -325,6 +325,8 @@ def test_ends_that_cannot_be_reached_are_refused():
         plan_itinerary(world, START, (90, 5), NOISE, beacons=[])
     with pytest.raises(NoPathError):
         plan_itinerary(world, START, GOAL, NOISE, beacons=[])
+    with pytest.raises(ValueError, match="start and goal apart"):
+        plan_itinerary(world, START, START, NOISE, beacons=[])
 
 
 # A real map

@@ -19,7 +19,7 @@ TAG = BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
 SIGN = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01, line_of_sight=False)
 COMPASS = BeaconKind.heading(range_m=2.0, heading_std=0.02)
 WALK_EDGES = 8
-SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))]
+SEEDS = [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 2))]
 
 
 def edges_between(xy, reach):
