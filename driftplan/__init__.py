@@ -10,6 +10,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .beacons.beacon import Beacon as Beacon
+    from .beacons.beacon import BeaconKind as BeaconKind
+    from .beacons.beacon import drift_with_beacons as drift_with_beacons
+    from .beacons.itinerary import Itinerary as Itinerary
+    from .beacons.layout import Layout as Layout
+    from .beacons.layout_files import load_beacons as load_beacons
+    from .beacons.pareto import pareto_routes as pareto_routes
+    from .beacons.placement import beacon_tradeoff as beacon_tradeoff
+    from .beacons.placement import place_beacons as place_beacons
+    from .beacons.plan import plan_route as plan_route
     from .errors import DriftplanError as DriftplanError
     from .errors import GoalError as GoalError
     from .errors import InfeasibleError as InfeasibleError
@@ -18,6 +28,8 @@ if TYPE_CHECKING:
     from .errors import PlannerError as PlannerError
     from .errors import StartError as StartError
     from .errors import TrajectoryError as TrajectoryError
+    from .model.calibration import NoiseFit as NoiseFit
+    from .model.calibration import fit_noise as fit_noise
     from .model.drift import Drift as Drift
     from .model.drift import PointDrift as PointDrift
     from .model.drift import predict_drift as predict_drift
@@ -36,10 +48,10 @@ if TYPE_CHECKING:
     from .model.spatial_steps import flight_steps as flight_steps
     from .planning.objective import DriftObjective as DriftObjective
     from .planning.ompl_paths import predict_ompl_path as predict_ompl_path
+    from .planning.roadmap import RoadmapPlanner as RoadmapPlanner
     from .planning.routes import Comparison as Comparison
     from .planning.routes import Route as Route
     from .planning.routes import compare_routes as compare_routes
-    from .planning.routes import plan_route as plan_route
     from .report.plotting import plot_comparison as plot_comparison
     from .report.plotting import plot_drift as plot_drift
     from .report.plotting import plot_route as plot_route
@@ -53,7 +65,15 @@ if TYPE_CHECKING:
     from .world.world import Zone as Zone
 
 _HOME = {
+    "beacons.beacon": "Beacon BeaconKind drift_with_beacons",
+    "beacons.itinerary": "Itinerary",
+    "beacons.layout": "Layout",
+    "beacons.layout_files": "load_beacons",
+    "beacons.pareto": "pareto_routes",
+    "beacons.placement": "beacon_tradeoff place_beacons",
+    "beacons.plan": "plan_route",
     "errors": ("DriftplanError GoalError InfeasibleError MapError NoPathError PlannerError StartError TrajectoryError"),
+    "model.calibration": "NoiseFit fit_noise",
     "model.drift": "Drift PointDrift predict_drift",
     "model.fixes": "Fix",
     "model.noise": "OdometryNoise",
@@ -66,7 +86,8 @@ _HOME = {
     "model.spatial_steps": "flight_steps",
     "planning.objective": "DriftObjective",
     "planning.ompl_paths": "predict_ompl_path",
-    "planning.routes": "Comparison Route compare_routes plan_route",
+    "planning.roadmap": "RoadmapPlanner",
+    "planning.routes": "Comparison Route compare_routes",
     "report.plotting": "plot_comparison plot_drift plot_route plot_world",
     "world.mapfiles": "bundled_map bundled_maps load_world save_world",
     "world.trajectories": "read_path",

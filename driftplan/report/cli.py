@@ -11,9 +11,11 @@ import os
 import re
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from typing import Any, NoReturn
 
 from driftplan.errors import DriftplanError, InfeasibleError, NoPathError
+from driftplan.report import place_command
 from driftplan.report.cli_options import (
     add_heading_option,
     add_noise_options,
@@ -22,8 +24,10 @@ from driftplan.report.cli_options import (
     add_world_options,
     distances,
 )
+from driftplan.report.itinerary_options import add_itinerary_options
 
 DONE, BAD_INPUT, NO_ROUTE, INTERRUPTED = 0, 2, 3, 130
+_MODULES = {"place": "place_command"}  # of the subcommands that fill one; the others are in cli_commands
 CLOSED_PIPE = 141  # what a shell reports of a program that wrote into a closed pipe
 
 
@@ -41,9 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with these arguments (default: those of the process) and return its exit code."""
     args = build_parser().parse_args(_negative_numbers_joined(sys.argv[1:] if argv is None else argv))
     try:
-        from driftplan.report import cli_commands
-
-        getattr(cli_commands, args.command)(args)
+        module = import_module(f"driftplan.report.{_MODULES.get(args.command, 'cli_commands')}")
+        getattr(module, args.command)(args)
         sys.stdout.flush()
     except BrokenPipeError:  # such as `driftplan maps | head -1`; what is left in the buffer must not fail at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -58,12 +61,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def build_parser() -> Parser:
-    """The parser of the whole command; a subcommand is carried out by the function of its name in `cli_commands`."""
+    """The parser of the whole command; a subcommand is carried out by the function of its name."""
     parser = Parser(
         prog="driftplan",
-        description="How lost odometry gets along a path, and the route on which it gets lost least. Lengths are "
-        "metres; a map is a file (.yaml of ROS map_server, .map of MovingAI, .geojson) or the name of one that comes "
-        "along.",
+        description="How lost odometry gets along a path, the route on which it gets lost least, and the fewest "
+        "beacons to bound it. Lengths are metres; a map is a file (.yaml of ROS map_server, .map of MovingAI, "
+        ".geojson) or the name of one that comes along.",
         epilog="Exit codes: 0 done, 2 bad input, 3 no route or infeasible, 130 interrupted.",
     )
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -104,6 +107,7 @@ def build_parser() -> Parser:
     add_planning_options(plan, ends="required")
     add_world_options(plan)
     add_output_options(plan, "csv", "geojson", "png")
+    add_itinerary_options(plan)
 
     compare = subparsers.add_parser(
         "compare",
@@ -116,6 +120,8 @@ def build_parser() -> Parser:
     add_planning_options(compare, ends="optional", many_planners=True)
     add_world_options(compare)
     add_output_options(compare, "png")
+
+    place_command.add_parser(subparsers)
 
     maps = subparsers.add_parser(
         "maps", help="the maps that come along", description="List the maps that come along, and their sizes in metres."

@@ -16,15 +16,17 @@ from driftplan.model.drift import Drift, PointDrift, predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.report import cli_output as output
 from driftplan.report.cli_options import DEFAULT_PLANNER, noise_as_json, noise_from, world_from
+from driftplan.report.itinerary_options import itinerary_as_json, itinerary_text, planned_route
 from driftplan.world.files import write_files
 
 if TYPE_CHECKING:
+    from driftplan.beacons.itinerary import Itinerary
     from driftplan.planning.routes import Route
     from driftplan.world.world import World
 
 DEMO_RADIUS_M = 0.3
 DEMO_TRIPS = {"warehouse": ((51.0, 33.0), (23.5, 18.7)), "office": ((36.0, 12.0), (6.0, 5.0))}
-_NAMES = {"drift": "lowest drift", "length": "shortest"}
+_NAMES = {"drift": "lowest drift", "length": "shortest", "worst_drift": "least worst drift"}
 
 
 def predict(args: argparse.Namespace) -> None:
@@ -70,31 +72,24 @@ def maps(args: argparse.Namespace) -> None:
 
 def plan(args: argparse.Namespace) -> None:
     """One route."""
-    from driftplan.planning.routes import plan_route
+    from driftplan.beacons.itinerary import Itinerary
 
     noise, world = noise_from(args), world_from(args)
     _talk(f"planning on {args.map} with {args.planner}, at most {args.time_limit:g} s")
-    route = plan_route(
-        world,
-        args.start,
-        args.goal,
-        noise,
-        minimise=args.minimise,
-        planner=args.planner,
-        max_detour=args.max_detour,
-        start_heading=_heading(args),
-        time_limit=args.time_limit,
-        seed=args.seed,
-    )
+    route = planned_route(args, world, noise, start_heading=_heading(args))
     name = _NAMES[route.minimise]
     summary = _planned(name, route)
+    if isinstance(route, Itinerary):
+        summary |= itinerary_as_json(route)
     files = {}
     if args.csv:
         files[args.csv] = output.path_csv(route.drift)
     if args.geojson:
         files[args.geojson] = output.drift_geojson(route.drift, {"noise": noise_as_json(noise), **summary})
     if args.png:
-        files[args.png] = _picture(world, {name: route})
+        files[args.png] = (
+            _itinerary_picture(world, route) if isinstance(route, Itinerary) else _picture(world, {name: route})
+        )
     write_files(files)
     if args.json:
         waypoints = output.drift_as_json(route.drift)
@@ -103,6 +98,8 @@ def plan(args: argparse.Namespace) -> None:
     print(output.routes_table([summary]))
     which = "path of its roadmap" if route.bound_covers == "roadmap" else "route"
     print(f"{route.planner}: {route.status.value} No {which} has less than {_bound(route)}.\n")
+    if isinstance(route, Itinerary):
+        print(f"{itinerary_text(route)}\n")
     print(output.drift_table(route.drift))
 
 
@@ -198,7 +195,7 @@ def _scored(name: str, drift: Drift, is_free: bool) -> dict[str, Any]:
 
 
 def _planned(name: str, route: Route) -> dict[str, Any]:
-    bound = "bound_rms_m" if route.minimise == "drift" else "bound_length_m"
+    bound = "bound_length_m" if route.minimise == "length" else "bound_rms_m"
     search = {
         "planner": route.planner,
         "minimise": route.minimise,
@@ -210,7 +207,8 @@ def _planned(name: str, route: Route) -> dict[str, Any]:
 
 
 def _bound(route: Route) -> str:
-    return f"{route.bound:#.4g} m of {'rms' if route.minimise == 'drift' else 'length'}"
+    what = {"drift": "rms", "length": "length", "worst_drift": "worst rms"}[route.minimise]
+    return f"{route.bound:#.4g} m of {what}"
 
 
 def _heading(args: argparse.Namespace) -> float | None:
@@ -225,6 +223,12 @@ def _picture(world: World | None, routes: Mapping[str, Any]) -> bytes:
 
 def _print_json(args: argparse.Namespace, **answer: Any) -> None:
     print(output.json_text({"command": args.command, **answer}))
+
+
+def _itinerary_picture(world: World, route: Itinerary) -> bytes:
+    from driftplan.report.plot_itinerary import plot_itinerary
+
+    return output.figure_png(plot_itinerary(world, route))
 
 
 def _talk(text: str) -> None:

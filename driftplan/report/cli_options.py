@@ -102,9 +102,9 @@ def add_planning_options(
     if ends == "required":
         group.add_argument(
             "--minimise",
-            choices=("drift", "length"),
+            choices=("drift", "length", "worst_drift"),
             default="drift",
-            help="rms drift at the goal, or length (default: drift)",
+            help="rms drift at the goal, length, or the greatest rms drift anywhere on the way (default: drift)",
         )
         group.add_argument(
             "--max-detour",

@@ -555,3 +555,34 @@ def test_the_help_is_plain_ascii_and_exits_with_zero(run):
 def test_a_command_is_needed(refused):
     refused(match="required: COMMAND")
     refused("fly", match="invalid choice: 'fly'")
+
+
+def test_beacons_are_placed_and_then_used(run, map_file, tmp_path):
+    path, tags = tmp_path / "route.csv", tmp_path / "tags.geojson"
+    noise = ("--heading-deg", "4", "--after-m", "10")
+    run("plan", map_file, "--start=-3,-3", "--goal=2,-3", *QUICK, *noise, "--csv", str(path))
+    code, out, _ = run(
+        "place",
+        map_file,
+        str(path),
+        *noise,
+        "--max-drift",
+        "0.35",
+        "--geojson",
+        str(tags),
+        "--json",
+        "--time-limit",
+        "20",
+    )
+    assert code == 0
+    placed = json.loads(out)
+    assert tags.exists()
+    code, out, err = run(
+        "plan", map_file, "--start=-3,-3", "--goal=2,-3", *noise, "--time-limit", "4",
+        "--beacons", str(tags), "--max-drift", "0.6", "--minimise", "length", "--json",
+    )  # fmt: skip
+    assert code == 0, err
+    route = json.loads(out)["route"]
+    assert route["worst_drift_m"] <= 0.6
+    assert placed["command"] == "place"
+    assert run("plan", map_file, "--start=-3,-3", "--goal=2,-3", *noise, "--max-drift", "0.01", *QUICK)[0] == 3
