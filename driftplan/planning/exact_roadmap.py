@@ -43,7 +43,7 @@ def search_graph(roadmap: Roadmap, noise: OdometryNoise, most_heading_var: float
     runs = run_maps(space, noise, goal, roadmap.xy[tail], roadmap.xy[head])
     from_start, _ = roadmap.distances(roadmap.prices.heading_var, START)
     limited = is_plain(noise, space) and most_heading_var < inf
-    room = most_heading_var - from_start if limited else np.full(len(roadmap.xy), inf)
+    room = most_heading_var * (1 + 1e-9) - from_start if limited else np.full(len(roadmap.xy), inf)
     farthest = float(np.linalg.norm(roadmap.xy - goal, axis=1).max())
     if moves is not None:
         return _with_turns(roadmap, noise, moves, runs, room, farthest)

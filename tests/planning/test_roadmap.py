@@ -259,7 +259,8 @@ def test_an_allocator_and_the_benchmark_tool_take_it():
         lambda planner, run: lengths.append(planner.getProblemDefinition().getSolutionPath().length())
     )
     request = ot.Request()
-    request.maxTime, request.runCount, request.displayProgress = 0.3, 2, False
+    request.maxTime, request.runCount = 0.3, 2
+    request.displayProgress = request.saveConsoleOutput = False  # it would write a file where the tests are run
     benchmark.benchmark(request)
     assert len(lengths) == 4
     assert all(length < 30 for length in lengths)
