@@ -276,9 +276,12 @@ class ItinerarySearch:
             return None
         high, low = self.check.verdict(best).worst, 0.0
         for _ in range(_BISECTIONS):
-            if high - low <= _WORST_TOLERANCE * high or self.late():
+            if high - low <= _WORST_TOLERANCE * high:
                 break
-            middle = 0.5 * (low + high)
+            if self.late():
+                self.finished = False
+                break
+            middle = min(0.5 * (low + high), max(self._widest, 1.01 * low))  # who drifts farther than that finds none
             found = self.shortest_within(middle, longest, shorten=False)
             if found is None:
                 low = middle
@@ -366,6 +369,7 @@ class ItinerarySearch:
             else:
                 held *= _SHRINK
             if self.late():
+                self.finished = False
                 break
         return None if best is None else best[1]
 
@@ -379,8 +383,13 @@ class ItinerarySearch:
             return 0.0
         from scipy.special import ndtri
 
-        drift = min(limit, self.check.verdict(self.shortest).worst)
+        drift = min(limit, self.check.verdict(self.shortest).worst, 0.5 * self._widest)
         return float(max(ndtri(self.check.min_capture), 0.0)) * drift / math.sqrt(2)
+
+    @property
+    def _widest(self) -> float:
+        """Greatest range of any beacon, metres; infinite without beacons."""
+        return max((beacon.kind.range_m for beacon in self.beacons), default=math.inf)
 
     def _reach(self, limit: float) -> float:
         """How far a robot without any error can drive before it breaks the limit, at most the map's diagonal."""
