@@ -60,7 +60,11 @@ if TYPE_CHECKING:
     from .world.mapfiles import bundled_maps as bundled_maps
     from .world.mapfiles import load_world as load_world
     from .world.mapfiles import save_world as save_world
+    from .world.noise_files import load_noise as load_noise
+    from .world.noise_files import save_noise as save_noise
+    from .world.odometry_logs import read_odometry as read_odometry
     from .world.trajectories import read_path as read_path
+    from .world.trajectories import read_trajectory as read_trajectory
     from .world.world import World as World
     from .world.world import Zone as Zone
 
@@ -90,7 +94,9 @@ _HOME = {
     "planning.routes": "Comparison Route compare_routes",
     "report.plotting": "plot_comparison plot_drift plot_route plot_world",
     "world.mapfiles": "bundled_map bundled_maps load_world save_world",
-    "world.trajectories": "read_path",
+    "world.noise_files": "load_noise save_noise",
+    "world.odometry_logs": "read_odometry",
+    "world.trajectories": "read_path read_trajectory",
     "world.world": "World Zone",
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
