@@ -29,26 +29,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Ints = NDArray[np.intp]
+from driftplan.beacons.cut_pool import EPS, Cut, CutPool
+
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
-_EPS = 1e-6  # activities of integral rows are compared with this much room
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Cut:
-    """Σ weights · y[columns] >= least. ``where`` is whatever tells the caller what the cut is about."""
-
-    columns: Ints
-    weights: Floats
-    least: float
-    where: tuple[int, int] = (-1, -1)
-
-    @property
-    def hopeless(self) -> bool:
-        """Whether no layout at all satisfies it."""
-        return float(np.maximum(self.weights, 0.0).sum()) < self.least - _EPS
+_PATIENCE = 15  # rounds of the linear relaxation that may pass without raising its bound by a thousandth
+_LP_ROOM = 1e-5  # its optimum is that uncertain
 
 
 class Oracle(Protocol):
@@ -138,36 +125,6 @@ def cheapest_cover(
     return search.run(hint, stop_at_first)
 
 
-class _Rows:
-    """Cuts as one sparse matrix that grows."""
-
-    def __init__(self, columns: int, cuts: Sequence[Cut]):
-        self.columns, self.cuts = columns, list(cuts)
-        self._seen = {_key(cut) for cut in self.cuts}
-        self._built: tuple[int, Any, Any, Floats] | None = None
-
-    def add(self, cuts: Sequence[Cut]) -> int:
-        new = [cut for cut in cuts if (key := _key(cut)) not in self._seen and not self._seen.add(key)]  # type: ignore[func-returns-value]
-        self.cuts += new
-        return len(new)
-
-    @property
-    def matrix(self) -> tuple[Any, Any, Floats]:
-        """The rows as CSR and as CSC, and their least activities."""
-        from scipy.sparse import csr_array
-
-        if self._built is None or self._built[0] != len(self.cuts):
-            sizes = [len(cut.columns) for cut in self.cuts]
-            data = np.concatenate([cut.weights for cut in self.cuts]) if self.cuts else np.zeros(0)
-            index = np.concatenate([cut.columns for cut in self.cuts]) if self.cuts else np.zeros(0, dtype=np.intp)
-            rows = csr_array(
-                (data, index, np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)), (len(sizes), self.columns)
-            )
-            least = np.array([cut.least for cut in self.cuts], dtype=float)
-            self._built = (len(self.cuts), rows, rows.tocsc(), least)
-        return self._built[1:]
-
-
 class _Search:
     def __init__(
         self,
@@ -182,7 +139,7 @@ class _Search:
         self.cost, self.oracle, self.progress = np.asarray(cost, dtype=float), oracle, progress
         self.n = len(self.cost)
         self.fixed = np.zeros(self.n, dtype=bool) if fixed is None else np.asarray(fixed, dtype=bool)
-        self.rows, self.caps = _Rows(self.n, demands), _Rows(self.n, caps)
+        self.rows, self.caps = CutPool(self.n, demands), CutPool(self.n, caps)
         self.began = time.monotonic()
         self.deadline = self.began + time_limit
         self.step = _common_step(self.cost)
@@ -190,6 +147,7 @@ class _Search:
         self.best_cost, self.bound = inf, 0.0
         self.rounds = 0
         self.hopeless = next((cut for cut in self.rows.cuts if cut.hopeless), None)
+        self.impossible = False  # as a whole, with no single cut to blame
 
     # The loop
 
@@ -199,44 +157,66 @@ class _Search:
         for start in (hint, self.fixed):
             if start is not None and (self.best is None or not stop_at_first):
                 self._complete(start | self.fixed)
+        if not (self._closed() or self._impossible() or (stop_at_first and self.best is not None)):
+            self._tighten()
         while not self._impossible() and not self._closed():
             if stop_at_first and self.best is not None:
                 return self._result(Outcome.GOOD_ENOUGH)
             if time.monotonic() >= self.deadline:
                 return self._result(Outcome.UNKNOWN if self.best is None else Outcome.STOPPED_EARLY)
-            self.rounds += 1
-            chosen, bound, solved, impossible = self._master()
-            if impossible:
-                if self.best is not None:
-                    raise RuntimeError("the cuts exclude a layout that the oracle accepts: a bug in the oracle")
-                return self._result(Outcome.INFEASIBLE)
-            self._raise_bound(bound)
-            if chosen is None:
-                continue
-            if not self._judge(chosen):
-                self._accept(chosen)
-                if solved:
-                    self._raise_bound(float(self.cost @ chosen))
-            elif not self._closed():
-                self._complete(chosen)
-        if self._impossible() and self.best is None:
+            self._round()
+        if self.best is None:
             return self._result(Outcome.INFEASIBLE)
+        if self._impossible():
+            raise RuntimeError("the cuts exclude a layout that the oracle accepts: a bug in the oracle")
         self._settle()
         return self._result(Outcome.OPTIMAL)
+
+    def _tighten(self) -> None:
+        """The linear relaxation with as many rows as it takes, and a layout made from its solution."""
+        best, stale = 0.0, 0
+        y = None
+        while stale < _PATIENCE and time.monotonic() < self.deadline:
+            y, bound, solved = self._relaxation(whole=False)
+            if y is None or not solved:
+                break
+            self._raise_bound(bound - _LP_ROOM * max(1.0, abs(bound)))
+            best, stale = (bound, 0) if bound > best * 1.001 else (best, stale + 1)
+            if not self.rows.activate(y):
+                break
+        if y is not None and not self._impossible() and not self._closed():
+            self._complete(self.fixed | (y > 0.999), lean=y)
+
+    def _round(self) -> None:
+        """Solve the master and ask what is wrong with its layout."""
+        self.rounds += 1
+        y, bound, solved = self._relaxation(whole=True)
+        self._raise_bound(bound)
+        if y is None:
+            return
+        chosen = y > 0.5
+        if self.rows.activate(chosen):
+            self._complete(chosen)
+        elif not self._judge(chosen):
+            self._accept(chosen)
+            if solved:
+                self._raise_bound(float(self.cost @ chosen))
+        elif not self._closed():
+            self._complete(chosen)
 
     def _result(self, outcome: Outcome) -> Cover:
         bound = self.best_cost if outcome is Outcome.OPTIMAL else min(self.bound, self.best_cost)
         return Cover(outcome, self.best, self.best_cost, bound, self.hopeless, self.rounds, len(self.rows.cuts))
 
     def _impossible(self) -> bool:
-        return self.hopeless is not None
+        return self.impossible or self.hopeless is not None
 
     def _closed(self) -> bool:
         return self.best is not None and self.best_cost <= self.bound + 1e-9 * max(1.0, self.best_cost)
 
     def _raise_bound(self, bound: float) -> None:
         if self.step > 0:
-            bound = self.step * ceil((bound - _EPS) / self.step)
+            bound = self.step * ceil((bound - EPS) / self.step)
         if bound > self.bound:
             self.bound = bound
             self._report()
@@ -260,41 +240,48 @@ class _Search:
 
     # Lower bounds
 
-    def _master(self) -> tuple[Bools | None, float, bool, bool]:
-        """The relaxation (1)-(4): a layout, a lower bound, whether the layout is optimal, whether there is none."""
+    def _relaxation(self, *, whole: bool) -> tuple[Floats | None, float, bool]:
+        """(1)-(4) with the active rows, whole or fractional: a solution, a lower bound, whether it is optimal."""
         from scipy.optimize import Bounds, LinearConstraint, milp
         from scipy.sparse import vstack
 
-        blocks = [rows.matrix for rows in (self.rows, self.caps) if rows.cuts]
-        constraints = []
-        if blocks:
-            least = np.concatenate([block[2] for block in blocks])
-            constraints.append(LinearConstraint(vstack([block[0] for block in blocks], format="csr"), lb=least))
+        rows, least = self.rows.active_rows
+        caps, _, cap_least = self.caps.matrix
+        constraints = LinearConstraint(vstack([rows, caps], format="csr"), lb=np.concatenate([least, cap_least]))
+        left = max(0.05, self.deadline - time.monotonic())
         found = _interruptible(
             lambda: milp(
                 self.cost,
-                integrality=np.ones(self.n, dtype=np.intp),
+                integrality=np.full(self.n, int(whole), dtype=np.intp),
                 bounds=Bounds(self.fixed.astype(float), 1.0),
-                constraints=constraints,
-                options={"time_limit": max(0.05, self.deadline - time.monotonic()), "mip_rel_gap": 0.0},
+                constraints=constraints if len(least) + len(cap_least) else (),
+                options={"time_limit": left, "mip_rel_gap": 0.0},
             )
         )
-        chosen = None if found.x is None else np.asarray(found.x > 0.5)
+        if found.status == 2:
+            self.impossible = True
+        elif found.status not in (0, 1):
+            raise RuntimeError(f"HiGHS could not solve the covering problem: {found.message}")
+        y = None if found.x is None else np.asarray(found.x, dtype=float)
+        if not whole:
+            return y, float(found.fun) if found.status == 0 else 0.0, found.status == 0
         bound = found.mip_dual_bound
-        bound = 0.0 if bound is None or not np.isfinite(bound) else float(bound)
-        return chosen, bound, found.status == 0, found.status == 2
+        return y, float(bound) if bound is not None and np.isfinite(bound) else 0.0, found.status == 0
 
     # Upper bounds
 
-    def _complete(self, start: Bools) -> None:
-        """Add sites to ``start`` until the oracle accepts, then drop what is not needed."""
+    def _complete(self, start: Bools, lean: Floats | None = None) -> None:
+        """Add sites to ``start`` until the oracle accepts, then drop what is not needed.
+
+        Sites that a fractional solution ``lean`` has more of are preferred.
+        """
         chosen = start.copy()
-        if not self._within_caps(chosen):
+        if not self.caps.satisfied(chosen):
             chosen = self.fixed.copy()
-            if not self._within_caps(chosen):
+            if not self.caps.satisfied(chosen):
                 return
         for _ in range(4 * self.n + 100):
-            if not self._cover_rows(chosen):
+            if not self._cover_rows(chosen, lean):
                 return
             cuts = self._judge(chosen)
             if not cuts:
@@ -307,25 +294,20 @@ class _Search:
         if time.monotonic() < self.deadline:
             self._accept(self._pruned(chosen))
 
-    def _cover_rows(self, chosen: Bools) -> bool:
+    def _cover_rows(self, chosen: Bools, lean: Floats | None) -> bool:
         """Greedy set cover of the known rows; False if it gets stuck."""
-        matrix, by_column, least = self.rows.matrix
-        missing = least - matrix @ chosen
-        room = self._room(chosen)
-        while True:
-            short = missing > _EPS
-            if not short.any():
-                return True
-            gain = _gain(by_column, np.where(short, missing, 0.0))
-            gain[chosen] = 0.0
-            gain[~self._fits(room)] = 0.0
-            worth = gain / np.maximum(self.cost, 1e-12)
+        price = np.maximum(self.cost, 1e-12) if lean is None else np.maximum(self.cost, 1e-12) * (1.01 - lean)
+        missing, room = self.rows.missing(chosen), -self.caps.missing(chosen)
+        while (missing > EPS).any():
+            worth = self.rows.gain(missing) / price
+            worth[chosen | self.caps.forbids(room)] = 0.0
             site = int(np.argmax(worth))
             if worth[site] <= 0:
                 return False
             chosen[site] = True
-            missing -= _column(by_column, site, len(least))
-            room += _column(self.caps.matrix[1], site, len(room))  # weights <= 0
+            missing -= self.rows.column(site)
+            room += self.caps.column(site)  # weights <= 0
+        return True
 
     def _pruned(self, chosen: Bools) -> Bools:
         """Without the sites that are not needed: the dearest are tried first, then the last in the list."""
@@ -333,7 +315,7 @@ class _Search:
         mine = np.flatnonzero(chosen & ~self.fixed)
         for site in sorted(mine.tolist(), key=lambda i: (-self.cost[i], -i)):
             chosen[site] = False
-            if not self._meets_rows(chosen) or self.oracle.cuts(chosen, near=site):
+            if not self.rows.satisfied(chosen) or self.oracle.cuts(chosen, near=site):
                 chosen[site] = True
             if time.monotonic() > self.deadline:
                 break
@@ -349,7 +331,7 @@ class _Search:
                 for other in self._stand_ins(chosen, site):
                     trial = chosen.copy()
                     trial[site], trial[other] = False, True
-                    fits = self._meets_rows(trial) and self._within_caps(trial)
+                    fits = self.rows.satisfied(trial) and self.caps.satisfied(trial)
                     if fits and not any(self.oracle.cuts(trial, near=moved_site) for moved_site in (site, other)):
                         chosen, moved = trial, True
                         break
@@ -359,55 +341,17 @@ class _Search:
 
     def _stand_ins(self, chosen: Bools, site: int) -> list[int]:
         """Sites listed before ``site``, equally dear, that meet every row which needs it."""
-        matrix, _, least = self.rows.matrix
         without = chosen.copy()
         without[site] = False
-        missing = least - matrix @ without
-        short = np.flatnonzero(missing > _EPS)
+        missing = self.rows.missing(without)
+        short = np.flatnonzero(missing > EPS)
         fit = (np.arange(self.n) < site) & ~chosen & (self.cost == self.cost[site])
         if len(short):
-            rows = matrix[short].tocsc()
+            rows = self.rows.matrix[0][short].tocsc()
             columns = np.flatnonzero(fit)
-            enough = (rows[:, columns].toarray() >= missing[short, None] - _EPS).all(axis=0)
+            enough = (rows[:, columns].toarray() >= missing[short, None] - EPS).all(axis=0)
             return [int(i) for i in columns[enough]]
         return [int(i) for i in np.flatnonzero(fit)]
-
-    def _meets_rows(self, chosen: Bools) -> bool:
-        matrix, _, least = self.rows.matrix
-        return bool((matrix @ chosen >= least - _EPS).all())
-
-    def _within_caps(self, chosen: Bools) -> bool:
-        return bool((self._room(chosen) >= -_EPS).all())
-
-    def _room(self, chosen: Bools) -> Floats:
-        """By how much every cap is undercut."""
-        matrix, _, least = self.caps.matrix
-        return np.asarray(matrix @ chosen - least, dtype=float)
-
-    def _fits(self, room: Floats) -> Bools:
-        """Sites that no cap forbids to add."""
-        by_column = self.caps.matrix[1]
-        if not self.caps.cuts:
-            return np.ones(self.n, dtype=bool)
-        column = np.repeat(np.arange(self.n), np.diff(by_column.indptr))
-        over = by_column.data + room[by_column.indices] < -_EPS
-        forbids: Ints = np.bincount(column[over], minlength=self.n)
-        return np.asarray(forbids == 0)
-
-
-def _gain(by_column: Any, missing: Floats) -> Floats:
-    """How much of what rows miss each site would give: a row of weight w that misses m gets min(w, m)."""
-    given = np.minimum(by_column.data, missing[by_column.indices])
-    given[missing[by_column.indices] <= 0] = 0.0
-    column = np.repeat(np.arange(by_column.shape[1]), np.diff(by_column.indptr))
-    return np.asarray(np.bincount(column, weights=given, minlength=by_column.shape[1]), dtype=float)
-
-
-def _column(by_column: Any, site: int, rows: int) -> Floats:
-    out = np.zeros(rows)
-    part = slice(by_column.indptr[site], by_column.indptr[site + 1])
-    out[by_column.indices[part]] = by_column.data[part]
-    return out
 
 
 def _common_step(cost: Floats) -> float:
@@ -416,10 +360,6 @@ def _common_step(cost: Floats) -> float:
     if not (len(cost) and np.array_equal(whole, cost) and cost.max() < 1e9):
         return 0.0
     return float(np.gcd.reduce(whole.astype(np.int64)))
-
-
-def _key(cut: Cut) -> tuple[bytes, bytes, float]:
-    return cut.columns.tobytes(), cut.weights.tobytes(), cut.least
 
 
 def _interruptible(work: Callable[[], Any]) -> Any:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.beacons.covering import Cover, Cut, Outcome, cheapest_cover
+from driftplan.beacons.covering import Cover, Outcome, cheapest_cover
+from driftplan.beacons.cut_pool import Cut
 from driftplan.beacons.infeasible import explain
 from driftplan.beacons.layout import Layout
 from driftplan.beacons.placement_problem import PlacementProblem, SiteGroup, limits_of, placement_problem

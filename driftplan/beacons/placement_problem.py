@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from driftplan.beacons.beacon import Beacon, BeaconKind, waypoints_of
 from driftplan.beacons.candidates import allowed, grid_sites, route_sites
-from driftplan.beacons.covering import Cut
+from driftplan.beacons.cut_pool import Cut
 from driftplan.beacons.hops import Limit
 from driftplan.beacons.layout import Task
 from driftplan.beacons.passes import passes_of

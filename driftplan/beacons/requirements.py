@@ -28,7 +28,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from driftplan.beacons.covering import Cut
+from driftplan.beacons.cut_pool import Cut
 from driftplan.beacons.drives import HOLDS, Layouts, first_breach
 from driftplan.beacons.exclusions import Chances, Pairs, chance_exclusion, order_exclusion, pair_exclusions
 from driftplan.beacons.hops import Limit, Sources, reach
@@ -41,7 +41,7 @@ Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 
 _ROUNDING = 1e-8  # relative, of E|e|² from sums along a whole route
-_SLOTS_BEFOREHAND = 40  # per route, in which sets that cannot hold are looked for before any layout is judged
+_SLOTS_BEFOREHAND = 20  # per route, in which sets that cannot hold are looked for before any layout is judged
 _START = -1  # stands for "no reading yet" where readings are numbered
 
 
@@ -106,9 +106,12 @@ class DriftRequirements:
         """Demands that are known before any layout is judged, without those that another one implies."""
         found: list[Cut] = []
         for route in range(self.tracks.routes):
-            slots = self._narrow_slots(route)
+            site, first, last = self._stretches(route)
+            slots = self._narrow_slots(route, first, last)
             if self.sure[route]:
-                found += (self._at_least(self._able_in(route, j), route, j) for j in slots)
+                for j in slots:
+                    able = np.unique(site[(first <= j) & (j <= last)])
+                    found.append(self._at_least(able, route, j))
             if self.independent[route] or self.blind[route]:
                 continue
             for j in slots[:: max(1, len(slots) // _SLOTS_BEFOREHAND)]:
@@ -118,9 +121,8 @@ class DriftRequirements:
                     found += self._chance_cuts(route, j, min(j + 1, int(self.tracks.slots[route])), [])
         return found
 
-    def _narrow_slots(self, route: int) -> list[int]:
+    def _narrow_slots(self, route: int, first: Ints, last: Ints) -> list[int]:
         """Slots in which fewest sites can hold: R_j shrinks while j moves on, until a new site comes in."""
-        _, first, last = self._stretches(route)
         slots = int(self.tracks.slots[route]) + 1
         comes = np.bincount(first, minlength=slots + 1)
         goes = np.bincount(last + 1, minlength=slots + 1)
@@ -128,11 +130,6 @@ class DriftRequirements:
         ends = ends[ends > self.reach_of_start[route]]
         gone = np.cumsum(goes)[ends]
         return [int(j) for j in ends[np.diff(gone, prepend=-1) > 0]]
-
-    def _able_in(self, route: int, slot: int) -> Ints:
-        """R_j: the sites whose own last reading holds a slot, whatever came before it."""
-        site, first, last = self._stretches(route)
-        return np.unique(site[(first <= slot) & (slot <= last)])
 
     def _stretches(self, route: int) -> tuple[Ints, Ints, Ints]:
         """Stretches of slots [first, last] that a site can hold by its own last reading: site, first, last."""

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.beacons.covering import Cut, Outcome, cheapest_cover
+from driftplan.beacons.covering import Outcome, cheapest_cover
+from driftplan.beacons.cut_pool import Cut, CutPool
 
 
 def bits(s, n):
@@ -154,3 +155,49 @@ def test_stopping_at_the_first_layout_is_said():
     found = cheapest_cover(np.array([5.0, 1.0]), Family({1, 2}, 2), hint=bits(1, 2), stop_at_first=True)
     assert found.outcome is Outcome.GOOD_ENOUGH
     assert found.cost == 5.0
+
+
+def stretches(seed, rows=900, columns=120):
+    """Rows that each want one of a few neighbouring columns: many more than a relaxation needs."""
+    rng = np.random.default_rng(seed)
+    begin = rng.integers(0, columns - 12, rows)
+    matrix = np.zeros((rows, columns), dtype=int)
+    for i, b in enumerate(begin.tolist()):
+        matrix[i, b : b + int(rng.integers(4, 12))] = 1
+    return Rows(matrix, np.ones(rows)), rng.integers(1, 4, columns).astype(float)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_with_many_rows_only_some_are_used_and_the_optimum_is_that_of_all(seed):
+    from scipy.optimize import Bounds, LinearConstraint, milp
+
+    oracle, cost = stretches(seed)
+    demands = [oracle.row(i) for i in range(len(oracle.least))]
+    found = cheapest_cover(cost, oracle, demands=demands)
+    whole = milp(
+        cost, integrality=np.ones(len(cost)), bounds=Bounds(0, 1), constraints=LinearConstraint(oracle.matrix, lb=1.0)
+    )
+    assert found.cost == found.lower_bound == pytest.approx(whole.fun)
+    assert oracle.cuts(found.chosen) == []
+
+
+def test_a_pool_starts_with_disjoint_rows_and_lets_missed_ones_join():
+    oracle, _ = stretches(0)
+    pool = CutPool(oracle.matrix.shape[1], [oracle.row(i) for i in range(len(oracle.least))])
+    assert (oracle.matrix[pool.active].sum(axis=0) <= 1).all()
+    before = pool.active.sum()
+    y = np.zeros(oracle.matrix.shape[1])
+    assert pool.activate(y)
+    assert pool.active.sum() > before
+    pool.active[:] = True
+    assert not pool.activate(y)
+    assert pool.satisfied(np.ones(len(y)))
+
+
+def test_a_pool_knows_no_cut_twice():
+    cut, same = (Cut(np.array([0, 2]), np.ones(2), 1.0) for _ in range(2))
+    pool = CutPool(3, [cut])
+    pool.add([same, Cut(np.array([1]), np.ones(1), 1.0)])
+    assert len(pool.cuts) == len(pool.active) == 2
+    np.testing.assert_array_equal(pool.missing(np.array([1.0, 0.0, 0.0])), [0.0, 1.0])
+    np.testing.assert_array_equal(pool.gain(np.array([1.0, 1.0])), [1.0, 1.0, 1.0])
