@@ -23,7 +23,7 @@ def driven(noise, way, side=4.0):
 
 
 @given(per_rad=st.floats(-0.1, 0.1), per_m=st.floats(-0.05, 0.05), side=st.floats(1, 10))
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 def test_the_errors_that_made_the_squares_are_found(per_rad, per_m, side):
     noise = OdometryNoise(heading_bias_per_rad=per_rad, heading_bias_per_m=per_m / side)
     found = umbmark([driven(noise, -1, side)], [driven(noise, 1, side)], side_m=side).noise
@@ -32,7 +32,7 @@ def test_the_errors_that_made_the_squares_are_found(per_rad, per_m, side):
 
 
 @given(per_rad=st.floats(-2e-3, 2e-3), per_m=st.floats(-5e-4, 5e-4))
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 def test_the_formulas_of_the_paper_hold_to_first_order(per_rad, per_m):
     noise = OdometryNoise(heading_bias_per_rad=per_rad, heading_bias_per_m=per_m)
     result = umbmark([driven(noise, -1)], [driven(noise, 1)])

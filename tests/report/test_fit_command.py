@@ -15,7 +15,8 @@ from driftplan.report.fit_command import add_parser, fit
 from driftplan.world.noise_files import load_noise
 
 NOISE = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3, distance_scale_error=0.05)
-PATH = 12 * [(0, 0), (6, 0), (6, 4), (1, 4)]
+PATH = 8 * [(0, 0), (6, 0), (6, 4), (1, 4)]
+FEW = ["--parameters", "distance_scale_error,heading_var_per_m,distance_var_per_m"]
 
 
 def run(*words):
@@ -56,7 +57,7 @@ def test_the_noise_of_the_files_is_printed_written_and_drawn(files, tmp_path, ca
 
 
 def test_people_get_a_table(files, capsys):
-    run(*files, "--parameters", "distance_scale_error,heading_var_per_m,distance_var_per_m", "--lengths-m", "1,2,4,8")
+    run(*files, *FEW, "--lengths-m", "1,2,4,8")
     text = capsys.readouterr().out
     assert "95 % interval" in text
     assert "distance_scale_error" in text
@@ -65,7 +66,7 @@ def test_people_get_a_table(files, capsys):
 
 
 def test_one_part_of_a_drive_can_be_checked_on_the_other(files, capsys):
-    run(*files[:2], "--check-from", "0.6", "--positions-only", "--time-offset-s", "0", "--json")
+    run(*files[:2], *FEW, "--check-from", "0.6", "--positions-only", "--time-offset-s", "0", "--json")
     answer = json.loads(capsys.readouterr().out)
     assert list(answer["checks"]) == ["the rest of the drives"]
     first = np.loadtxt(files[0], delimiter=",", skiprows=1)
@@ -79,9 +80,9 @@ def test_one_part_of_a_drive_can_be_checked_on_the_other(files, capsys):
 def test_columns_can_be_named(files, tmp_path, capsys):
     table = np.loadtxt(files[0], delimiter=",", skiprows=1)
     np.savetxt(tmp_path / "odd.txt", table[:, [3, 1, 2, 0]])
-    run(tmp_path / "odd.txt", files[1], "--odometry-columns", "heading,x,y,time", "--json")
+    run(tmp_path / "odd.txt", files[1], *FEW, "--odometry-columns", "heading,x,y,time", "--json")
     odd = json.loads(capsys.readouterr().out)
-    run(*files[:2], "--json")
+    run(*files[:2], *FEW, "--json")
     assert odd["noise"] == pytest.approx(json.loads(capsys.readouterr().out)["noise"], rel=1e-6, abs=1e-12)
 
 
