@@ -10,7 +10,7 @@ demo: $(VENV)/.installed
 	$(BIN)/driftplan demo
 
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
@@ -18,7 +18,7 @@ lint: $(VENV)/.installed-test
 	$(BIN)/mypy
 
 check: lint test
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -n auto -m slow
 
 bench: $(VENV)/.installed-test
 	$(BIN)/python -m tests.benchmarks

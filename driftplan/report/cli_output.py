@@ -9,15 +9,14 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from math import floor, isfinite, log10
+from math import degrees, floor, isfinite, log10
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from driftplan.model.drift import Drift, PointDrift
-
 if TYPE_CHECKING:
+    import numpy as np
     from matplotlib.figure import Figure
+
+    from driftplan.model.drift import Drift, PointDrift
 
 CONFIDENCE = 0.95  # of the radii in tables and JSON, and of the ellipses in figures
 _POINT_TABLE = ("distance m", "x m", "y m", "rms m", "bias m", "95 % radius m", "heading std deg")
@@ -44,7 +43,8 @@ def drift_columns(drift: PointDrift) -> dict[str, np.ndarray[Any, np.dtype[np.fl
 def drift_as_json(drift: PointDrift) -> list[dict[str, float]]:
     """One object per point."""
     columns = drift_columns(drift)
-    return [dict(zip(columns, row, strict=True)) for row in np.column_stack(list(columns.values())).tolist()]
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
 def drift_table(drift: PointDrift) -> str:
@@ -57,7 +57,7 @@ def drift_table(drift: PointDrift) -> str:
         _digits(c["rms_m"]),
         _digits(drift.bias_norm),
         _digits(c["radius95_m"]),
-        _digits(np.degrees(c["heading_std_rad"]), 3),
+        _digits([degrees(std) for std in c["heading_std_rad"]], 3),
     ]
     return table(_POINT_TABLE, list(zip(*columns, strict=True)))
 

@@ -35,7 +35,8 @@ def add_itinerary_options(parser: argparse.ArgumentParser) -> None:
         "--min-capture",
         type=float,
         metavar="P",
-        help="passes of beacons that the drifting robot makes less surely than this do not count (default: 0.9)",
+        help="passes of beacons that the drifting robot makes with less than this probability (a ratio) do not count "
+        "(default: 0.9)",
     )
 
 

@@ -192,7 +192,7 @@ def test_a_small_yaml_that_unfolds_to_a_giant_is_refused_at_once(tmp_path):
         laughs += f"{name}: &{name} [{', '.join(['*' + inner] * 9)}]\n"
     path = tmp_path / "map.yaml"
     path.write_text(laughs + "image: *j\nresolution: *j\norigin: *j\nnegate: 0\noccupied_thresh: 1\nfree_thresh: 0\n")
-    with pytest.raises(MapError, match="line 2: .*aliases have no place"):
+    with pytest.raises(MapError, match=r"line 2: .*aliases have no place"):
         load_world(path, robot_radius=0.3)
 
 
