@@ -17,6 +17,8 @@ from scipy.spatial import cKDTree
 from driftplan.planning.roadmap_pricing import Floats, Ints, Pricing
 
 START, GOAL = 0, 1
+_LOOK_ROUND = 160  # nearest nodes of a corner among which it looks for the nearest in every direction
+_SECTORS, _PER_SECTOR = 8, 3
 
 
 class Shortest(NamedTuple):
@@ -52,10 +54,14 @@ class Roadmap:
         self.from_start, self.to_goal = self._bounds(self.xy)
         self._connect(np.array([[START, GOAL]]), math.inf)
 
-    def add(self, points: Floats, neighbours: int, limit: float, chain: bool = False) -> None:
+    def add(
+        self, points: Floats, neighbours: int, limit: float, *, chain: bool = False, all_round: bool = False
+    ) -> None:
         """Add free ``points`` (k, 2), each with edges to its nearest nodes.
 
-        With ``chain`` they are the waypoints of a path between start and goal, which is added too.
+        With ``chain`` they are the waypoints of a path between start and goal, which is added too. With ``all_round``
+        they are corners: they crowd together, so each is also joined to the nearest ones in every direction.
+
         ``limit`` is the cost that paths through the new edges must be able to beat.
         """
         first, count = len(self.xy), len(points)
@@ -65,12 +71,16 @@ class Roadmap:
         from_start, to_goal = self._bounds(points)
         self.from_start, self.to_goal = np.append(self.from_start, from_start), np.append(self.to_goal, to_goal)
         k = min(neighbours + 1, len(self.xy))
-        _, near = cKDTree(self.xy).query(points, k=k)
-        pairs = np.stack([np.repeat(np.arange(first, first + count), k), near.ravel()], axis=1)
+        tree = cKDTree(self.xy)
+        _, near = tree.query(points, k=k)
+        pairs = [np.stack([np.repeat(np.arange(first, first + count), k), near.ravel()], axis=1)]
         if chain:
             along = np.concatenate([[START], np.arange(first, first + count), [GOAL]])
-            pairs = np.concatenate([pairs, np.stack([along[:-1], along[1:]], axis=1)])
-        self._connect(pairs, limit)
+            pairs.append(np.stack([along[:-1], along[1:]], axis=1))
+        if all_round:
+            _, far = tree.query(points, k=min(_LOOK_ROUND, len(self.xy)))
+            pairs.append(_nearest_all_round(self.xy, np.arange(first, first + count), np.asarray(far)))
+        self._connect(np.concatenate(pairs), limit)
 
     def prune(self, limit: float) -> None:
         """Drop the nodes and edges that no path cheaper than ``limit`` can use."""
@@ -188,6 +198,19 @@ class Roadmap:
         length = np.linalg.norm(self.xy[self.edges[:, 0]] - self.xy[self.edges[:, 1]], axis=1)
         scale = float(self.prices.cost.max(initial=0.0)) or 1.0
         return np.asarray(length * (1e-12 * scale / max(float(length.max(initial=0.0)), 1e-300)))
+
+
+def _nearest_all_round(xy: Floats, nodes: Ints, near: Ints) -> Ints:
+    """Pairs of each node and the nearest few in each of eight directions, of its neighbours ``near`` by distance."""
+    away = (xy[near] - xy[nodes, None]) @ np.array([1.0, 1j])
+    sector = np.round(np.angle(away) * (_SECTORS / (2 * np.pi))).astype(np.int64) % _SECTORS
+    sector[away == 0] = -1
+    pairs = []
+    for direction in range(_SECTORS):
+        inside = sector == direction
+        row, column = np.nonzero(inside & (np.cumsum(inside, axis=1) <= _PER_SECTOR))
+        pairs.append(np.stack([nodes[row], near[row, column]], axis=1))
+    return np.concatenate(pairs)
 
 
 def _dijkstra(

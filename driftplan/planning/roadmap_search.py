@@ -1,7 +1,7 @@
 """plan_on_roadmap: the path of least drift (or length) between two points of a world, by an anytime roadmap search.
 
-Each batch adds nodes (first the corners of the inflated obstacles, then ever more points of a low-discrepancy sequence,
-and the waypoints of the best path so far), finds the cheapest path of the roadmap and polishes it. What cannot beat the
+Each batch adds nodes (ever more points of a low-discrepancy sequence, the corners of the inflated obstacles, and the
+waypoints of the best path so far), finds the cheapest path of the roadmap and polishes it. What cannot beat the
 best path is dropped: a node whose obstacle-free geodesic bounds from the start and to the goal add up to more than the
 best cost. Same seed, same batches, same path.
 """
@@ -28,10 +28,11 @@ from driftplan.planning.roadmap_graph import Roadmap
 from driftplan.planning.roadmap_pricing import Floats, Ints, Minimise, Pricing, exact_drift
 from driftplan.world.world import World
 
-_FIRST_BATCH = 256  # samples; every later batch doubles the number drawn so far
+_FIRST_BATCH = 128  # samples; every later batch has twice as many, and the next two have corners too
 _LARGEST_BATCH = 8192
 _MOST_NODES = 40_000  # then a new roadmap is begun
 _CHUNK = 1024  # samples joined to the roadmap before the clock is looked at again
+_FEW_CORNERS = 200  # no more than these: then all of them at once
 _NEIGHBOURS = 14
 _EXACT_SHARE = 0.4  # of the time goes into the roadmap that is then searched exactly
 _EXACT_NODES = 1500  # as many nodes as that search can deal with,
@@ -120,6 +121,7 @@ class RoadmapSearch:
         self._joined: Floats | None = None  # the latest path that is part of the roadmap
         self._first_sample = np.random.default_rng(seed).random(2)
         self._drawn = 0
+        self._has_all_corners = False
         self._consider(self.roadmap.shortest().nodes, lambda: False)
 
     @property
@@ -157,12 +159,12 @@ class RoadmapSearch:
         if len(self.roadmap.xy) > _MOST_NODES:
             self._renew()
         roadmap = self.roadmap
-        if self.batches <= 1:
-            roadmap.add(self._corners(coarse=self.batches == 0), _NEIGHBOURS, self.limit)
+        if self.batches > 0 and not self._has_all_corners:
+            roadmap.add(self._corners(), _NEIGHBOURS, self.limit, all_round=True)
         self._join()
         if stop():
             return
-        samples = self._samples(min(max(self._drawn, _FIRST_BATCH), self._room))
+        samples = self._samples(min(_FIRST_BATCH << min(self.batches, 20), self._room))
         for first in range(0, len(samples), _CHUNK):
             roadmap.add(samples[first : first + _CHUNK], _NEIGHBOURS, self.limit)
             if stop():
@@ -219,7 +221,7 @@ class RoadmapSearch:
     def _renew(self) -> None:
         """Start a new roadmap with the corners and the best path, so that memory stays bounded."""
         self.roadmap = Roadmap(self.pricing, self.roadmap.xy[0], self.start_heading)
-        self.roadmap.add(self._corners(coarse=False), _NEIGHBOURS, self.limit)
+        self.roadmap.add(self._corners(), _NEIGHBOURS, self.limit, all_round=True)
         self._joined = None
 
     def _join(self) -> None:
@@ -228,13 +230,17 @@ class RoadmapSearch:
             self.roadmap.add(self.path[1:-1], _NEIGHBOURS, self.limit, chain=True)
         self._joined = self.path
 
-    def _corners(self, coarse: bool) -> Floats:
+    def _corners(self) -> Floats:
+        """Corners that may improve the path: the coarse ones first, where there are many; then all."""
         space = self.pricing.space
-        if not coarse:
-            return self._informed(space.corners())
-        xmin, ymin, xmax, ymax = space.bounds
-        radius = getattr(space, "robot_radius", 0.0)
-        return self._informed(space.corners(max(radius / 4, 1e-3 * math.hypot(xmax - xmin, ymax - ymin))))
+        if self.batches <= 1:
+            xmin, ymin, xmax, ymax = space.bounds
+            radius = getattr(space, "robot_radius", 0.0)
+            corners = space.corners(max(radius / 4, 1e-3 * math.hypot(xmax - xmin, ymax - ymin)))
+            if len(corners) > _FEW_CORNERS:
+                return self._informed(corners)
+        self._has_all_corners = True
+        return self._informed(space.corners())
 
     def _samples(self, count: int) -> Floats:
         """Up to ``count`` free points that may improve the path, the next ones of the sequence."""

@@ -1,0 +1,312 @@
+"""Cost against time: the roadmap planner, OMPL's planners with DriftObjective and with the same cost written naively,
+PRM*'s roadmap priced afterwards; and a fast-marching solution as the limit.
+
+All of them minimise the additive cost with the same noise and the same collision tests. Time is processor time of this
+process, so that other load counts little. The limit is the least of the fast-marching value (which errs by the size of
+its cells) and of all paths found. scikit-fmm is optional (`pip install scikit-fmm`); without it the limit comes from
+Dijkstra on a grid with 32 neighbours per cell, which is up to 1 % too dear.
+
+    python -m tests.benchmarks roadmap
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import ceil, hypot, inf, sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
+from scipy.sparse import csgraph, csr_matrix
+
+from driftplan.model.noise import OdometryNoise
+from driftplan.planning.collision import use_world
+from driftplan.planning.cost import CostRates, edge_cost, geodesic_cost
+from driftplan.planning.objective import DriftObjective
+from driftplan.planning.roadmap_pricing import Pricing
+from driftplan.planning.roadmap_search import RoadmapSearch
+from driftplan.world.mapfiles import bundled_map, load_world
+from driftplan.world.world import World
+
+NOISE = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
+DATA = Path(__file__).resolve().parents[2] / "../shared/data"
+SECONDS = float(os.environ.get("BENCH_SECONDS", "10"))  # processor seconds for each planner on each map
+PLOT = Path("build/benchmarks/roadmap.png")
+WITHIN = (0.05, 0.01, 0.003)
+CELLS = 1_500_000  # of the fast-marching grid
+GRID_CELLS = 150_000  # of the Dijkstra grid, which costs more
+
+Points = NDArray[np.float64]
+Trace = list[tuple[float, float]]  # processor seconds, least cost so far in m²
+
+
+@dataclass(frozen=True)
+class Query:
+    name: str
+    world: World
+    start: tuple[float, float]
+    goal: tuple[float, float]
+
+
+def queries() -> list[Query]:
+    """The bundled maps, and, where they are at hand, public ones."""
+    found = []
+    for name in ("warehouse", "office"):
+        # Without zones: fast marching and the objectives below are given one noise.
+        world = replace(load_world(bundled_map(name), robot_radius=0.3), zones=())
+        xmin, ymin, xmax, ymax = world.free_parts[0].bounds
+        ends = [world.nearest_free(corner) for corner in ((xmin, ymin), (xmax, ymax))]
+        found.append(Query(name, world, tuple(ends[0].tolist()), tuple(ends[1].tolist())))
+    outside = (
+        ("depot", "nav2_depot/depot.yaml", (3.0, 3.0), (27.0, 12.0)),
+        ("Berlin", "movingai/Berlin_1_256.map", (8.0, 19.0), (199.0, 235.0)),
+        ("room-64", "movingai/room-64-64-8.map", (4.0, 4.0), (60.0, 60.0)),
+    )
+    for name, file, start, goal in outside:
+        if not (DATA / file).exists():
+            print(f"{name}: left out, {DATA / file} is not there")
+            continue
+        world = load_world(DATA / file, robot_radius=0.3)
+        ends = [world.nearest_free(end) for end in (start, goal)]
+        found.append(Query(name, world, tuple(ends[0].tolist()), tuple(ends[1].tolist())))
+    return found
+
+
+# The limit
+
+
+def limit(query: Query) -> tuple[float, str]:
+    """The least additive cost from start to goal, and how it was found."""
+    try:
+        import skfmm
+    except ImportError:
+        return grid_dijkstra(query), "Dijkstra on a grid"
+    xy, free, h = grid(query.world, CELLS)
+    rates = CostRates.of(NOISE)
+    squared = ((xy - query.goal) ** 2).sum(axis=-1)
+    speed = 1.0 / (rates.heading * squared + rates.position)
+    front = np.ones(free.shape)
+    goal, start = (nearest(xy, free, end) for end in (query.goal, query.start))
+    front[goal] = -1.0
+    taken = skfmm.travel_time(np.ma.MaskedArray(front, ~free), speed, dx=h, order=2)
+    return float(taken[start]), f"fast marching, cells of {100 * h:.1f} cm"
+
+
+def grid_dijkstra(query: Query) -> float:
+    xy, free, _ = grid(query.world, GRID_CELLS)
+    number = np.cumsum(free.ravel()).reshape(free.shape) - 1
+    steps = [(i, j) for i in range(-4, 5) for j in range(-4, 5) if np.gcd(i, j) == 1 and (i, j) > (0, 0)]
+    rows, columns, costs = [], [], []
+    n, m = free.shape
+    for i, j in steps:
+        here = np.s_[max(0, -i) : n - max(0, i), max(0, -j) : m - max(0, j)]
+        there = np.s_[max(0, i) : n + min(0, i), max(0, j) : m + min(0, j)]
+        both = free[here] & free[there]
+        a, b = xy[here][both], xy[there][both]
+        clear = query.world.segments_free(a, b)
+        rows.append(number[here][both][clear])
+        columns.append(number[there][both][clear])
+        costs.append(edge_cost(a[clear], b[clear], query.goal, NOISE))
+    size = int(free.sum())
+    graph = csr_matrix((np.concatenate(costs), (np.concatenate(rows), np.concatenate(columns))), shape=(size, size))
+    start, goal = (number[nearest(xy, free, end)] for end in (query.start, query.goal))
+    return float(csgraph.dijkstra(graph, directed=False, indices=start)[goal])
+
+
+def grid(world: World, cells: int) -> tuple[Points, NDArray[np.bool_], float]:
+    xmin, ymin, xmax, ymax = world.bounds
+    h = sqrt((xmax - xmin) * (ymax - ymin) / cells)
+    x, y = np.arange(xmin + h / 2, xmax, h), np.arange(ymin + h / 2, ymax, h)
+    xy = np.stack(np.meshgrid(x, y), axis=-1)
+    return xy, np.asarray(world.is_free(xy)), h
+
+
+def nearest(xy: Points, free: NDArray[np.bool_], point: tuple[float, float]) -> tuple[int, int]:
+    distance = np.where(free, np.linalg.norm(xy - point, axis=-1), inf)
+    row, column = np.unravel_index(int(distance.argmin()), free.shape)
+    return int(row), int(column)
+
+
+# The planners
+
+
+def roadmap(query: Query) -> Trace:
+    pricing = Pricing(query.world, np.array(query.goal), NOISE)
+    began = time.process_time()
+    search = RoadmapSearch(pricing, np.array(query.start))
+    trace: Trace = []
+    while time.process_time() - began < SECONDS and not search.is_done:
+        search.grow(lambda: time.process_time() - began >= SECONDS)
+        if search.path is not None:
+            trace.append((time.process_time() - began, search.additive_cost))
+    return trace or [(time.process_time() - began, search.additive_cost)]
+
+
+class Naive(ob.OptimizationObjective):
+    """The cost as one writes it first: a sum over states interpolated every ten centimetres."""
+
+    def __init__(self, si: Any, goal: tuple[float, float]) -> None:
+        super().__init__(si)
+        self.space, self.goal, self.rates = si.getStateSpace(), goal, CostRates.of(NOISE)
+        self.scratch = self.space.allocState()
+
+    def stateCost(self, state: Any) -> Any:
+        return ob.Cost(self.rates.heading * hypot(state[0] - self.goal[0], state[1] - self.goal[1]) ** 2)
+
+    def motionCost(self, a: Any, b: Any) -> Any:
+        length = self.space.distance(a, b)
+        steps = max(1, ceil(length / 0.1))
+        total = 0.0
+        for k in range(steps):
+            self.space.interpolate(a, b, (k + 0.5) / steps, self.scratch)
+            total += (self.stateCost(self.scratch).value() + self.rates.position) * length / steps
+        return ob.Cost(total)
+
+
+def problem(query: Query, make: Callable[[Any], Any]) -> tuple[Any, Any]:
+    """SpaceInformation and problem over R^2."""
+    ou.RNG.setSeed(1)
+    space = ob.RealVectorStateSpace(2)
+    bounds = ob.RealVectorBounds(2)
+    for axis in (0, 1):
+        bounds.setLow(axis, query.world.bounds[axis])
+        bounds.setHigh(axis, query.world.bounds[axis + 2])
+    space.setBounds(bounds)
+    si = ob.SpaceInformation(space)
+    use_world(si, query.world)
+    si.setup()
+    a, b = si.allocState(), si.allocState()
+    (a[0], a[1]), (b[0], b[1]) = query.start, query.goal
+    definition = ob.ProblemDefinition(si)
+    definition.setStartAndGoalStates(a, b)
+    definition.setOptimizationObjective(make(si))
+    return si, definition
+
+
+def tree(planner_type: Any, make: Callable[[Any, Query], Any]) -> Callable[[Query], Trace]:
+    """An anytime planner of OMPL, its best cost looked at in every iteration."""
+
+    def run(query: Query) -> Trace:
+        si, definition = problem(query, lambda si: make(si, query))
+        planner = planner_type(si)
+        planner.setProblemDefinition(definition)
+        planner.setup()
+        trace: Trace = []
+        began = time.process_time()
+
+        def stop() -> bool:
+            now, cost = time.process_time() - began, planner.bestCost().value()
+            if np.isfinite(cost) and (not trace or cost < trace[-1][1]):
+                trace.append((now, cost))
+            return now > SECONDS
+
+        planner.solve(ob.PlannerTerminationCondition(stop))
+        return trace
+
+    return run
+
+
+def prm_star(query: Query) -> Trace:
+    """PRM* minimises length; its roadmap is pulled out and priced in bulk, after ever longer runs."""
+    si, definition = problem(query, ob.PathLengthOptimizationObjective)
+    planner = og.PRMstar(si)
+    planner.setProblemDefinition(definition)
+    planner.setup()
+    trace: Trace = []
+    began = time.process_time()
+    share = 0.125
+    while (spent := time.process_time() - began) < SECONDS:
+        planner.solve(ob.timedPlannerTerminationCondition(min(share, SECONDS - spent)))
+        share *= 2
+        data = ob.PlannerData(si)
+        planner.getPlannerData(data)
+        n = data.numVertices()
+        xy = np.array([(q[0], q[1]) for q in (data.getVertex(i).getState() for i in range(n))])
+        following = [list(data.getEdges(i)) for i in range(n)]
+        row = np.repeat(np.arange(n), [len(k) for k in following])
+        column = np.concatenate([np.asarray(k, dtype=int) for k in following])
+        if not len(row):
+            continue
+        graph = csr_matrix((edge_cost(xy[row], xy[column], query.goal, NOISE), (row, column)), shape=(n, n))
+        start, goal = (int(np.linalg.norm(xy - end, axis=1).argmin()) for end in (query.start, query.goal))
+        cost = float(csgraph.dijkstra(graph, directed=False, indices=start)[goal])
+        if np.isfinite(cost):
+            trace.append((time.process_time() - began, min(cost, trace[-1][1] if trace else inf)))
+    return trace
+
+
+def drift_objective(si: Any, query: Query) -> Any:
+    return DriftObjective(si, NOISE, query.goal)
+
+
+def naive_objective(si: Any, query: Query) -> Any:
+    return Naive(si, query.goal)
+
+
+PLANNERS: dict[str, Callable[[Query], Trace]] = {
+    "roadmap": roadmap,
+    "RRT*": tree(og.RRTstar, drift_objective),
+    "Informed RRT*": tree(og.InformedRRTstar, drift_objective),
+    "BIT*": tree(og.BITstar, drift_objective),
+    "RRT*, naive cost": tree(og.RRTstar, naive_objective),
+    "PRM*, priced after": prm_star,
+}
+
+
+def time_to(trace: Trace, cost: float) -> float:
+    return next((seconds for seconds, reached in trace if reached <= cost), inf)
+
+
+def main() -> None:
+    ou.setLogLevel(ou.LOG_NONE)
+    drawn = []
+    for query in queries():
+        query.world.segments_free(query.start, query.goal)  # inflate: every planner finds the world ready
+        value, how = limit(query)
+        traces = {name: plan(query) for name, plan in PLANNERS.items()}
+        least = min([value, *(trace[-1][1] for trace in traces.values() if trace)])
+        free = float(geodesic_cost(query.start, query.goal, query.goal, NOISE))
+        above, walls = value / least - 1, value / free
+        print(f"\n{query.name}: {how}: {value:.5g} m², {above:+.2%} of the limit, {walls:.2f} x without walls")
+        print(f"{'planner':20}" + "".join(f"{f'to {part:.1%}':>10}" for part in WITHIN) + f"{'at the end':>14}")
+        for name, trace in traces.items():
+            times = [time_to(trace, least * (1 + part)) for part in WITHIN]
+            said = "".join(f"{f'{t:.2f} s' if t < inf else '-':>10}" for t in times)
+            end = f"{trace[-1][1] / least - 1:+.2%}" if trace else "no path"
+            print(f"{name:20}{said}{end:>14}", flush=True)
+        ours = time_to(traces["roadmap"], least * 1.01)
+        others = min(time_to(trace, least * 1.01) for name, trace in traces.items() if name != "roadmap")
+        ratio = f"{others / ours:.0f}x" if others < inf else f"more than {SECONDS / ours:.0f}x"
+        print(f"{'':20}to 1 %: {ratio} faster than the best of the others")
+        drawn.append((query.name, least, traces))
+    plot(drawn)
+
+
+def plot(drawn: list[tuple[str, float, dict[str, Trace]]]) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, len(drawn), figsize=(4 * len(drawn), 3.6), layout="constrained", squeeze=False)
+    for ax, (name, least, traces) in zip(axes[0], drawn, strict=True):
+        for planner, trace in traces.items():
+            if trace:
+                seconds, costs = np.array([*trace, (SECONDS, trace[-1][1])]).T
+                ax.step(seconds, 100 * np.maximum(costs / least - 1, 1e-4), where="post", label=planner)
+        ax.set(xscale="log", yscale="log", title=name, xlabel="processor time, s", ylabel="above the limit, %")
+    axes[0, 0].legend(fontsize="x-small")
+    PLOT.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(PLOT, dpi=120)
+    print(f"\ncost against time: {PLOT}")
+
+
+if __name__ == "__main__":
+    main()
