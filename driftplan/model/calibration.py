@@ -129,9 +129,10 @@ class NoiseFit:
         lines += [
             "",
             reference,
-            f"{counts.used_m:.1f} of {counts.driven_m:.1f} m used, {counts.turned_rad:.1f} rad turned, "
-            f"{counts.standstill_s:.1f} s of standstill; left out: {counts.outside_truth_s:.1f} s without truth, "
-            f"{counts.repeated_samples} repeated samples, {counts.truth_outliers} outliers; {counts.breaks} breaks",
+            f"{counts.used_m:.1f} m used (the odometry counted {counts.driven_m:.1f} m in all), "
+            f"{counts.turned_rad:.1f} rad turned, {counts.standstill_s:.1f} s of standstill",
+            f"left out: {counts.outside_truth_s:.1f} s without truth, {counts.repeated_samples} repeated samples, "
+            f"{counts.truth_outliers} outliers; {counts.breaks} breaks",
             "clock offset: " + ", ".join(f"{offset:+.3f} s" for offset in self.time_offsets_s),
             "",
             str(self.check),

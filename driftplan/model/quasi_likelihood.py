@@ -46,6 +46,7 @@ TRUTH = ("truth_position_var", "truth_heading_var")
 
 _EVENNESS = 0.2  # share of the average covariance in the weights
 _SLOWEST_SHRINK = 0.1  # a variance falls to no less than this share in one step: it may be needed to explain the rest
+_LEAST_RELATIVE = {"distance_scale_error": -0.9, "heading_bias_per_rad": -0.9}  # at -1 nothing would be measured
 _NEGLIGIBLE = 1e-2  # standard errors: a variance below is taken for 0
 _DERIVATIVE_STEP = 1e-3
 _DAMPED_AFTER = 10  # steps are halved, after as many again halved again
@@ -103,6 +104,7 @@ def solve(ladder: Ladder, names: Sequence[str], most_steps: int, start: Floats |
     theta, scale = _start(ladder, names)
     theta = theta if start is None else start
     bounded = np.array([name not in SYSTEMATIC for name in names])
+    least = np.array([0.0 if name not in SYSTEMATIC else _LEAST_RELATIVE.get(name, -np.inf) for name in names])
     longest = np.array([0.5 / ladder.rungs[-1].length_m if name == "heading_bias_per_m" else 0.2 for name in names])
     model = _Model(ladder, names, theta)
     size = np.inf
@@ -118,7 +120,7 @@ def solve(ladder: Ladder, names: Sequence[str], most_steps: int, start: Floats |
         step = np.where(bounded, step, np.clip(step, -longest, longest))
         size = float(np.max(np.abs(step) / error))
         damped = 0.5 ** (k // _DAMPED_AFTER) * step  # weights that follow the estimate can make it swing
-        model = _Model(ladder, names, np.where(bounded, np.maximum(model.theta + damped, 0.0), model.theta + damped))
+        model = _Model(ladder, names, np.maximum(model.theta + damped, least))
         if size < _CONVERGED:
             break
     vanishing = bounded & (model.theta < _NEGLIGIBLE * error)

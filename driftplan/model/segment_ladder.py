@@ -21,7 +21,7 @@ _KNOTS = 8  # pieces of the shortest segment, or of its half where segments are 
 _RUNGS = 5  # default lengths, each half the next
 _LONGEST_SHARE = 16  # the longest default segment fits so many times in all drives together,
 _LONGEST_IN_ONE = 4  # and so many times in the shortest drive
-_SAMPLES = 4  # truth samples in the shortest default segment, at least
+_LEAST_KNOTS = 4  # samples in the shortest default segment, or in its half
 _FLOOR = 1e-6  # of the mean square of the observations of a length
 
 
@@ -139,11 +139,16 @@ def ladder_of(
         use_heading = all(with_heading) and not any(truth_repeats(odometry, truth) for odometry, truth in drives)
     if not use_heading:
         drives = [(odometry, truth.without_heading()) for odometry, truth in drives]
-    lengths = _lengths(drives) if lengths_m is None else np.unique(np.atleast_1d(np.asarray(lengths_m, dtype=float)))
+    parts = 1 if use_heading else 2
+    sampled = _sampled_every(drives)
+    lengths = (
+        _lengths(drives, parts * _LEAST_KNOTS * sampled)
+        if lengths_m is None
+        else np.unique(np.atleast_1d(np.asarray(lengths_m, dtype=float)))
+    )
     if lengths.size == 0 or not (np.isfinite(lengths).all() and lengths[0] > 0):
         raise ValueError(f"expected lengths_m > 0, got {lengths_m!r}")
-    parts = 1 if use_heading else 2
-    spacing = float(lengths[0]) / (_KNOTS * parts)
+    spacing = max(float(lengths[0]) / (_KNOTS * parts), sampled)
     matches = [
         match(odometry, truth, spacing_m=spacing, time_offset_s=time_offset_s, max_gap_s=max_gap_s)
         for odometry, truth in drives
@@ -208,15 +213,19 @@ def _climb(drives: Sequence[Sequence[Stretch]], lengths: Floats, spacing: float,
     )
 
 
-def _lengths(drives: list[tuple[OdometryLog, Trajectory]]) -> Floats:
-    """Default lengths, metres, increasing."""
+def _sampled_every(drives: list[tuple[OdometryLog, Trajectory]]) -> float:
+    """Mean distance between samples of the sparsest recording, metres."""
+    return max(float(odometry.travelled[-1]) / min(len(odometry.times), len(truth.times)) for odometry, truth in drives)
+
+
+def _lengths(drives: list[tuple[OdometryLog, Trajectory]], least: float) -> Floats:
+    """Default lengths, metres, increasing: not below ``least``, but at least one."""
     driven = [float(odometry.travelled[-1]) for odometry, _ in drives]
     if min(driven) <= 0:
         raise ValueError("expected drives in which the robot moves, got one without any distance")
     longest = min(sum(driven) / _LONGEST_SHARE, min(driven) / _LONGEST_IN_ONE)
     lengths = longest / 2.0 ** np.arange(_RUNGS)[::-1]
-    sampled = max(d / len(truth.times) for d, (_, truth) in zip(driven, drives, strict=True))
-    enough = lengths >= _SAMPLES * sampled
+    enough = lengths >= least
     return np.asarray(lengths[enough] if enough.any() else lengths[-1:])
 
 

@@ -176,6 +176,13 @@ def test_errors_that_do_not_add_up_are_said_to_be_no_random_walk():
     assert any("errors grow slower with length" in note for note in fit.notes)
 
 
+def test_odometry_that_drives_the_wrong_way_is_said_not_to_fit():
+    log, truth = recorded(length_m=80)
+    fit = fit_noise(OdometryLog(log.times, -log.moves, log.turns), truth, parameters=FITTED, resamples=100)
+    assert fit.noise.distance_scale_error > -1
+    assert fit.notes != ()
+
+
 def test_plain_arrays_of_poses_will_do():
     log, truth = recorded(length_m=80)
     poses = np.column_stack([log.positions.real, log.positions.imag, log.headings])
@@ -244,7 +251,7 @@ def test_what_is_printed_holds_what_was_found(fit):
     for name in FITTED:
         assert f"{getattr(fit.noise, name):.4g}" in text
     assert "95 % interval" in text
-    assert f"{fit.counts.used_m:.1f} of {fit.counts.driven_m:.1f} m used" in text
+    assert f"{fit.counts.used_m:.1f} m used (the odometry counted {fit.counts.driven_m:.1f} m" in text
     assert str(fit.check) in text
 
 
