@@ -34,6 +34,7 @@ _MOST_NODES = 40_000  # then a new roadmap is begun
 _CHUNK = 1024  # samples joined to the roadmap before the clock is looked at again
 _FEW_CORNERS = 200  # no more than these: then all of them at once
 _NEIGHBOURS = 14
+_BATCHES_TO_FIND_ONE = 4  # are completed, whatever the time, while no path is known
 _EXACT_SHARE = 0.4  # of the time goes into the roadmap that is then searched exactly
 _EXACT_NODES = 1500  # as many nodes as that search can deal with,
 _EXACT_NODES_TURNING = 600  # and when it must look at every pair of edges
@@ -179,11 +180,11 @@ class RoadmapSearch:
         the best of them. With ``exact``, first the search for a better one, until ``stop`` says so."""
         noise, roadmap = self.pricing.noise, self.roadmap
         assert self.path is not None, "there is nothing to finish without a path"
+        self._joined = None  # it may have been pruned since
+        self._join()
         if self.pricing.minimise == "length":
-            self._join()
             return Bound(min(roadmap.shortest().cost, self.cost), math.inf), False
         if not self.exact:
-            self._join()
             bound = bracketed(roadmap, noise, self.heading_std, self._least_additive)
             return bound._replace(mean_square=min(bound.mean_square, self.cost)), False
         judge = ExactJudge(self.pricing.space, noise, self.pricing.goal, self.start_heading)
@@ -227,7 +228,7 @@ class RoadmapSearch:
     def _join(self) -> None:
         """Make the best path part of the roadmap."""
         if self.path is not None and self.path is not self._joined and len(self.path) > 2:
-            self.roadmap.add(self.path[1:-1], _NEIGHBOURS, self.limit, chain=True)
+            self.roadmap.add(self.path[1:-1], _NEIGHBOURS, math.inf, chain=True)
         self._joined = self.path
 
     def _corners(self) -> Floats:
@@ -293,7 +294,7 @@ def plan_on_roadmap(
         while when headings at the goal are off by more than half a radian, or for a sharp ``bound``. The roadmap is
         then kept small.
     time_limit : float
-        Seconds; the first batch is completed in any case.
+        Seconds; the first batch is completed in any case, and four while no path is known.
     batches : int, optional
         Stop after so many batches: with the same seed the answer is then the same on every machine fast enough.
     seed : int
@@ -340,7 +341,8 @@ def plan_on_roadmap(
     share = _EXACT_SHARE if search.exact else 1.0
 
     def after(seconds: float) -> bool:
-        return search.batches > 0 and time.perf_counter() - began > seconds
+        enough = search.batches >= (1 if search.path is not None else _BATCHES_TO_FIND_ONE)
+        return enough and time.perf_counter() - began > seconds
 
     def grown() -> bool:
         return after(share * time_limit)

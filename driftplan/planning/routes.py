@@ -112,8 +112,8 @@ def plan_route(
     start_heading : float, optional
         Heading at the start, rad: then the first turn counts too.
     time_limit : float
-        Seconds of search. The roadmap's first batch is completed in any case; polishing the paths of OMPL's planners
-        is not counted.
+        Seconds of search. The roadmap's first batch is completed in any case, and four while no path is known;
+        polishing the paths of OMPL's planners is not counted.
     seed : int
         Same seed, same samples; how many are drawn depends on the time.
 
