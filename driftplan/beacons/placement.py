@@ -24,6 +24,7 @@ from driftplan.world.world import World
 Progress = Callable[[float, float, float], None]
 
 _ROUNDING = 1e-6  # relative: the final check adds the same numbers in another order
+_CHECK_S = 0.03  # seconds kept for the final check, per route, but at most a quarter of the time
 _FINEST = 0.02  # without a limit, and with perfect beacons: pieces are cut for this share of the drift without beacons
 
 
@@ -222,7 +223,8 @@ class _Search:
         tracks: Tracks | None = None,
     ):
         self.problem, self.began, self.progress = problem, began, progress
-        self.deadline = began + time_limit
+        check = _CHECK_S * len(problem.task.routes) * problem.task.redundancy
+        self.deadline = began + max(time_limit - check, 0.75 * time_limit)
         self.tracks = tracks
 
     def cheapest(self, limits: tuple[float, ...]) -> Layout:
