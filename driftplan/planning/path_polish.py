@@ -66,7 +66,7 @@ def refined(judge: Judge, space: Space, path: Floats, stop: Callable[[], bool] =
         price = judge.price(path)
         for _ in range(_SWEEPS):
             if stop():
-                return path
+                return _without_needless(judge, space, path)
             before = price
             for first in range(1, 1 + judge.stride):
                 moved = np.arange(first, len(path) - 1, judge.stride)

@@ -16,8 +16,8 @@ from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.exact_roadmap import Bound
 from driftplan.planning.objective import DriftObjective
+from driftplan.planning.roadmap_growth import RoadmapSearch
 from driftplan.planning.roadmap_pricing import Bools, Floats, Ints, Minimise, Pricing, Space
-from driftplan.planning.roadmap_search import RoadmapSearch
 from driftplan.planning.spaces import SpaceKind, space_kind
 from driftplan.world.world import World, Zone, ZonePieces
 

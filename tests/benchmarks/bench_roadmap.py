@@ -30,8 +30,8 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.planning.collision import use_world
 from driftplan.planning.cost import CostRates, edge_cost, geodesic_cost
 from driftplan.planning.objective import DriftObjective
+from driftplan.planning.roadmap_growth import RoadmapSearch
 from driftplan.planning.roadmap_pricing import Pricing
-from driftplan.planning.roadmap_search import RoadmapSearch
 from driftplan.world.mapfiles import bundled_map, load_world
 from driftplan.world.world import World
 
@@ -295,13 +295,14 @@ def plot(drawn: list[tuple[str, float, dict[str, Trace]]]) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, len(drawn), figsize=(4 * len(drawn), 3.6), layout="constrained", squeeze=False)
+    figure, axes = plt.subplots(1, len(drawn), figsize=(3.2 * len(drawn), 3.2), layout="constrained", squeeze=False)
     for ax, (name, least, traces) in zip(axes[0], drawn, strict=True):
         for planner, trace in traces.items():
             if trace:
                 seconds, costs = np.array([*trace, (SECONDS, trace[-1][1])]).T
                 ax.step(seconds, 100 * np.maximum(costs / least - 1, 1e-4), where="post", label=planner)
-        ax.set(xscale="log", yscale="log", title=name, xlabel="processor time, s", ylabel="above the limit, %")
+        ax.set(xlim=(0.01, SECONDS), xscale="log", yscale="log")
+        ax.set(title=name, xlabel="processor time, s", ylabel="above the limit, %")
     axes[0, 0].legend(fontsize="x-small")
     PLOT.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(PLOT, dpi=120)
