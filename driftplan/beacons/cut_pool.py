@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 EPS = 1e-6  # activities of rows are compared with this much room
 _ALL_AT_ONCE = 500  # rows: up to here it does not pay to be choosy
-_OVERLAP = 2  # rows that join at one time share a column with at most this many others
+_OVERLAP = 8  # rows that join at one time share a column with at most this many others
 
 
 @dataclass(frozen=True, slots=True, eq=False)
