@@ -6,6 +6,7 @@ at all borders between, and inside the pieces where that leaves a doubt.
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -14,12 +15,14 @@ from numpy.typing import NDArray
 from driftplan.beacons.hops import Limit, fits_between, sags
 from driftplan.beacons.spans import Spans
 from driftplan.beacons.tracks import Tracks
+from driftplan.model.inputs import Floats
 from driftplan.model.moments import Moments, compose
 
 Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 
 HOLDS = -1
+_NO_LIMIT_M = 1e9
 
 
 class Layouts(NamedTuple):
@@ -42,15 +45,60 @@ class Layouts(NamedTuple):
         return Layouts(self.route[which], number[self.drive[mine]], self.event[mine])
 
 
+def drives_of(tracks: Tracks, chosen: Bools, routes: Ints, redundancy: int = 1) -> Layouts:
+    """Each of the routes with every set of at most ``redundancy`` - 1 of the chosen sites that it meets dead."""
+    route: list[int] = []
+    drive, event = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
+    for r in routes.tolist():
+        here = tracks.events_of(r)
+        alive = np.flatnonzero(chosen[tracks.site[here]]) + here.start
+        site = tracks.site[alive]
+        for size in range(redundancy):
+            for dead in combinations(np.unique(site).tolist(), size):
+                left = alive[~np.isin(site, dead)] if size else alive
+                event.append(left)
+                drive.append(np.full(len(left), len(route)))
+                route.append(r)
+    return Layouts(np.array(route, dtype=np.intp), np.concatenate(drive), np.concatenate(event))
+
+
+def worst_squares(spans: Spans, layouts: Layouts) -> Floats:
+    """Greatest E|e|² at any border of each drive, both sides of every reading."""
+    worst = np.zeros(len(layouts.route))
+    forgets = spans.forgets[layouts.route]
+    if forgets.any():
+        no_limit = Limit(np.full(spans.tracks.routes, _NO_LIMIT_M))
+        _, _, worst[forgets] = _piece_by_piece(spans, layouts.only(forgets), no_limit)
+    if not forgets.all():
+        rest = layouts.only(~forgets)
+        found = np.zeros(len(rest.route))
+        borders = _borders_of(spans, rest, _hops_of(spans, rest))
+        np.maximum.at(found, borders.drive, borders.square)
+        worst[~forgets] = found
+    return worst
+
+
 def first_breach(spans: Spans, layouts: Layouts, limit: Limit) -> tuple[Ints, Bools]:
     """The first slot of each drive in which the limit breaks (`HOLDS`: none), and whether at the slot's start."""
     breach = np.full(len(layouts.route), HOLDS)
     early = np.zeros(len(layouts.route), dtype=bool)
     forgets = spans.forgets[layouts.route]
-    for some, find in ((~forgets, _from_reading_to_reading), (forgets, _piece_by_piece)):
-        if some.any():
-            breach[some], early[some] = find(spans, layouts.only(some), limit)
+    if not forgets.all():
+        rest = layouts.only(~forgets)
+        breach[~forgets], early[~forgets] = _judged(spans, rest, limit, _hops_of(spans, rest))
+    if forgets.any():
+        breach[forgets], early[forgets], _ = _piece_by_piece(spans, layouts.only(forgets), limit)
     return breach, early
+
+
+class _Borders(NamedTuple):
+    """Borders of hops: which hop and drive, hop's first border and own (both counted through), E|e|² there."""
+
+    hop: Ints
+    drive: Ints
+    e: Ints
+    j: Ints
+    square: Floats
 
 
 class _Hops(NamedTuple):
@@ -62,7 +110,8 @@ class _Hops(NamedTuple):
     state: Moments
 
 
-def _from_reading_to_reading(spans: Spans, layouts: Layouts, limit: Limit) -> tuple[Ints, Bools]:
+def _hops_of(spans: Spans, layouts: Layouts) -> _Hops:
+    """All stretches of all drives, moments carried from reading to reading."""
     tracks, drives = spans.tracks, np.arange(len(layouts.route))
     count = np.bincount(layouts.drive, minlength=len(drives))
     begins = np.cumsum(count) - count
@@ -83,47 +132,47 @@ def _from_reading_to_reading(spans: Spans, layouts: Layouts, limit: Limit) -> tu
             break
         state = compose(state, spans.between(base[drives] + at, base[drives] + to))
         state, at = _fixed(tracks, state, event[upcoming[more]]), to
-    return _judged(spans, layouts, limit, hops)
-
-
-def _judged(spans: Spans, layouts: Layouts, limit: Limit, hops: list[_Hops]) -> tuple[Ints, Bools]:
-    """The first slot that breaks, over all hops of each drive."""
     drive, begin, end = (np.concatenate([getattr(h, name) for h in hops]) for name in ("drive", "begin", "end"))
     state = Moments(*(np.concatenate(x) for x in zip(*(h.state.arrays() for h in hops), strict=True)))
-    borders = end - begin + 1
-    hop = np.repeat(np.arange(len(drive)), borders)
-    border = begin[hop] + np.arange(len(hop)) - np.repeat(np.cumsum(borders) - borders, borders)
-    route = layouts.route[drive]
-    base = spans.first[route]
-    e, j = (base + begin)[hop], base[hop] + border
-    square = spans.squares(state[hop], e, j)
+    return _Hops(drive, begin, end, state)
+
+
+def _borders_of(spans: Spans, layouts: Layouts, hops: _Hops) -> _Borders:
+    count = hops.end - hops.begin + 1
+    hop = np.repeat(np.arange(len(count)), count)
+    drive = hops.drive[hop]
+    e = spans.first[layouts.route[drive]] + hops.begin[hop]
+    j = e + np.arange(len(hop)) - np.repeat(np.cumsum(count) - count, count)
+    return _Borders(hop, drive, e, j, spans.squares(hops.state[hop], e, j))
+
+
+def _judged(spans: Spans, layouts: Layouts, limit: Limit, hops: _Hops) -> tuple[Ints, Bools]:
+    """The first slot that breaks, over all hops of each drive."""
+    hop, drive, e, j, square = borders = _borders_of(spans, layouts, hops)
+    route, state = layouts.route[drive], hops.state
     if limit.confidence is None:
-        broken = square > limit.metres[route[hop]] ** 2
-        unsure = _in_doubt(spans, limit, state, hop, e, j, square, route[hop])
-        broken[unsure] = True
+        broken = square > limit.metres[route] ** 2
+        broken[_in_doubt(spans, limit, state, borders, route)] = True
     else:
-        broken = limit.broken(compose(state[hop], spans.between(e, j)), route[hop])
-    at_start = border == begin[hop]
-    slot = np.where(at_start, border, border - 1)
+        broken = limit.broken(compose(state[hop], spans.between(e, j)), route)
+    at_start = e == j
+    slot = j - spans.first[route] - ~at_start
     breach, early = np.full(len(layouts.route), HOLDS), np.zeros(len(layouts.route), dtype=bool)
-    bad = np.flatnonzero(broken)[::-1]
+    bad = np.flatnonzero(broken)
     bad = bad[np.lexsort((~at_start[bad], -slot[bad]))]  # of several the first slot is written last
-    breach[drive[hop[bad]]] = slot[bad]
-    early[drive[hop[bad]]] = at_start[bad]
+    breach[drive[bad]], early[drive[bad]] = slot[bad], at_start[bad]
     return breach, early
 
 
-def _in_doubt(
-    spans: Spans, limit: Limit, state: Moments, hop: Ints, e: Ints, j: Ints, square: NDArray[np.float64], route: Ints
-) -> Ints:
-    """Positions in ``hop`` of borders on the way to which the limit breaks inside the piece, though not at its ends."""
-    tracks = spans.tracks
-    target = limit.metres[route] ** 2
+def _in_doubt(spans: Spans, limit: Limit, state: Moments, borders: _Borders, route: Ints) -> Ints:
+    """Which borders the limit breaks on the way to, inside the piece, though not at its ends."""
+    hop, _, e, j, square = borders
+    tracks, target = spans.tracks, limit.metres[route] ** 2
     piece = np.maximum(j - 1 - route, 0)  # the piece that ends at border j: every route has one border more than pieces
     inner = e < j
-    before = np.where(inner, np.roll(square, 1), 0.0)
+    higher = np.maximum(np.where(inner, np.roll(square, 1), 0.0), square)
     sag = sags(tracks, limit)[piece]
-    doubt = np.flatnonzero(inner & (np.maximum(before, square) <= target) & (np.maximum(before, square) > target - sag))
+    doubt = np.flatnonzero(inner & (higher <= target) & (higher > target - sag))
     if not len(doubt):
         return doubt
     begun = compose(state[hop[doubt]], spans.between(e[doubt], j[doubt] - 1))
@@ -131,11 +180,11 @@ def _in_doubt(
     return doubt[~fits_between(tracks, limit, inside, route[doubt], sag[doubt])]
 
 
-def _piece_by_piece(spans: Spans, layouts: Layouts, limit: Limit) -> tuple[Ints, Bools]:
-    """The same without spans, for routes on which they lose digits."""
+def _piece_by_piece(spans: Spans, layouts: Layouts, limit: Limit) -> tuple[Ints, Bools, Floats]:
+    """The same without spans, for routes on which they lose digits; and the greatest E|e|² as far as it went."""
     tracks = spans.tracks
     breach = np.full(len(layouts.route), HOLDS)
-    early = np.zeros(len(layouts.route), dtype=bool)
+    early, worst = np.zeros(len(layouts.route), dtype=bool), np.zeros(len(layouts.route))
     order = np.argsort(tracks.border[layouts.event], kind="stable")
     due_at, drive, event = tracks.border[layouts.event][order], layouts.drive[order], layouts.event[order]
     sag = sags(tracks, limit)
@@ -150,6 +199,8 @@ def _piece_by_piece(spans: Spans, layouts: Layouts, limit: Limit) -> tuple[Ints,
         piece = np.where(inside, tracks.first_piece[route] + t, 0)
         at_start = limit.broken(state, route)
         begun, state = state, compose(state, tracks.pieces[piece])
+        higher = np.maximum(begun.N.real, np.where(inside, state.N.real, 0.0))
+        worst[active] = np.maximum(worst[active], higher)
         at_end = inside & ~at_start & limit.broken(state, route)
         room = limit.metres[route] ** 2 - np.maximum(begun.N.real, state.N.real)
         doubt = np.flatnonzero(inside & ~at_start & ~at_end & (room < sag[piece]))
@@ -164,7 +215,7 @@ def _piece_by_piece(spans: Spans, layouts: Layouts, limit: Limit) -> tuple[Ints,
             active, route, state = active[going], route[going], state[going]
             position[active] = np.arange(len(active))
         t += 1
-    return breach, early
+    return breach, early, worst
 
 
 def _read(tracks: Tracks, state: Moments, at: Ints, event: Ints) -> Moments:

@@ -12,7 +12,10 @@ import numpy as np
 
 from driftplan.beacons.beacon import Beacon, BeaconColumns, drift_with_beacons
 from driftplan.beacons.covering import Outcome
+from driftplan.beacons.drives import Layouts, worst_squares
 from driftplan.beacons.passes import passes_of
+from driftplan.beacons.spans import Spans
+from driftplan.beacons.tracks import lay_tracks
 from driftplan.model.drift import Drift, PointDrift
 from driftplan.model.fixes import Fix
 from driftplan.model.inputs import Floats
@@ -43,8 +46,9 @@ class Task:
     def worst(self, drift: Drift) -> float:
         """Greatest score along a route: at the waypoints, both sides of every fix and 200 points between."""
         profile = drift.profile()
-        if self.confidence is not None:  # integrals are dear: only where the greatest can be
-            profile = PointDrift(profile.distance, profile.moments[profile.rms >= 0.4 * profile.rms.max()])
+        if self.confidence is not None:  # dear integrals: only where rms <= radius <= rms/sqrt(1 - c) leaves a chance
+            high = profile.rms >= (1 - self.confidence) ** 0.5 * profile.rms.max()
+            profile = PointDrift(profile.distance[high], profile.moments[high])
         return float(np.max(self.score(profile)))
 
     def met(self, beacons: Sequence[Beacon], route: int) -> list[Beacon]:
@@ -130,10 +134,36 @@ class Layout:
         """For every beacon, old and new: the routes that meet it and the worst drift without it."""
         everyone = (*self.existing, *self.beacons)
         met = [self.task.met(everyone, r) for r in range(len(self.task.routes))]
+        pairs = [(beacon, r) for beacon in everyone for r, here in enumerate(met) if beacon in here]
+        if self.task.confidence is None:
+            hurt = self._worst_rms_without(everyone, pairs)
+        else:
+            left = ([b for b in met[r] if b != beacon] for beacon, r in pairs)
+            hurt = [self.task.worst(self.task.drift(r, some)) for (_, r), some in zip(pairs, left, strict=True)]
         found = []
         for beacon in everyone:
-            routes = tuple(r for r, here in enumerate(met) if beacon in here)
-            without = {r: self.task.worst(self.task.drift(r, [b for b in met[r] if b != beacon])) for r in routes}
+            without = {r: w for (dead, r), w in zip(pairs, hurt, strict=True) if dead == beacon}
             worst = max(without, key=lambda r: without[r], default=-1)
-            found.append(Importance(beacon, routes, without.get(worst, float("nan")), worst))
+            found.append(Importance(beacon, tuple(without), without.get(worst, float("nan")), worst))
         return tuple(found)
+
+    def _worst_rms_without(self, everyone: Sequence[Beacon], pairs: Sequence[tuple[Beacon, int]]) -> list[float]:
+        """Greatest rms on a route without one beacon, for pairs of a beacon and a route that meets it, all at once."""
+        if not pairs:
+            return []
+        task = self.task
+        tracks = lay_tracks(
+            task.routes,
+            task.noise,
+            everyone,
+            task.world,
+            start_fix=task.start_fix,
+            least_limit_m=min(self.max_drift),
+        )
+        number = {beacon: k for k, beacon in enumerate(everyone)}
+        alive = [tracks.events_of(r) for _, r in pairs]
+        events = [np.arange(here.start, here.stop) for here in alive]
+        events = [e[tracks.site[e] != number[b]] for e, (b, _) in zip(events, pairs, strict=True)]
+        drive = np.repeat(np.arange(len(pairs)), [len(e) for e in events])
+        layouts = Layouts(np.array([r for _, r in pairs]), drive, np.concatenate(events).astype(np.intp))
+        return [float(x) for x in np.sqrt(worst_squares(Spans(tracks), layouts))]

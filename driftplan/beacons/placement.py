@@ -12,12 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.covering import Cover, Outcome, cheapest_cover
 from driftplan.beacons.cut_pool import Cut
+from driftplan.beacons.drives import drives_of, worst_squares
 from driftplan.beacons.infeasible import explain
 from driftplan.beacons.layout import Layout
 from driftplan.beacons.placement_problem import PlacementProblem, SiteGroup, limits_of, placement_problem
+from driftplan.beacons.spans import Spans
 from driftplan.beacons.tracks import Tracks
 from driftplan.errors import InfeasibleError
 from driftplan.model.fixes import Fix
+from driftplan.model.inputs import whole
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.world import World
 
@@ -190,6 +193,7 @@ def beacon_tradeoff(
     >>> [(len(layout.beacons), round(layout.worst_drift, 2)) for layout in curve]
     [(0, 2.96), (1, 0.99), (2, 0.53)]
     """
+    whole("up_to", up_to, least=0)
     began = time.monotonic()
     curve: list[Layout] = []
     tracks: Tracks | None = None
@@ -226,6 +230,7 @@ class _Search:
         check = _CHECK_S * len(problem.task.routes) * problem.task.redundancy
         self.deadline = began + max(time_limit - check, 0.75 * time_limit)
         self.tracks = tracks
+        self.spans: Spans | None = None
 
     def cheapest(self, limits: tuple[float, ...]) -> Layout:
         self.tracks = self.problem.tracks(min(limits))
@@ -313,8 +318,12 @@ class _Search:
     def _worst(self, chosen: NDArray[np.bool_]) -> float:
         """Greatest drift on any route, with the beacons dead that may be."""
         task, everyone = self.problem.task, (*self.problem.existing, *self.problem.chosen(chosen))
-        drifts = (drift for r in range(len(task.routes)) for _, drift in task.failures(everyone, r))
-        return max(task.worst(drift) for drift in drifts)
+        routes = np.arange(len(task.routes))
+        if task.confidence is None and self.tracks is not None:
+            self.spans = self.spans or Spans(self.tracks)
+            drives = drives_of(self.tracks, chosen, routes, task.redundancy)
+            return float(np.sqrt(worst_squares(self.spans, drives).max()))
+        return max(task.worst(drift) for r in routes.tolist() for _, drift in task.failures(everyone, r))
 
     def _layout(
         self,

@@ -114,11 +114,13 @@ def placement_problem(
     task = Task(
         world=world,
         routes=routes_of(routes),
-        noise=_continuous(noise),
+        noise=_continuous("noise", noise),
         start_fix=_start(start_fix),
         confidence=_confidence(confidence),
         redundancy=whole("redundancy", redundancy, least=1),
     )
+    for k, zone in enumerate(world.zones if world is not None else ()):
+        _continuous(f"the noise of zone {k}", zone.noise)
     for beacon in existing:
         if not isinstance(beacon, Beacon):
             raise ValueError(f"expected existing to be Beacon objects, got {beacon!r}")
@@ -182,9 +184,9 @@ def limits_of(max_drift: Any, routes: int) -> tuple[float, ...]:
     return tuple(values.tolist())
 
 
-def _continuous(noise: Any) -> OdometryNoise:
+def _continuous(name: str, noise: Any) -> OdometryNoise:
     if not isinstance(noise, OdometryNoise):
-        raise ValueError(f"expected noise to be an OdometryNoise, got {noise!r}")
+        raise ValueError(f"expected {name} to be an OdometryNoise, got {noise!r}")
     if noise.step_m is not None:
         rates = {
             name: getattr(noise, f"{name}_per_m") + getattr(noise, f"{name}_per_step") / noise.step_m
@@ -192,7 +194,7 @@ def _continuous(noise: Any) -> OdometryNoise:
         }
         said = ", ".join(f"{name}_per_m={rate:g}" for name, rate in rates.items() if rate)
         raise ValueError(
-            "expected a noise without step_m: in the step model the drift depends on where a path is cut, so a limit "
+            f"expected {name} without step_m: in the step model the drift depends on where a path is cut, so a limit "
             f"'everywhere' has no exact meaning; use rates per metre, here OdometryNoise({said})"
         )
     return noise

@@ -23,13 +23,12 @@ is an upper bound over all headings that the earlier readings may have left, and
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from driftplan.beacons.cut_pool import Cut
-from driftplan.beacons.drives import HOLDS, Layouts, first_breach
+from driftplan.beacons.drives import HOLDS, Layouts, drives_of, first_breach
 from driftplan.beacons.exclusions import Chances, Pairs, chance_exclusion, order_exclusion, pair_exclusions
 from driftplan.beacons.hops import Limit, Sources, reach
 from driftplan.beacons.spans import Spans
@@ -157,7 +156,7 @@ class DriftRequirements:
     def cuts(self, chosen: Bools, near: int | None = None) -> list[Cut]:
         """Cuts that ``chosen`` violates (see the module's docstring), none if it holds; ``near`` as in `covering`."""
         routes = np.arange(self.tracks.routes) if near is None else self._routes_meeting[near]
-        layouts = self._drives(chosen, routes)
+        layouts = drives_of(self.tracks, chosen, routes, self.redundancy)
         simple = self.independent[layouts.route]
         found = [self._sure_cut(chosen, *breach) for breach in self._breached_hops(layouts, simple)]
         if not simple.all():
@@ -171,22 +170,6 @@ class DriftRequirements:
     def holds(self, chosen: Bools) -> bool:
         """Whether the layout keeps the limit."""
         return not self.cuts(chosen)
-
-    def _drives(self, chosen: Bools, routes: Ints) -> Layouts:
-        """Every route with every set of at most k - 1 of its beacons dead."""
-        drive_route: list[int] = []
-        drive, event = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
-        for r in routes.tolist():
-            here = self.tracks.events_of(r)
-            alive = np.flatnonzero(chosen[self.tracks.site[here]]) + here.start
-            site = self.tracks.site[alive]
-            for size in range(self.redundancy):
-                for dead in combinations(np.unique(site).tolist(), size):
-                    left = alive[~np.isin(site, dead)] if size else alive
-                    event.append(left)
-                    drive.append(np.full(len(left), len(drive_route)))
-                    drive_route.append(r)
-        return Layouts(np.array(drive_route, dtype=np.intp), np.concatenate(drive), np.concatenate(event))
 
     def _breached_hops(self, layouts: Layouts, simple: Bools) -> Iterator[tuple[int, int, int]]:
         """Hops beyond reach, on routes of independent readings: route, first slot that breaks, last reading."""

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.beacons.drives import HOLDS
+from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons
+from driftplan.beacons.drives import HOLDS, drives_of, first_breach, worst_squares
 from driftplan.beacons.hops import Limit
 from driftplan.beacons.placement_problem import placement_problem
 from driftplan.beacons.spans import Spans
@@ -153,3 +153,57 @@ def test_a_radius_is_judged_by_its_quantile():
         assert problem.requirements(tracks, [limit]).holds(np.array([False])) is holds
     assert Limit(np.array([radius]), 0.9).confidence == 0.9
     assert HOLDS < 0
+
+
+SHY = BeaconKind.rfid(1.5, 0.1, detection_probability=0.7)
+ALL_KINDS = [*SITES, Beacon(SHY, 10, 2.5), Beacon(BeaconKind.heading(2.0, 0.03), 13, -3), Beacon(SHY, 4, -6)]
+TWO_ROUTES = [PATH, np.array([(4, -6), (12, 3), (5, 1.25), (14, -4)], dtype=float)]
+
+
+def drives_on_two_routes(noise, limit):
+    problem = placement_problem(None, TWO_ROUTES, noise, candidates=ALL_KINDS, redundancy=2)
+    tracks = problem.tracks(limit)
+    rng = np.random.default_rng(5)
+    chosen = [rng.random(len(ALL_KINDS)) < 0.6 for _ in range(12)]
+    return tracks, chosen, [drives_of(tracks, c, np.arange(2), 2) for c in chosen]
+
+
+@pytest.mark.parametrize("noise", [NOISE, SYSTEMATIC])
+@pytest.mark.parametrize("limit", [0.4, 0.8, 1.5])
+def test_from_reading_to_reading_and_piece_by_piece_the_same_slot_breaks(noise, limit):
+    tracks, _, drives = drives_on_two_routes(noise, limit)
+    spans, stepwise = Spans(tracks), Spans(tracks)
+    stepwise.forgets[:] = True
+    for layouts in drives:
+        for one, other in zip(
+            first_breach(spans, layouts, Limit(np.full(2, limit))),
+            first_breach(stepwise, layouts, Limit(np.full(2, limit))),
+            strict=True,
+        ):
+            np.testing.assert_array_equal(one, other)
+        np.testing.assert_allclose(worst_squares(spans, layouts), worst_squares(stepwise, layouts), rtol=1e-9)
+
+
+def test_the_worst_of_each_drive_is_that_of_predict_drift():
+    tracks, chosen, drives = drives_on_two_routes(NOISE, 0.5)
+    spans = Spans(tracks)
+    for which, layouts in zip(chosen, drives, strict=True):
+        worst = np.sqrt(worst_squares(spans, layouts))
+        everyone = [site for site, there in zip(ALL_KINDS, which, strict=True) if there]
+        for k, route in enumerate(layouts.route.tolist()):
+            alive = {int(tracks.site[e]) for e in layouts.event[layouts.drive == k]}
+            met = [b for b in everyone if ALL_KINDS.index(b) in alive]
+            expected = drift_with_beacons(TWO_ROUTES[route], NOISE, met).profile().rms.max()
+            assert worst[k] == pytest.approx(expected, rel=1e-6)
+
+
+def test_every_route_is_driven_with_all_and_with_every_one_dead():
+    tracks, chosen, drives = drives_on_two_routes(NOISE, 0.5)
+    for which, layouts in zip(chosen, drives, strict=True):
+        for r in range(2):
+            met = {int(s) for s in tracks.site[tracks.events_of(r)] if which[s]}
+            alive = [
+                {int(tracks.site[e]) for e in layouts.event[layouts.drive == k]}
+                for k in np.flatnonzero(layouts.route == r).tolist()
+            ]
+            assert sorted(map(sorted, alive)) == sorted(map(sorted, [met, *({*met} - {s} for s in met)]))
