@@ -24,7 +24,7 @@ class Status(Enum):
     """Why the search ended."""
 
     OPTIMAL = "Optimal: the straight run costs as little as any path can."
-    ROADMAP_OPTIMAL = "Proven: no path of the roadmap is better by more than 0.1 % (see `bound`)."
+    ROADMAP_OPTIMAL = "Proven: no path of the roadmap has an rms drift smaller by 0.1 % (see `bound`)."
     BATCHES_DONE = "All batches done: the best path of the roadmap so far."
     TIME_LIMIT = "Time limit reached: the best path so far."
 
