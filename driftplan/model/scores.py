@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 
 _LOG_T = np.arange(-75.0, 75.0, 0.2)  # trapezoid nodes: exact to rounding, the integrand is analytic in ln t
 _NODES = 64  # Gauss-Legendre nodes in each of the three panels across the major axis
+_SURE_STDS = 8.0  # so far from a border a Gaussian is to one side of it, to rounding
 _SOLVER_STEPS = 100
 _BLOCK = 2048  # points worked on at once, which bounds the memory
 
@@ -119,7 +120,8 @@ def _principal(mean: Floats, cov: Floats) -> tuple[Floats, Floats]:
 def _within(variance: Floats, offset: Floats, radius: Floats) -> Floats:
     """Probability mass in discs about zero: across the major axis y, of strips of the disc along the minor axis.
 
-    Where the circle passes the line of a flat error the strips' mass changes abruptly, so the range is cut there.
+    Where the circle passes the line of a flat error the strips' mass changes from one to zero within some standard
+    deviations of the minor axis, however short these are; a panel of its own at either side resolves that.
     """
     from scipy.special import ndtr
 
@@ -133,10 +135,10 @@ def _within(variance: Floats, offset: Floats, radius: Floats) -> Floats:
     r = np.where(outside, 1.0, radius)
     low, high = np.where(outside, -1.0, low), np.where(outside, 1.0, high)
     a, b = np.arcsin(np.clip(low / r, -1, 1)), np.arcsin(np.clip(high / r, -1, 1))
-    edge = np.arccos(np.clip(np.abs(m2) / r, 0, 1))
+    whole, none = (np.arccos(np.clip((np.abs(m2) + k * s2) / r, 0, 1)) for k in (_SURE_STDS, -_SURE_STDS))
     nodes, weights = _legendre()
     inside = np.zeros(radius.shape)
-    cuts = (a, np.clip(-edge, a, b), np.clip(edge, a, b), b)
+    cuts = [np.clip(angle, a, b) for angle in (-none, -whole, whole, none)]
     for left, right in pairwise(cuts):
         angle = (0.5 * (left + right))[:, None] + nodes * (0.5 * (right - left))[:, None]
         y, half = r[:, None] * np.sin(angle), r[:, None] * np.cos(angle)
