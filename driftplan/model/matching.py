@@ -4,12 +4,14 @@ A `Stretch` is what calibration works on: knots at about equal true distances al
 and the true pose at each. True distance is the odometry's, corrected piece by piece by the truth's chords: jitter of
 the truth then does not lengthen the way, and where a segment ends does not depend on the errors that are to be measured
 (a segment that ends when the *odometry* has counted 10 m hides its distance error in its length, and one that counts a
-wrong turn for a longer one gets less weight). The angle turned is corrected by the true heading likewise.
+wrong turn for a longer one gets less weight). The angle turned is the true heading's where that is known, and counted
+with a play as wide as its jitter, because absolute values of jitter add up.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +26,8 @@ _JUMP_SPREADS = (
 _JUMP_S = 0.25  # from so many seconds before to after, plus so many robust standard deviations of one step
 _OFFSETS = 20  # clock offsets tried to either side
 _CLEARLY = 0.95  # an offset must reduce the disagreement of the recordings to this share
+_PLAY_TRUE = 5.0  # standard deviations of the true heading's jitter within which it may swing without having turned,
+_PLAY_SAID = 10.0  # and of the odometry's, where the true one is not known: its errors wander
 _RULER_KNOTS = 4  # knots per piece on which the true distance is measured
 _SKIP = 10  # so many outliers in a row are no outliers: the truth has jumped, and the drive is cut there
 
@@ -74,7 +78,8 @@ class Stretch(NamedTuple):
     truth : complex array, shape (K,)
     truth_heading : array, shape (K,), or None
     turns, angles : arrays, shape (K - 1,)
-        Heading change between knots by the odometry, signed, and the angle turned in either direction, rad.
+        Heading change between knots by the odometry, signed; and the angle turned in either direction, rad: the true
+        one with true headings, else the odometry's.
     """
 
     driven: Floats
@@ -156,8 +161,9 @@ def match(
 
     stretches = []
     driven = _true_distance(odometry, travelled, times, positions, _RULER_KNOTS * spacing_m)
+    turned = _angle_turned(odometry, times, headings)
     for begin, end in pieces:
-        stretch = _stretch(odometry, driven, begin, end, times, positions, headings, spacing_m)
+        stretch = _stretch(odometry, driven, turned, begin, end, times, positions, headings, spacing_m)
         if stretch is not None:
             stretches.append(stretch)
     dt = np.diff(odometry.times)
@@ -195,6 +201,7 @@ def _true_distance(
 def _stretch(
     odometry: OdometryLog,
     driven: Floats,
+    turned: tuple[Floats, Floats],
     begin: float,
     end: float,
     times: Floats,
@@ -217,21 +224,42 @@ def _stretch(
     if at.size < 2:
         return None
     heading = np.interp(at, odometry.times, odometry.headings)
-    turned = np.interp(at, odometry.times, np.concatenate([[0.0], np.cumsum(np.abs(odometry.turns))]))
-    turns, angles = np.diff(heading), np.diff(turned)
-    true_heading = None
-    if headings is not None:
-        true_heading = np.interp(at, times, headings)
-        angles = angles * _ratio(np.diff(true_heading), turns, angles)
     return Stretch(
         distances,
         _interpolated(at, odometry.times, odometry.positions),
         heading,
         _interpolated(at, times, positions),
-        true_heading,
-        turns,
-        angles,
+        None if headings is None else np.interp(at, times, headings),
+        np.diff(heading),
+        np.diff(np.interp(at, *turned)),
     )
+
+
+def _angle_turned(odometry: OdometryLog, times: Floats, headings: Floats | None) -> tuple[Floats, Floats]:
+    """Times, and the angle turned in either direction until then: of the true heading if there is one."""
+    if headings is None:
+        jitter = _spread(np.diff(odometry.headings, n=2)) / sqrt(6)
+        return odometry.times, _turned(odometry.headings, _PLAY_SAID * jitter)
+    jitter = _spread(np.diff(headings - np.interp(times, odometry.times, odometry.headings))) / sqrt(2)
+    return times, _turned(headings, _PLAY_TRUE * jitter)
+
+
+def _turned(headings: Floats, play_rad: float) -> Floats:
+    """Sum of the heading's changes either way up to every sample, as a pointer dragged with a play shows them."""
+    half = 0.5 * play_rad
+    pointer, total = float(headings[0]), 0.0
+    turned = np.empty(len(headings))
+    for k, heading in enumerate(headings.tolist()):
+        pull = max(heading - half - pointer, 0.0) + min(heading + half - pointer, 0.0)
+        pointer += pull
+        total += abs(pull)
+        turned[k] = total
+    return turned
+
+
+def _spread(values: Floats) -> float:
+    """Standard deviation, by the median of the absolute values."""
+    return 1.4826 * float(np.median(np.abs(values))) if values.size else 0.0
 
 
 def _ratio(was: Floats, said: Floats, counted: Floats) -> Floats:
@@ -253,7 +281,7 @@ def _good_samples(odometry: OdometryLog, truth: Trajectory, times: Floats) -> tu
     around = max(_JUMP_S, 2 * float(np.median(np.diff(odometry.times))))
     before, at, after = (np.interp(times + shift, odometry.times, travelled) for shift in (-around, 0.0, around))
     steps = np.abs(np.diff(positions))
-    spread = 1.4826 * float(np.median(np.abs(steps - np.diff(at))))
+    spread = _spread(steps - np.diff(at))
     allowance = _JUMP_SPREADS * spread + 1e-6 * float(np.ptp(travelled))
     outside = (times < odometry.times[0]) | (times > odometry.times[-1])  # how far the robot moved there is unknown
     suspect = np.flatnonzero((steps > after[1:] - before[:-1] + allowance) & ~(outside[1:] | outside[:-1]))

@@ -85,8 +85,8 @@ def pieces(stretch: Stretch, noise: OdometryNoise) -> Moments:
     if stretch.truth_heading is not None:
         turn, angle = np.diff(stretch.truth_heading), stretch.angles
     else:
-        turn = (stretch.turns - noise.heading_bias_per_m * length) / (1 + noise.heading_bias_per_rad)
         angle = stretch.angles / (1 + noise.heading_bias_per_rad)
+        turn = (stretch.turns - noise.heading_bias_per_m * length) / (1 + noise.heading_bias_per_rad)
     move = np.diff(stretch.truth)
     spread = noise.heading_var_per_m * length + noise.heading_var_per_rad * angle
     mean = noise.heading_bias_per_m * length + noise.heading_bias_per_rad * turn

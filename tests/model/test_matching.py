@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from driftplan.model.matching import match
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.paths import Run
 from driftplan.model.recordings import OdometryLog, Trajectory
 from driftplan.model.simulated_log import simulate_log
 
@@ -73,6 +74,21 @@ def test_jitter_of_the_truth_does_not_lengthen_the_way():
     found = match(log, truth, spacing_m=1.0, time_offset_s=0.0)
     assert rattling > 60.0  # of 34 m
     assert found.counts.used_m == pytest.approx(34.0, abs=1.1)
+
+
+@pytest.mark.parametrize("heading", [True, False])
+@pytest.mark.parametrize("error", [0.02, -0.5])
+def test_the_angle_turned_is_that_of_the_robot_and_not_that_of_jitter(heading, error):
+    """Within a tenth, where absolute values of the heading's changes add up to a third more (winding) or to 40 rad
+    (straight); looking round and back counts, though the heading is then as before."""
+    noise = OdometryNoise(heading_var_per_m=1e-3, heading_var_per_rad=1e-3, heading_bias_per_rad=error)
+    look_round = [Run(length_m=0.0, turn_rad=turn) for turn in (-1.0, 2.0, -1.0)]
+    winding = [Run(length_m=3.0, curvature_per_m=0.3), Run(length_m=3.0, curvature_per_m=-0.5), *look_round]
+    for path, angle in ((60 * winding, 60 * (0.9 + 1.5 + 4.0)), ([Run(length_m=360.0)], 0.0)):
+        log, truth = simulate_log(path, noise, rng=1, truth_heading_std=0.02, truth_position_std_m=0.004)
+        found = match(log, truth if heading else truth.without_heading(), spacing_m=0.25, time_offset_s=0.0)
+        expected = angle if heading else (1 + error) * angle  # all that is known is what the odometry said
+        assert found.counts.turned_rad == pytest.approx(expected, rel=0.1, abs=8.0)
 
 
 def test_standstill_takes_time_and_no_distance():
