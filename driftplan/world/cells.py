@@ -16,6 +16,7 @@ Ints = NDArray[np.int64]
 MAX_CELLS = 25_000_000  # 5000 x 5000: a map of 250 m at 0.05 m
 MAX_SIDES = 2_000_000  # between occupied and other cells
 MAX_RINGS = 20_000  # walls need hundreds; more is noise, and would take minutes to inflate
+_NO_TURN = 1e-6  # cells: a yaw that moves no corner farther is none
 _NOISE = "this looks like noise, not walls"
 
 
@@ -25,7 +26,7 @@ def outline_of_cells(
     """Obstacles and bounds of a grid, row 0 at the bottom, whose lower left corner is at ``origin`` (x, y, yaw).
 
     The cells are traced in whole numbers, so the polygons have exactly the cells' outline. With yaw, what the bounds
-    hold beside the turned grid is an obstacle too.
+    hold beside the turned grid is an obstacle too; a yaw that moves no corner by a millionth of a cell is none.
 
     Raises
     ------
@@ -34,6 +35,8 @@ def outline_of_cells(
     """
     merged = _polygons(occupied)
     x, y, yaw = origin
+    if abs(yaw) * max(occupied.shape) < _NO_TURN:
+        yaw = 0.0  # slivers thinner than rounding beside the grid would make the polygons invalid
     turn = cell_size_m * np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
 
     def placed(geometry: Any) -> Any:
@@ -43,8 +46,8 @@ def outline_of_cells(
     frame = placed(shapely.box(0, 0, occupied.shape[1], occupied.shape[0]))
     bounds = tuple(float(v) for v in frame.bounds)
     if yaw != 0:
-        beside = shapely.union(obstacles, shapely.box(*bounds).difference(frame))
-        obstacles = MultiPolygon([part for part in shapely.get_parts(beside) if not part.is_empty])
+        parts = shapely.get_parts(shapely.union(obstacles, shapely.box(*bounds).difference(frame)))
+        obstacles = MultiPolygon(list(parts[shapely.area(parts) > 0]))
     return obstacles, bounds  # type: ignore[return-value]
 
 
@@ -64,9 +67,7 @@ def cells_of_outline(obstacles: MultiPolygon, bounds: tuple[float, float, float,
         raise ValueError(f"expected at most {MAX_CELLS} cells, got {width} x {height}: use a larger cell_size_m")
     shapely.prepare(obstacles)
     occupied = np.zeros((height, width), dtype=bool)
-    size = (
-        4096  # look at large blocks of cells, then at the eighths of those that an outline crosses, down to the cells
-    )
+    size = 4096  # large blocks first, then the eighths of those that an outline crosses, down to the cells
     blocks = size * np.argwhere(np.ones((ceil(height / size), ceil(width / size))))
     while len(blocks):
         low = np.array([xmin, ymin]) + (blocks[:, ::-1] + 1e-6) * cell_size_m

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
@@ -16,6 +16,7 @@ some = settings(max_examples=80, deadline=None)
 
 
 @some
+@example(grid=np.array([[False], [True], [False], [False]]), x=0.0, y=0.0, yaw=1.5e-59, size=0.05)
 @given(
     grid=grids,
     x=st.floats(-1e3, 1e3),
