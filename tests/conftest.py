@@ -1,0 +1,9 @@
+"""Property tests try the same examples on every machine; with HYPOTHESIS_PROFILE=explore they look for new ones."""
+
+import os
+
+from hypothesis import settings
+
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.register_profile("explore", deadline=None, max_examples=500)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
