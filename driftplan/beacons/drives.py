@@ -17,6 +17,7 @@ from driftplan.beacons.spans import Spans
 from driftplan.beacons.tracks import Tracks
 from driftplan.model.inputs import Floats
 from driftplan.model.moments import Moments, compose
+from driftplan.model.worst import ceiling, greatest_between
 
 Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
@@ -63,19 +64,35 @@ def drives_of(tracks: Tracks, chosen: Bools, routes: Ints, redundancy: int = 1) 
 
 
 def worst_squares(spans: Spans, layouts: Layouts) -> Floats:
-    """Greatest E|e|² at any border of each drive, both sides of every reading."""
+    """Greatest E|e|² anywhere on each drive, as `driftplan.model.worst.worst_rms` means it, m²."""
     worst = np.zeros(len(layouts.route))
     forgets = spans.forgets[layouts.route]
     if forgets.any():
-        no_limit = Limit(np.full(spans.tracks.routes, _NO_LIMIT_M))
-        _, _, worst[forgets] = _piece_by_piece(spans, layouts.only(forgets), no_limit)
+        worst[forgets] = _worst_piece_by_piece(spans, layouts.only(forgets))
     if not forgets.all():
         rest = layouts.only(~forgets)
+        hops = _hops_of(spans, rest)
+        borders = _borders_of(spans, rest, hops)
         found = np.zeros(len(rest.route))
-        borders = _borders_of(spans, rest, _hops_of(spans, rest))
         np.maximum.at(found, borders.drive, borders.square)
-        worst[~forgets] = found
+        worst[~forgets] = _with_insides(spans, rest, hops, borders, found)
     return worst
+
+
+def _with_insides(spans: Spans, layouts: Layouts, hops: _Hops, borders: _Borders, found: Floats) -> Floats:
+    """The greatest E|e|² of each drive, given that of its borders."""
+    tracks, (hop, drive, e, j, square) = spans.tracks, borders
+    piece = np.maximum(j - 1 - layouts.route[drive], 0)  # that ends at border j
+    ends = np.maximum(np.roll(square, 1), square)
+    bend, fixed = (x[piece] * tracks.length[piece] ** 2 / 8 for x in (tracks.bend, tracks.bend_fixed))
+    some = np.flatnonzero((e < j) & (ceiling(ends, bend, fixed) > found[drive]))
+    if not len(some):
+        return found
+    begun = compose(hops.state[hop[some]], spans.between(e[some], j[some] - 1))
+    piece = piece[some]
+    return greatest_between(
+        begun, tracks.length[piece], tracks.noise_of[piece], tracks.noises, ends[some], drive[some], found
+    )
 
 
 def first_breach(spans: Spans, layouts: Layouts, limit: Limit) -> tuple[Ints, Bools]:
@@ -87,7 +104,7 @@ def first_breach(spans: Spans, layouts: Layouts, limit: Limit) -> tuple[Ints, Bo
         rest = layouts.only(~forgets)
         breach[~forgets], early[~forgets] = _judged(spans, rest, limit, _hops_of(spans, rest))
     if forgets.any():
-        breach[forgets], early[forgets], _ = _piece_by_piece(spans, layouts.only(forgets), limit)
+        breach[forgets], early[forgets] = _piece_by_piece(spans, layouts.only(forgets), limit)
     return breach, early
 
 
@@ -180,11 +197,35 @@ def _in_doubt(spans: Spans, limit: Limit, state: Moments, borders: _Borders, rou
     return doubt[~fits_between(tracks, limit, inside, route[doubt], sag[doubt])]
 
 
-def _piece_by_piece(spans: Spans, layouts: Layouts, limit: Limit) -> tuple[Ints, Bools, Floats]:
-    """The same without spans, for routes on which they lose digits; and the greatest E|e|² as far as it went."""
+class _Begun(NamedTuple):
+    """Pieces as they begin: state, piece, drive, the greater E|e|² of the two ends."""
+
+    state: Moments
+    piece: Ints
+    drive: Ints
+    ends: Floats
+
+
+def _worst_piece_by_piece(spans: Spans, layouts: Layouts) -> Floats:
+    """`worst_squares` without spans."""
+    tracks = spans.tracks
+    begun: list[_Begun] = []
+    _piece_by_piece(spans, layouts, Limit(np.full(tracks.routes, _NO_LIMIT_M)), begun)
+    piece, drive, ends = (np.concatenate([getattr(b, name) for b in begun]) for name in ("piece", "drive", "ends"))
+    state = Moments(*(np.concatenate(x) for x in zip(*(b.state.arrays() for b in begun), strict=True)))
+    found = np.zeros(len(layouts.route))
+    np.maximum.at(found, drive, ends)
+    length = np.where(piece >= 0, tracks.length[piece], 0.0)
+    return greatest_between(state, length, tracks.noise_of[piece], tracks.noises, ends, drive, found)
+
+
+def _piece_by_piece(
+    spans: Spans, layouts: Layouts, limit: Limit, passed: list[_Begun] | None = None
+) -> tuple[Ints, Bools]:
+    """`first_breach` without spans, for routes on which they lose digits; ``passed`` takes the pieces driven."""
     tracks = spans.tracks
     breach = np.full(len(layouts.route), HOLDS)
-    early, worst = np.zeros(len(layouts.route), dtype=bool), np.zeros(len(layouts.route))
+    early = np.zeros(len(layouts.route), dtype=bool)
     order = np.argsort(tracks.border[layouts.event], kind="stable")
     due_at, drive, event = tracks.border[layouts.event][order], layouts.drive[order], layouts.event[order]
     sag = sags(tracks, limit)
@@ -200,10 +241,10 @@ def _piece_by_piece(spans: Spans, layouts: Layouts, limit: Limit) -> tuple[Ints,
         at_start = limit.broken(state, route)
         begun, state = state, compose(state, tracks.pieces[piece])
         higher = np.maximum(begun.N.real, np.where(inside, state.N.real, 0.0))
-        worst[active] = np.maximum(worst[active], higher)
+        if passed is not None:  # at the end nothing is driven: a stretch of no length
+            passed.append(_Begun(begun, np.where(inside, piece, -1), active, higher))
         at_end = inside & ~at_start & limit.broken(state, route)
-        room = limit.metres[route] ** 2 - np.maximum(begun.N.real, state.N.real)
-        doubt = np.flatnonzero(inside & ~at_start & ~at_end & (room < sag[piece]))
+        doubt = np.flatnonzero(inside & ~at_start & ~at_end & (limit.metres[route] ** 2 - higher < sag[piece]))
         if len(doubt):
             between = compose(begun[doubt[:, None]], tracks.within(piece[doubt])).N.real
             at_end[doubt] = ~fits_between(tracks, limit, between, route[doubt], sag[piece[doubt]])
@@ -215,7 +256,7 @@ def _piece_by_piece(spans: Spans, layouts: Layouts, limit: Limit) -> tuple[Ints,
             active, route, state = active[going], route[going], state[going]
             position[active] = np.arange(len(active))
         t += 1
-    return breach, early, worst
+    return breach, early
 
 
 def _read(tracks: Tracks, state: Moments, at: Ints, event: Ints) -> Moments:

@@ -20,6 +20,7 @@ from driftplan.model.drift import Drift, PointDrift
 from driftplan.model.fixes import Fix
 from driftplan.model.inputs import Floats
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.worst import worst_radius, worst_rms
 from driftplan.world.world import World
 
 
@@ -44,12 +45,8 @@ class Task:
         return drift.rms if self.confidence is None else drift.radius(self.confidence)
 
     def worst(self, drift: Drift) -> float:
-        """Greatest score along a route: at the waypoints, both sides of every fix and 200 points between."""
-        profile = drift.profile()
-        if self.confidence is not None:  # dear integrals: only where rms <= radius <= rms/sqrt(1 - c) leaves a chance
-            high = profile.rms >= (1 - self.confidence) ** 0.5 * profile.rms.max()
-            profile = PointDrift(profile.distance[high], profile.moments[high])
-        return float(np.max(self.score(profile)))
+        """Greatest score anywhere along a route, metres: `worst_rms`, or `worst_radius` at the task's confidence."""
+        return worst_rms(drift) if self.confidence is None else worst_radius(drift, self.confidence)
 
     def met(self, beacons: Sequence[Beacon], route: int) -> list[Beacon]:
         """Those of the beacons that a route meets."""

@@ -5,13 +5,10 @@ any site would be read, and wherever a piece would be too long for the drift bet
 What is left are *borders* 0 … m and, between borders t and t + 1, *piece* t: a turn on the spot or a straight run.
 *Slot* t is what happens from border t, once its readings are done, to the arrival at border t + 1; slot m is the end.
 
-Between the ends of a run E|e|² is almost convex in the distance x. In the letters of `driftplan.model.elements`
-
-    (E|e|²)'' = 2 E|(1+γ) r - 1|² + 2 Re[(1+γ̄) μ̄ E[e r̄]] - c²  >=  -(2 |1+γ| |μ| sqrt(E|e|²) + c²),
-
-so on a run of length h whose ends keep E|e|² <= limit² - (2 |1+γ| |μ| limit + c²) h²/8 it is at most limit² everywhere.
-`Tracks.sag` is that margin. Pieces are so short that it is at most a ten-thousandth of the limit squared; where that
-leaves a doubt, `Tracks.within` cuts the piece into a thousand parts, whose margin is a millionth of it.
+Between the ends of a run -(E|e|²)'' is at most bend sqrt(E|e|²) + bend_fixed (`driftplan.model.worst`), so on a run of
+length h whose ends keep E|e|² <= limit² - (bend limit + bend_fixed) h²/8 it is at most limit² everywhere. `Tracks.sag`
+is that margin. Pieces are so short that it is at most a ten-thousandth of the limit squared; where that leaves a doubt,
+`Tracks.within` cuts the piece into a thousand parts, whose margin is a millionth of it.
 """
 
 from __future__ import annotations
@@ -31,6 +28,7 @@ from driftplan.model.inputs import Floats
 from driftplan.model.moments import Moments
 from driftplan.model.noise import Noises, OdometryNoise
 from driftplan.model.paths import wrap
+from driftplan.model.worst import bend_rates
 from driftplan.world.world import World
 
 Ints = NDArray[np.intp]
@@ -185,7 +183,7 @@ class _Row:
 
     def _pieces_needed(self, lengths: Floats, leg: Ints, limit_m: float) -> Ints:
         """Into how many pieces each stretch is cut, so that its sag is small."""
-        bends = np.array([_bends(noise) for noise in self.noise_of_leg])[leg]
+        bends = np.array([bend_rates(noise) for noise in self.noise_of_leg])[leg]
         rate = (bends[:, 0] * limit_m + bends[:, 1]) / 8
         allowed = _SAG_SHARE * limit_m**2
         return np.asarray(np.maximum(1, np.ceil(lengths * np.sqrt(rate / allowed))), dtype=np.intp)
@@ -197,7 +195,7 @@ def _joined(rows: list[_Row], sites: Sequence[Beacon], start_fix: Fix | None) ->
     index = {noise: k for k, noise in enumerate(noises)}
     which = np.concatenate([np.array([index[n] for n in row.noise_of_leg])[row.leg] for row in rows])
     turn, length = (np.concatenate([getattr(row, name) for row in rows]) for name in ("turn", "length"))
-    bends = np.array([_bends(noise) for noise in noises])[which]
+    bends = np.array([bend_rates(noise) for noise in noises])[which]
     spreads = np.array([_translation(noise) for noise in noises])[which]
     site = np.concatenate([row.site for row in rows])
     stds = np.array([(b.kind.position_std_m, b.kind.heading_std) for b in sites], dtype=float)  # None becomes NaN
@@ -247,14 +245,6 @@ def _starts(headings: list[float], start_fix: Fix | None) -> Moments:
     if start_fix is not None:
         start = apply_fix(start, start_fix)
     return start.rotated(np.conj(u))
-
-
-def _bends(noise: OdometryNoise) -> tuple[float, float]:
-    """2 |1+γ| |μ| and c²: see the module's docstring."""
-    covariance = noise.heading_distance_corr * (noise.heading_var_per_m * noise.distance_var_per_m) ** 0.5
-    gamma = complex(noise.distance_scale_error, covariance / 2)
-    mu = complex(-noise.heading_var_per_m / 2, noise.heading_bias_per_m)
-    return 2 * abs(1 + gamma) * abs(mu), covariance**2
 
 
 def _translation(noise: OdometryNoise) -> tuple[float, float]:

@@ -14,6 +14,7 @@ from driftplan.model.drift import predict_drift
 from driftplan.model.fixes import Fix
 from driftplan.model.moments import compose
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.worst import worst_rms
 
 NOISE = OdometryNoise(
     heading_var_per_m=1e-3,
@@ -30,6 +31,7 @@ SYSTEMATIC = OdometryNoise(
     distance_scale_error=0.03,
     heading_distance_corr=0.6,
 )
+CIRCLING = OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-5, heading_bias_per_m=0.5)
 WILD = OdometryNoise(heading_var_per_m=1.0, distance_var_per_m=1e-3)
 PATH = np.array([(0, 0), (12, 3), (12, 3), (15, -6), (4, -6), (12, 3), (20, 9)], dtype=float)
 SIGN = BeaconKind.landmark(2.0, 0.1, 0.05, line_of_sight=False)
@@ -184,17 +186,24 @@ def test_from_reading_to_reading_and_piece_by_piece_the_same_slot_breaks(noise, 
         np.testing.assert_allclose(worst_squares(spans, layouts), worst_squares(stepwise, layouts), rtol=1e-9)
 
 
-def test_the_worst_of_each_drive_is_that_of_predict_drift():
-    tracks, chosen, drives = drives_on_two_routes(NOISE, 0.5)
+def densely(drift, spacing_m=1e-2):
+    """The greatest rms by looking everywhere: a profile so dense that nothing hides between its points."""
+    return float(drift.profile(spacing_m).rms.max())
+
+
+@pytest.mark.parametrize("noise", [NOISE, SYSTEMATIC, CIRCLING, WILD])
+def test_the_worst_of_each_drive_is_that_of_predict_drift(noise):
+    tracks, chosen, drives = drives_on_two_routes(noise, 0.5)
     spans = Spans(tracks)
-    for which, layouts in zip(chosen, drives, strict=True):
+    for which, layouts in zip(chosen[:4], drives, strict=False):
         worst = np.sqrt(worst_squares(spans, layouts))
         everyone = [site for site, there in zip(ALL_KINDS, which, strict=True) if there]
         for k, route in enumerate(layouts.route.tolist()):
             alive = {int(tracks.site[e]) for e in layouts.event[layouts.drive == k]}
-            met = [b for b in everyone if ALL_KINDS.index(b) in alive]
-            expected = drift_with_beacons(TWO_ROUTES[route], NOISE, met).profile().rms.max()
-            assert worst[k] == pytest.approx(expected, rel=1e-6)
+            drift = drift_with_beacons(TWO_ROUTES[route], noise, [b for b in everyone if ALL_KINDS.index(b) in alive])
+            assert worst[k] == pytest.approx(worst_rms(drift), rel=1e-9)
+            if noise.distance_var_per_rad == 0:  # else a turn on the spot makes the drift jump
+                assert worst[k] == pytest.approx(densely(drift), rel=5e-5)
 
 
 def test_every_route_is_driven_with_all_and_with_every_one_dead():

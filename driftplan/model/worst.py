@@ -1,0 +1,197 @@
+"""The greatest drift anywhere on a path, between the points that are computed too.
+
+"Anywhere" means: on arrival at every leg border, after the readings there, after turning on the spot, and in every
+point of every straight run. On a run E|e|² is almost convex in the distance. In the letters of
+`driftplan.model.elements`
+
+    (E|e|²)'' = 2 E|(1+γ) r - 1|² + 2 Re[(1+γ̄) μ̄ E[e r̄]] - c²  >=  -(2 |1+γ| |μ| sqrt(E|e|²) + c²),
+
+so between two points h apart it rises above the higher of them by at most (2 |1+γ| |μ| M + c²) h²/8, M the greatest
+rms there. Stretches on which that lets it rise above the greatest value found are cut until none is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .drift import Drift, PointDrift
+from .elements import run_moments, turn_moments
+from .inputs import Floats
+from .moments import Moments, compose
+from .noise import OdometryNoise
+
+Ints = NDArray[np.intp]
+
+_CLOSE = 1e-10  # relative: what E|e|² may rise above the greatest value found
+_PARTS = 8  # into which a stretch is cut
+_RADIUS_POINTS = 200  # along a path at which radii are taken, beside its borders
+_RADIUS_ROUNDS = 3  # of looking closer at the greatest
+
+
+def worst_rms(drift: Drift) -> float:
+    """The greatest rms anywhere along one path of straight runs, metres: exact to a ten-billionth of itself.
+
+    Raises
+    ------
+    ValueError
+        For batches of paths, curved runs and noise per step.
+
+    Examples
+    --------
+    A heading error that drives the estimate in circles makes the drift greatest between waypoints:
+
+    >>> from driftplan.model.drift import predict_drift
+    >>> noise = OdometryNoise(heading_var_per_m=1e-6, heading_bias_per_m=0.5)
+    >>> drift = predict_drift([(0, 0), (6, 4), (1, -6)], noise)
+    >>> round(worst_rms(drift) / drift.rms.max().item(), 3)
+    1.243
+    """
+    _check(drift)
+    begun, after = _departures(drift), drift._borders.N.real
+    before = drift._arrivals.N.real
+    ends = np.maximum(begun.N.real, before[1:])
+    greatest = np.array([max(after.max(), ends.max(), 0.0)])
+    group = np.zeros(len(ends), dtype=np.intp)
+    which = np.broadcast_to(drift._noise_of_leg, group.shape)
+    lengths = drift.runs.lengths
+    return float(np.sqrt(greatest_between(begun, lengths, which, drift.noises, ends, group, greatest)[0]))
+
+
+def worst_radius(drift: Drift, confidence: float) -> float:
+    """The greatest radius that holds the estimate with a confidence, anywhere along one path of straight runs, metres.
+
+    A radius has no bound between points. It is taken at all borders, both sides of fixes and turns and 200 points along
+    the path, then more and more closely around the greatest: a peak that is narrower than a 200th of the path and not
+    at a border may be missed.
+
+    Parameters
+    ----------
+    drift : Drift
+    confidence : float in (0, 1)
+    """
+    _check(drift)
+    length = float(drift.length)
+    spacing = length / _RADIUS_POINTS
+    between = drift.at(np.arange(1, _RADIUS_POINTS) * spacing)
+    states = [drift._arrivals, drift._borders, _departures(drift), between.moments]
+    borders = drift._border_distance
+    at = np.concatenate([borders, borders, borders[:-1], between.distance])
+    moments = Moments(*(np.concatenate(x) for x in zip(*(s.arrays() for s in states), strict=True)))
+    greatest, peak = _greatest_radius(PointDrift(at, moments), confidence)
+    for _ in range(_RADIUS_ROUNDS):
+        near = np.linspace(max(peak - spacing, 0.0), min(peak + spacing, length), 2 * _PARTS + 1)
+        higher, place = _greatest_radius(drift.at(near), confidence)
+        if higher > greatest:
+            greatest, peak = higher, place
+        spacing /= _PARTS
+    return greatest
+
+
+def _greatest_radius(points: PointDrift, confidence: float) -> tuple[float, float]:
+    """The greatest radius and where it is; by rms <= radius/sqrt(1 - confidence) most need no integral."""
+    N = points.moments.N.real
+    order = np.argsort(-N)
+    greatest, place = -1.0, 0.0
+    for some in np.array_split(order, max(1, len(order) // 16)):
+        if N[some[0]] <= (1 - confidence) * greatest**2:
+            break  # radius <= rms/sqrt(1 - confidence) (Markov)
+        radius = PointDrift(points.distance[some], points.moments[some]).radius(confidence)
+        k = int(np.argmax(radius))
+        if radius[k] > greatest:
+            greatest, place = float(radius[k]), float(points.distance[some[k]])
+    return greatest, place
+
+
+def bend_rates(noise: OdometryNoise) -> tuple[float, float]:
+    """2 |1+γ| |μ| and c²: -(E|e|²)'' on a straight run is at most the first times the rms plus the second."""
+    covariance = noise.heading_distance_corr * (noise.heading_var_per_m * noise.distance_var_per_m) ** 0.5
+    gamma = complex(noise.distance_scale_error, covariance / 2)
+    mu = complex(-noise.heading_var_per_m / 2, noise.heading_bias_per_m)
+    return 2 * abs(1 + gamma) * abs(mu), covariance**2
+
+
+def ceiling(ends: Floats, bend: Floats, fixed: Floats) -> Floats:
+    """What E|e|² = x² cannot exceed on a stretch whose sag is ``bend`` x + ``fixed``, m²."""
+    return np.asarray(0.25 * (bend + np.sqrt(bend**2 + 4 * (np.maximum(ends, 0.0) + fixed))) ** 2)
+
+
+def greatest_between(
+    begun: Moments,
+    length: Floats,
+    which: Ints,
+    noises: Sequence[OdometryNoise],
+    ends: Floats,
+    group: Ints,
+    greatest: Floats,
+) -> Floats:
+    """Raise the ``greatest`` E|e|² of each group of straight stretches, m², to what is found inside them.
+
+    Parameters
+    ----------
+    begun : Moments (n,)
+        At the beginning of every stretch.
+    length, which : (n,)
+        Metres; index into ``noises``.
+    ends : (n,) the greater E|e|² of the two ends, m²
+    group : (n,) index into ``greatest``
+    greatest : (groups,) at least that of all ends
+
+    Returns
+    -------
+    array (groups,)
+        At most 1e-10 of itself below the least upper bound.
+    """
+    rates = np.array([bend_rates(noise) for noise in noises]).reshape(-1, 2)
+    greatest = greatest.copy()
+    stretch, offset, part = np.arange(len(length)), np.zeros(len(length)), np.asarray(length, dtype=float)
+    while True:
+        bend, fixed = rates[which[stretch]].T * part**2 / 8
+        open_ = np.flatnonzero(ceiling(ends, bend, fixed) > greatest[group[stretch]] * (1 + _CLOSE))
+        if not len(open_):
+            return greatest
+        stretch, offset, part = stretch[open_], offset[open_], part[open_] / _PARTS
+        at = offset[:, None] + part[:, None] * np.arange(_PARTS + 1)
+        square = compose(begun[stretch[:, None]], _runs(at, which[stretch], noises)).N.real
+        np.maximum.at(greatest, group[stretch], square.max(axis=1))
+        ends = np.maximum(square[:, 1:], square[:, :-1]).ravel()
+        offset, stretch, part = at[:, :-1].ravel(), np.repeat(stretch, _PARTS), np.repeat(part, _PARTS)
+
+
+def _runs(length: Floats, which: Ints, noises: Sequence[OdometryNoise]) -> Moments:
+    """Straight runs of ``length`` (n, k) with the noise of ``which`` (n,)."""
+    return _of_each_noise(lambda x, noise: run_moments(x, np.zeros(x.shape), noise), length, which, noises)
+
+
+def _departures(drift: Drift) -> Moments:
+    """At the beginning of every run, after turning."""
+    turns = drift.runs.turns
+    which = np.broadcast_to(drift._noise_of_leg, turns.shape)
+    return compose(drift._borders[:-1], _of_each_noise(turn_moments, turns, which, drift.noises))
+
+
+def _of_each_noise(
+    element: Callable[[Floats, OdometryNoise], Moments], x: Floats, which: Ints, noises: Sequence[OdometryNoise]
+) -> Moments:
+    """Elements of ``x`` (n, ...), each with the noise of ``which`` (n,)."""
+    if len(noises) == 1:
+        return element(x, noises[0])
+    arrays: list[NDArray[Any]] = [np.zeros(x.shape, dtype=complex) for _ in range(10)]
+    for k, noise in enumerate(noises):
+        here = which == k
+        for array, values in zip(arrays, element(x[here], noise).arrays(), strict=True):
+            array[here] = values
+    u, p, d1, d2, D, e1, N, e2, a, b = arrays
+    return Moments(u, p, d1, d2, D.real, e1, N.real, e2, a, b)
+
+
+def _check(drift: Drift) -> None:
+    if drift.distance.ndim != 1:
+        raise ValueError(f"expected the drift of one path, got a batch of shape {drift.distance.shape[:-1]}")
+    if np.any(drift.runs.curvatures != 0):
+        raise ValueError("expected a path of straight runs, got a curved one")
+    if any(noise.step_m is not None for noise in drift.noises):
+        raise ValueError("expected noise of the continuous kind, got noise per step (step_m)")

@@ -1,0 +1,101 @@
+"""The greatest drift anywhere on a path against looking everywhere, and against what is known in closed form."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from driftplan.model.drift import predict_drift
+from driftplan.model.fixes import Fix
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.worst import worst_radius, worst_rms
+
+PATH = np.array([(0, 0), (6, 4), (1, -6), (1, -6), (9, -6)], dtype=float)
+CIRCLING = OdometryNoise(heading_var_per_m=1e-6, heading_bias_per_m=0.5)
+FIXES = [
+    Fix.full(0.0, position_std_m=0.05, heading_std=0.2),
+    Fix.position(9.0, position_std_m=0.3),
+    Fix.full(15.0, position_std_m=0.1, heading_std=0.05, detection_probability=0.7),
+]
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    st.floats(1e-6, 0.5),
+    st.floats(-0.6, 0.6),
+    st.floats(-0.3, 0.3),
+    st.floats(-0.9, 0.9),
+    st.integers(0, 3),
+)
+def test_no_point_of_a_path_is_worse_and_some_point_is_as_bad(q, bias, scale, corr, fixes):
+    noise = OdometryNoise(
+        heading_var_per_m=q,
+        distance_var_per_m=1e-2,
+        heading_bias_per_m=bias,
+        distance_scale_error=scale,
+        heading_distance_corr=corr,
+    )
+    drift = predict_drift(PATH, noise, fixes=FIXES[:fixes])
+    everywhere = float(drift.profile(2e-3).rms.max())
+    # Between points 2 mm apart E|e|² rises by at most (2 |1+γ| |μ| rms + c²) h²/8, in rms half of that over the rms.
+    missed = (2 * 1.35 * 0.7 * everywhere + 0.01) * 4e-6 / 8 / everywhere
+    assert everywhere * (1 - 1e-12) <= worst_rms(drift) <= everywhere + missed
+
+
+def test_a_peak_between_waypoints_is_found_to_ten_digits():
+    drift = predict_drift(PATH[:3], CIRCLING)
+    profile = drift.profile(0.01)
+    at_peak = float(profile.distance[np.argmax(profile.rms)])
+    assert min(abs(at_peak - s) for s in drift.distance) > 1.0
+    peak = float(drift.at(np.linspace(at_peak - 0.01, at_peak + 0.01, 20001)).rms.max())
+    assert worst_rms(drift) == pytest.approx(peak, rel=1e-10)
+    assert worst_rms(drift) > drift.profile().rms.max()
+
+
+def test_a_turn_on_the_spot_counts_though_the_way_on_takes_the_robot_back():
+    # Out with a wrong heading, about face, and back: the lever shrinks from the turn on, but the turn's noise is there.
+    noise = OdometryNoise(heading_var_per_m=1e-6, distance_var_per_rad=1e-3)
+    drift = predict_drift([(0, 0), (10, 0), (0, 0)], noise, fixes=FIXES[:1])
+    far_end = float(drift.rms[1])
+    assert worst_rms(drift) == pytest.approx(np.sqrt(far_end**2 + np.pi * 1e-3), rel=1e-12)
+    assert worst_rms(drift) > drift.profile().rms.max() * 1.00001
+
+
+def test_the_drift_before_a_fix_counts():
+    fix = Fix.full(10.0, position_std_m=0.01, heading_std=0.01)
+    noise = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3)
+    drift = predict_drift([(0, 0), (15, 0)], noise, fixes=[fix])
+    before = predict_drift([(0, 0), (10, 0)], noise).end.rms
+    assert worst_rms(drift) == pytest.approx(float(before), rel=1e-12)
+
+
+def test_every_leg_has_its_own_noise():
+    calm, wild = OdometryNoise(distance_var_per_m=1e-6), CIRCLING
+    drift = predict_drift([(0, 0), (5, 0), (11, 4), (12, 4)], [calm, wild, calm])
+    assert worst_rms(drift) == pytest.approx(float(drift.profile(1e-3).rms.max()), rel=1e-7)
+
+
+def test_without_noise_nothing_is_worse_than_nothing():
+    assert worst_rms(predict_drift(PATH, OdometryNoise())) == 0.0
+
+
+@pytest.mark.parametrize("confidence", [0.5, 0.95])
+def test_the_greatest_radius_is_that_of_looking_everywhere(confidence):
+    for noise in (CIRCLING, OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3)):
+        drift = predict_drift(PATH, noise, fixes=FIXES[1:])
+        everywhere = float(drift.profile(0.02).radius(confidence).max())
+        found = worst_radius(drift, confidence)
+        assert everywhere * (1 - 1e-9) <= found <= everywhere * (1 + 1e-4)  # points 2 cm apart miss a peak's tip
+
+
+@pytest.mark.parametrize(
+    ("drift", "said"),
+    [
+        (predict_drift(np.stack([PATH, PATH]), CIRCLING), "one path, got a batch"),
+        (predict_drift(PATH, OdometryNoise.per_step(heading_std=0.1, distance_std=0.1, step_m=1.0)), "continuous kind"),
+    ],
+)
+def test_what_has_no_bound_is_refused(drift, said):
+    for ask in (worst_rms, lambda d: worst_radius(d, 0.9)):
+        with pytest.raises(ValueError, match=said):
+            ask(drift)
