@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt, tau
 
 L, S, R = 1, 0, -1  # sense of the curvature
+SAME_LENGTH = 1e-7  # turning radii: OMPL rounds angles to zero from about there
 _ROUND = 1e-9  # rad: an angle this close below a full turn, or below zero, is zero
 
 
@@ -21,9 +22,12 @@ Arc = tuple[
     float, int
 ]  # length in turning radii, negative backwards; sense of the curvature, 1 left, 0 straight, -1 right
 Curve = list[Arc]
+_Lengths = tuple[float, float, float]
 
 
-def dubins_curves(dx: float, dy: float, yaw_start: float, yaw_end: float) -> Iterator[Curve]:
+def dubins_curves(
+    dx: float, dy: float, yaw_start: float, yaw_end: float, of_length: float | None = None
+) -> Iterator[Curve]:
     """The forward curves of at most unit curvature among which the shortest is: at most six.
 
     Parameters
@@ -32,6 +36,8 @@ def dubins_curves(dx: float, dy: float, yaw_start: float, yaw_end: float) -> Ite
         From start to end, in turning radii.
     yaw_start, yaw_end : float
         Headings, rad.
+    of_length : float, optional
+        Only the curves of this length, within 1e-7.
 
     Examples
     --------
@@ -40,15 +46,19 @@ def dubins_curves(dx: float, dy: float, yaw_start: float, yaw_end: float) -> Ite
     """
     d, bearing = hypot(dx, dy), atan2(dy, dx)
     a, b = yaw_start - bearing, yaw_end - bearing
+    sa, ca, sb, cb = sin(a), cos(a), sin(b), cos(b)
     # A word that begins with a right turn is the mirror image of one that begins with a left turn.
-    for word, senses in ((_lsl, (L, S, L)), (_lsr, (L, S, R)), (_lrl, (L, R, L))):
+    for word, middle, last in ((_lsl, S, L), (_lsr, S, R), (_lrl, R, L)):
         for mirror in (1, -1):
-            lengths = word(d, mirror * a, mirror * b)
-            if lengths is not None:
-                yield [(x, mirror * sense) for x, sense in zip(lengths, senses, strict=True)]
+            lengths = word(d, mirror * a, mirror * b, mirror * sa, ca, mirror * sb, cb)
+            if lengths is not None and _fits(lengths, of_length):
+                t, p, q = lengths
+                yield [(t, mirror), (p, mirror * middle), (q, mirror * last)]
 
 
-def reeds_shepp_curves(dx: float, dy: float, yaw_start: float, yaw_end: float) -> Iterator[Curve]:
+def reeds_shepp_curves(
+    dx: float, dy: float, yaw_start: float, yaw_end: float, of_length: float | None = None
+) -> Iterator[Curve]:
     """The curves of at most unit curvature, driven forwards and backwards, among which the shortest is: at most 48.
 
     Parameters as in `dubins_curves`.
@@ -67,7 +77,9 @@ def reeds_shepp_curves(dx: float, dy: float, yaw_start: float, yaw_end: float) -
         for gear, mirror in ((1, 1), (-1, 1), (1, -1), (-1, -1)):
             found = formula(gear * x, mirror * y, gear * mirror * phi)
             if found is not None:
-                yield [(gear * p, mirror * sense) for p, sense in zip(build(*found), word, strict=True)]
+                lengths = build(*found)
+                if _fits(lengths, of_length):
+                    yield [(gear * p, mirror * sense) for p, sense in zip(lengths, word, strict=True)]
 
 
 def curve_length(curve: Curve) -> float:
@@ -99,6 +111,10 @@ def after_arc(x: float, y: float, yaw: float, length: float, curvature: float) -
     return x + (sin(turned) - sin(yaw)) / curvature, y + (cos(yaw) - cos(turned)) / curvature, turned
 
 
+def _fits(lengths: tuple[float, ...], of_length: float | None) -> bool:
+    return of_length is None or abs(sum(map(abs, lengths)) - of_length) < SAME_LENGTH
+
+
 def _root(squared: float) -> float | None:
     """Square root, zero for what is below zero by rounding only."""
     return sqrt(max(squared, 0.0)) if squared >= -_ROUND else None
@@ -110,14 +126,18 @@ def _full_turn(angle: float) -> float:
     return 0.0 if angle > tau - _ROUND else angle
 
 
-def _lsl(d: float, a: float, b: float) -> tuple[float, float, float] | None:
-    x, y = d + sin(a) - sin(b), cos(b) - cos(a)
+# The words of Dubins: first, middle and last length; a and b are the headings at start and end seen from the line that
+# joins them, d long; then their sines and cosines.
+
+
+def _lsl(d: float, a: float, b: float, sa: float, ca: float, sb: float, cb: float) -> _Lengths | None:
+    x, y = d + sa - sb, cb - ca
     theta = atan2(y, x)
     return _full_turn(theta - a), hypot(x, y), _full_turn(b - theta)
 
 
-def _lsr(d: float, a: float, b: float) -> tuple[float, float, float] | None:
-    x, y = d + sin(a) + sin(b), -cos(a) - cos(b)
+def _lsr(d: float, a: float, b: float, sa: float, ca: float, sb: float, cb: float) -> _Lengths | None:
+    x, y = d + sa + sb, -ca - cb
     p = _root(x * x + y * y - 4)
     if p is None:
         return None
@@ -125,8 +145,8 @@ def _lsr(d: float, a: float, b: float) -> tuple[float, float, float] | None:
     return _full_turn(theta - a), p, _full_turn(theta - b)
 
 
-def _lrl(d: float, a: float, b: float) -> tuple[float, float, float] | None:
-    x, y = d + sin(a) - sin(b), cos(b) - cos(a)
+def _lrl(d: float, a: float, b: float, sa: float, ca: float, sb: float, cb: float) -> _Lengths | None:
+    x, y = d + sa - sb, cb - ca
     cosine = 1 - (x * x + y * y) / 8
     if cosine < -1 - _ROUND:
         return None
@@ -138,7 +158,7 @@ def _lrl(d: float, a: float, b: float) -> tuple[float, float, float] | None:
 # Each of Reeds and Shepp's formulas returns the free lengths t, u, v of its word, or None where it has no such curve;
 # the end pose is (x, y, phi) seen from the start.
 
-_Word = tuple[float, float, float] | None
+_Word = _Lengths | None
 
 
 def _half_turn(angle: float) -> float:

@@ -82,14 +82,41 @@ def _zoned_plane(goal: Point, zones: ZoneLookup[CostRates]) -> Price:
 
 
 def _pose(goal: Point, rates: CostRates) -> Price:
-    Cost = ob.Cost
-    gx, gy = goal
+    Cost, root, full_turn, rest = ob.Cost, sqrt, tau, remainder
+    gx, gy = 2 * goal[0], 2 * goal[1]
+    by_sum, by_step, q = rates.heading / 4, rates.heading / 12, rates.position
 
     def motion(a: Any, b: Any) -> Any:
-        turn = abs(remainder(b.getYaw() - a.getYaw(), tau))
-        return Cost(_straight(rates, gx - a.getX(), gy - a.getY(), gx - b.getX(), gy - b.getY(), turn))
+        x0 = a.getX()
+        y0 = a.getY()
+        x1 = b.getX()
+        y1 = b.getY()
+        u = gx - x0 - x1
+        v = gy - y0 - y1
+        dx = x0 - x1
+        dy = y0 - y1
+        d = dx * dx + dy * dy
+        return Cost((by_sum * (u * u + v * v) + by_step * d + q) * root(d))
 
-    return motion
+    if rates.turn_heading == rates.turn_position == 0:
+        return motion
+    turn_by_sum, turn_by_step, turn_q = rates.turn_heading / 4, rates.turn_heading / 12, rates.turn_position
+
+    def turning_motion(a: Any, b: Any) -> Any:
+        x0 = a.getX()
+        y0 = a.getY()
+        x1 = b.getX()
+        y1 = b.getY()
+        u = gx - x0 - x1
+        v = gy - y0 - y1
+        dx = x0 - x1
+        dy = y0 - y1
+        d = dx * dx + dy * dy
+        s = u * u + v * v
+        turn = abs(rest(b.getYaw() - a.getYaw(), full_turn))
+        return Cost((by_sum * s + by_step * d + q) * root(d) + (turn_by_sum * s + turn_by_step * d + turn_q) * turn)
+
+    return turning_motion
 
 
 def _zoned_pose(goal: Point, zones: ZoneLookup[CostRates]) -> Price:
@@ -137,18 +164,22 @@ def _space(goal: Point, rates: CostRates) -> Price:
 
 
 def _flight(goal: Point, rates: CostRates) -> Price:
-    Cost = ob.Cost
+    Cost, root = ob.Cost, sqrt
     gx, gy, gz = (2 * g for g in goal)
+    by_sum, by_step, q = rates.heading / 4, rates.heading / 12, rates.position
+    turn_by_sum, turn_by_step, turn_q = rates.turn_heading / 4, rates.turn_heading / 12, rates.turn_position
+    has_turns = not rates.turn_heading == rates.turn_position == 0
 
     def motion(a: Any, b: Any) -> Any:
         x0, y0, z0, x1, y1, z1 = a.getX(), a.getY(), a.getZ(), b.getX(), b.getY(), b.getZ()
-        turn = attitude_step(a.rotation(), b.rotation())
         u, v, w = gx - x0 - x1, gy - y0 - y1, gz - z0 - z1
         dx, dy, dz = x0 - x1, y0 - y1, z0 - z1
         d = dx * dx + dy * dy + dz * dz
-        length, mean_square = sqrt(d), (u * u + v * v + w * w) / 4 + d / 12
-        by_heading = rates.heading * length + rates.turn_heading * turn
-        return Cost(by_heading * mean_square + rates.position * length + rates.turn_position * turn)
+        s = u * u + v * v + w * w
+        cost = (by_sum * s + by_step * d + q) * root(d)
+        if has_turns:
+            cost += (turn_by_sum * s + turn_by_step * d + turn_q) * attitude_step(a.rotation(), b.rotation())
+        return Cost(cost)
 
     return motion
 
@@ -167,6 +198,37 @@ def attitude_step(p: Any, q: Any) -> float:
 def _curve(finder: CurveFinder, goal: Point, rates: CostRates, zones: ZoneLookup[CostRates] | None) -> Price:
     Cost = ob.Cost
     radius = finder.turning_radius
+    if zones is not None:
+        return _zoned_curve(finder, goal, zones)
+
+    def motion(a: Any, b: Any) -> Any:
+        yaw = a.getYaw()
+        wx, wy, c, s = goal[0] - a.getX(), goal[1] - a.getY(), cos(yaw), sin(yaw)
+        total = 0.0
+        for turns, sense in finder(a, b):
+            if turns == 0.0:
+                continue
+            length = turns * radius
+            if sense == 0:
+                x, y = wx - length * c, wy - length * s
+                squares = abs(length) * (wx * wx + wx * x + x * x + wy * wy + wy * y + y * y) / 3
+                total += rates.heading * squares + rates.position * abs(length)
+                wx, wy = x, y
+            else:
+                yaw += turns * sense
+                total += _arc(rates, wx, wy, c, s, length, sense / radius)
+                c1, s1 = cos(yaw), sin(yaw)
+                wx, wy = wx - sense * radius * (s1 - s), wy - sense * radius * (c - c1)
+                c, s = c1, s1
+        return Cost(total)
+
+    return motion
+
+
+def _zoned_curve(finder: CurveFinder, goal: Point, zones: ZoneLookup[CostRates]) -> Price:
+    Cost = ob.Cost
+    gx, gy = goal
+    radius = finder.turning_radius
 
     def motion(a: Any, b: Any) -> Any:
         x, y, yaw = a.getX(), a.getY(), a.getYaw()
@@ -174,21 +236,17 @@ def _curve(finder: CurveFinder, goal: Point, rates: CostRates, zones: ZoneLookup
         for length, sense in finder(a, b):
             length *= radius
             curvature = sense / radius
-            if zones is None:
-                total += _arc(rates, goal, x, y, yaw, length, curvature)
-            else:
-                for px, py, heading, part, there in zones.arc_pieces(x, y, yaw, length, curvature):
-                    total += _arc(there, goal, px, py, heading, part, curvature)
+            for px, py, heading, part, there in zones.arc_pieces(x, y, yaw, length, curvature):
+                total += _arc(there, gx - px, gy - py, cos(heading), sin(heading), part, curvature)
             x, y, yaw = after_arc(x, y, yaw, length, curvature)
         return Cost(total)
 
     return motion
 
 
-def _arc(rates: CostRates, goal: Point, x: float, y: float, yaw: float, length: float, curvature: float) -> float:
-    """Cost of an arc of signed length; see `driftplan.planning.cost.arc_cost`."""
-    wx, wy = goal[0] - x, goal[1] - y
-    c, s = cos(yaw), sin(yaw)
+def _arc(rates: CostRates, wx: float, wy: float, c: float, s: float, length: float, curvature: float) -> float:
+    """Cost of an arc of signed length that begins at lever (wx, wy) in direction (c, s); see
+    `driftplan.planning.cost.arc_cost`."""
     t = curvature * length
     if abs(t) < 0.1:
         t2 = t * t
@@ -196,7 +254,7 @@ def _arc(rates: CostRates, goal: Point, x: float, y: float, yaw: float, length: 
         bend = (1 - t2 / 20 * (1 - t2 / 42 * (1 - t2 / 72))) / 6  # (t - sin t)/t³
     else:
         swing = (1 - cos(t)) / (t * t)
-        bend = (t - sin(t)) / t**3
+        bend = (t - sin(t)) / (t * t * t)
     along, across = wx * c + wy * s, wx * s - wy * c
     squares = abs(length) * (
         wx * wx + wy * wy - 2 * length * (swing * along - t * bend * across) + 2 * length * length * bend

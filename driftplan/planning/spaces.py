@@ -4,16 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from enum import Enum
-from math import cos, inf, isfinite, sin
+from itertools import chain
+from math import cos, isfinite, sin
 from typing import Any
 
 import numpy as np
 from ompl import base as ob
 
-from driftplan.planning.curves import Curve, curve_length, dubins_curves, pose_along, reeds_shepp_curves
+from driftplan.planning.curves import (
+    SAME_LENGTH,
+    Curve,
+    curve_length,
+    dubins_curves,
+    pose_along,
+    reeds_shepp_curves,
+)
 
 _PROBE = 0.37  # of the way: where a curve is compared with OMPL's
-_SAME = 1e-7  # turning radii: OMPL rounds angles to zero from about there
 
 
 class SpaceKind(Enum):
@@ -97,28 +104,31 @@ class CurveFinder:
         x, y, yaw = a.getX(), a.getY(), a.getYaw()
         c, s = cos(yaw) / radius, sin(yaw) / radius
         dx, dy = scratch.getX() - x, scratch.getY() - y
-        there = (c * dx + s * dy, c * dy - s * dx)  # seen from the start, in turning radii
-        best: Curve = []
-        least = inf
-        for curve in self._candidates((b.getX() - x) / radius, (b.getY() - y) / radius, yaw, b.getYaw()):
-            miss = abs(curve_length(curve) - length)
-            if miss < least:
-                found = pose_along(curve, _PROBE * length)
-                miss = max(miss, abs(found[0] - there[0]), abs(found[1] - there[1]))
-            if miss < least:
-                best, least = curve, miss
-                if miss < _SAME:
-                    break
-        return best
+        there = c * dx + s * dy, c * dy - s * dx  # seen from the start, in turning radii
+        ends = (b.getX() - x) / radius, (b.getY() - y) / radius, yaw, b.getYaw()
+        for curve in self._candidates(*ends, length):
+            px, py, _ = pose_along(curve, _PROBE * length)
+            if abs(px - there[0]) < SAME_LENGTH and abs(py - there[1]) < SAME_LENGTH:
+                return curve
+        return min(self._candidates(*ends, None), key=lambda curve: _miss(curve, length, there), default=[])
 
-    def _candidates(self, dx: float, dy: float, yaw_start: float, yaw_end: float) -> Iterator[Curve]:
+    def _candidates(
+        self, dx: float, dy: float, yaw_start: float, yaw_end: float, length: float | None
+    ) -> Iterator[Curve]:
         if self._is_reeds_shepp:
-            yield from reeds_shepp_curves(dx, dy, yaw_start, yaw_end)
-            return
-        yield from dubins_curves(dx, dy, yaw_start, yaw_end)
-        if self._is_reversible:  # a symmetric Dubins space drives the way back in reverse where that is shorter
-            for curve in dubins_curves(-dx, -dy, yaw_end, yaw_start):
-                yield [(-length, sense) for length, sense in reversed(curve)]
+            return reeds_shepp_curves(dx, dy, yaw_start, yaw_end, length)
+        forwards = dubins_curves(dx, dy, yaw_start, yaw_end, length)
+        if not self._is_reversible:
+            return forwards
+        # A symmetric Dubins space drives the way back in reverse where that is shorter.
+        back = dubins_curves(-dx, -dy, yaw_end, yaw_start, length)
+        return chain(forwards, ([(-part, sense) for part, sense in reversed(curve)] for curve in back))
+
+
+def _miss(curve: Curve, length: float, there: tuple[float, float]) -> float:
+    """How far a curve is from one of a given length that comes by ``there`` on its way."""
+    x, y, _ = pose_along(curve, _PROBE * length)
+    return max(abs(curve_length(curve) - length), abs(x - there[0]), abs(y - there[1]))
 
 
 def position_reader(kind: SpaceKind) -> Callable[[Any], tuple[float, ...]]:
