@@ -44,7 +44,7 @@ _SYSTEMATIC_HELP = {
 
 
 def add_noise_options(parser: argparse.ArgumentParser) -> None:
-    """Noise as spreads of repeated drives, or as rates; systematic errors go with both."""
+    """Noise as spreads of repeated drives, as rates, from a file or a preset; systematic errors go with all of them."""
     spreads = parser.add_argument_group("odometry noise, as measured over straight drives (the default)")
     for name, (unit, said) in _SPREAD_HELP.items():
         spreads.add_argument(
@@ -55,6 +55,11 @@ def add_noise_options(parser: argparse.ArgumentParser) -> None:
     )
     for name, (unit, said) in {**_RATE_HELP, **_SYSTEMATIC_HELP}.items():
         rates.add_argument(_option(name), type=float, metavar=unit, help=said)
+    rates.add_argument(
+        "--noise",
+        metavar="FILE",
+        help="all of it from a file, such as driftplan fit --yaml writes, or from the preset of this name",
+    )
 
 
 def noise_from(args: argparse.Namespace) -> OdometryNoise:
@@ -62,11 +67,27 @@ def noise_from(args: argparse.Namespace) -> OdometryNoise:
     from driftplan.model.noise import OdometryNoise
 
     spread, rates, systematic = (_given(args, names) for names in (_SPREAD_HELP, _RATE_HELP, _SYSTEMATIC_HELP))
-    if spread and rates:
-        both = f"{_option(next(iter(spread)))} and {_option(next(iter(rates)))}"
-        raise ValueError(f"expected the noise as spreads or as rates, got both: {both}")
-    noise = OdometryNoise(**rates) if rates else OdometryNoise.from_std(**{**DEFAULT_SPREAD, **spread})
+    kept = {"noise": args.noise} if args.noise is not None else {}
+    ways = [_option(next(iter(way))) for way in (spread, rates, kept) if way]
+    if len(ways) > 1:
+        raise ValueError(f"expected the noise as spreads, as rates or from a file, got {' and '.join(ways)}")
+    if kept:
+        noise = _noise_called(args.noise)
+    else:
+        noise = OdometryNoise(**rates) if rates else OdometryNoise.from_std(**{**DEFAULT_SPREAD, **spread})
     return replace(noise, **systematic)
+
+
+def _noise_called(name: str) -> OdometryNoise:
+    """The noise of a file, or the preset of that name."""
+    from driftplan.model.presets import PRESETS
+    from driftplan.world.noise_files import load_noise
+
+    if name in PRESETS:
+        return PRESETS[name].noise
+    if not Path(name).exists():
+        raise ValueError(f"expected --noise a noise file or a preset, one of {', '.join(PRESETS)}; got {name!r}")
+    return load_noise(name)
 
 
 def noise_as_json(noise: OdometryNoise) -> dict[str, Any]:

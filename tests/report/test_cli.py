@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 
-from driftplan import OdometryNoise, World, Zone, predict_drift
+from driftplan import PRESETS, OdometryNoise, World, Zone, predict_drift, save_noise
 from driftplan.planning.ompl_solve import PLANNERS as OMPL_PLANNERS
 from driftplan.planning.roadmap_pricing import exact_drift
 from driftplan.planning.routes import ROADMAP, compare_routes, plan_route
@@ -164,10 +164,26 @@ def test_systematic_errors_go_with_spreads(run, path_file):
     assert (said["heading_bias_per_rad"], said["distance_var_per_m"]) == (0.1, DEFAULT_NOISE.distance_var_per_m)
 
 
-def test_spreads_and_rates_do_not_mix(refused, path_file):
-    refused(
-        "predict", path_file, "--heading-deg", 1, "--distance-var-per-m", 0.1, match="spreads or as rates, got both"
-    )
+def test_noise_comes_from_a_file_or_a_preset(run, path_file, tmp_path):
+    fitted = OdometryNoise(heading_var_per_m=2e-4, distance_scale_error=0.01)
+    save_noise(tmp_path / "noise.yaml", fitted)
+    for name, noise in ((tmp_path / "noise.yaml", fitted), ("textbook_steps", PRESETS["textbook_steps"].noise)):
+        _, out, _ = run("predict", path_file, "--json", "--noise", name)
+        assert OdometryNoise(**json.loads(out)["noise"]) == noise
+    _, out, _ = run("predict", path_file, "--json", "--noise", tmp_path / "noise.yaml", "--distance-scale-error", 0.5)
+    assert OdometryNoise(**json.loads(out)["noise"]) == replace(fitted, distance_scale_error=0.5)
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        (["--heading-deg", 1, "--distance-var-per-m", 0.1], "got --heading-deg and --distance-var-per-m$"),
+        (["--noise", "textbook_steps", "--after-m", 5], "got --after-m and --noise$"),
+        (["--noise", "nowhere.yaml"], "a noise file or a preset, one of .*textbook_steps; got 'nowhere.yaml'"),
+    ],
+)
+def test_noise_is_said_in_one_way(refused, path_file, options, match):
+    refused("predict", path_file, *options, match=match)
 
 
 @pytest.mark.parametrize(
