@@ -1,11 +1,8 @@
 """plan_itinerary: routes that use beacons so that the drift never exceeds a limit, or is least.
 
-A shared roadmap (`driftplan.beacons.itinerary_roadmap`) with places within range of every beacon is turned into a graph
-whose edges carry what driving and reading do to the drift (`driftplan.beacons.beacon_roadmap`); a label search
-(`driftplan.beacons.labels`) finds the shortest walk that keeps the limit. The walk is shortened as long as the limit
-holds, and what is returned has been checked by the exact model (`driftplan.beacons.itinerary_check`): everywhere on the
-way, with every beacon dead that may be, and without beacons that the robot would probably miss. Where the exact model
-disagrees with the graph, the search is asked again, for a little more.
+What is returned has been checked by the exact model (`driftplan.beacons.itinerary_check`): everywhere on the way, with
+every beacon dead that may be, and without beacons that the robot would probably miss. How it is found is told by
+`driftplan.beacons.itinerary_search`, what cannot be beaten by `driftplan.beacons.itinerary_bounds`.
 """
 
 from __future__ import annotations
@@ -14,41 +11,28 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.beacons.beacon import Beacon, BeaconColumns
-from driftplan.beacons.beacon_roadmap import BeaconRoadmap
 from driftplan.beacons.capture import Capture
-from driftplan.beacons.itinerary_bounds import least_end_drift, least_length
-from driftplan.beacons.itinerary_check import ALL_ALIVE, ItineraryCheck, Verdict
+from driftplan.beacons.itinerary_bounds import least_end_drift, least_length, least_worst_drift
 from driftplan.beacons.itinerary_reasons import why_infeasible
-from driftplan.beacons.itinerary_roadmap import itinerary_roadmap
-from driftplan.beacons.labels import LabelTask, Walk, least_drift_walk, shortest_walk
-from driftplan.beacons.shortening import shortened
+from driftplan.beacons.itinerary_search import ROUNDING, ItinerarySearch, length_of
 from driftplan.errors import InfeasibleError
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Floats
-from driftplan.planning.cost import CostRates
-from driftplan.planning.roadmap_graph import GOAL, START, Roadmap
-from driftplan.planning.roadmap_search import Status, check_connected, checked_ends, plan_on_roadmap
+from driftplan.planning.roadmap_search import Status, check_connected, checked_ends
 from driftplan.planning.routes import Route
 from driftplan.world.world import World
 
 Objective = Literal["length", "drift", "worst_drift"]
 
 DEFAULT_DETOUR = 1.5
-_TOLERANCE = 0.015  # of labels, as a share of the limit squared
-_SHRINK = 0.97  # of the limit that the graph is held to, when the exact model finds it broken
-_ATTEMPTS = 12
-_BISECTIONS = 8
-_WORST_TOLERANCE = 0.01
-_ROUNDING = 1e-9
-_LOOSER = (1.05, 1.5, 3.0, math.inf)  # than the least limit on the way, when the least end drift is sought
-_SHORTENING_SHARE = 0.3  # of the time limit
+_SEARCH_SHARE = 0.75  # of the time limit; the rest is for shortening what was found
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -59,7 +43,8 @@ class Itinerary(Route):
     ----------
     minimise : {"length", "drift", "worst_drift"}
     bound : float
-        Proven lower bound, over all routes, of what was minimised, metres. It takes no notice of obstacles.
+        Proven lower bound, over all routes, of what was minimised, metres. It takes no notice of obstacles, nor of
+        ``redundancy`` and ``min_capture`` (`driftplan.beacons.itinerary_bounds`).
     beacons : tuple of Beacon
         Those it counts on, in the order of their first reading.
     captures : tuple of Capture
@@ -137,7 +122,8 @@ def plan_itinerary(
     nodes : int
         Of the roadmap, about.
     time_limit : float
-        Seconds.
+        Seconds; saying why there is no route may take as long again. Work is counted in labels and trials, and the
+        time limit only cuts it short: `status` says when it did.
     seed : int
         Same seed, same route, unless the time limit was reached.
 
@@ -173,6 +159,7 @@ def plan_itinerary(
     check_connected(world, ends)
     search = ItinerarySearch(
         world,
+        world,
         ends,
         noise,
         tuple(beacons),
@@ -182,312 +169,69 @@ def plan_itinerary(
         start_heading=start_heading,
         nodes=nodes,
         seed=seed,
-        deadline=began + time_limit,
-        shortening=_SHORTENING_SHARE * time_limit,
+        stop=lambda: time.monotonic() - began > _SEARCH_SHARE * time_limit,
+        stop_shortening=lambda: time.monotonic() - began > time_limit,
     )
-    longest = math.inf
-    if max_detour is not None or minimise != "length":
-        longest = (max_detour or DEFAULT_DETOUR) * _length(search.shortest) * (1 + _ROUNDING)
+    longest = longest_of(search, minimise, max_detour)
     limit = math.inf if max_drift is None else float(max_drift)
-    if minimise == "length":
-        path = search.shortest_within(limit, longest)
-    elif minimise == "drift":
-        path = search.least_end_drift(limit, longest)
-    else:
-        path = search.least_worst_drift(limit, longest)
+    path = best_path(search, minimise, limit, longest)
     if path is None:
+        search.stop = lambda: time.monotonic() - began > 2 * time_limit
         raise InfeasibleError(why_infeasible(search, limit, longest))
-    return search.itinerary(path, minimise, max_drift)
+    return answer(search, path, minimise, max_drift, time.monotonic() - began)
 
 
-class ItinerarySearch:
-    """One pair of ends, one set of beacons, one clock; any number of questions."""
-
-    def __init__(
-        self,
-        world: World,
-        ends: Floats,
-        noise: OdometryNoise,
-        beacons: tuple[Beacon, ...],
-        *,
-        redundancy: int,
-        min_capture: float,
-        initial: Fix | None,
-        start_heading: float | None,
-        nodes: int,
-        seed: int,
-        deadline: float,
-        shortening: float,
-    ) -> None:
-        self.world, self.ends, self.noise, self.beacons = world, ends, noise, beacons
-        self.nodes, self.seed = nodes, seed
-        self.began, self.deadline, self.shortening = time.monotonic(), deadline, shortening
-        self.check = ItineraryCheck(world, noise, beacons, initial, start_heading, redundancy, min_capture)
-        self.shortest = self._shortest()
-        self.labels = 0
-        self.finished = True
-        self.nearest: tuple[Floats, float] = (ends[0], _length(self.shortest))
-        self._roadmap: tuple[float, Roadmap] | None = None
-        self._graphs: dict[float, BeaconRoadmap] = {}
-
-    def late(self) -> bool:
-        return time.monotonic() > self.deadline
-
-    # Questions; a path or None
-
-    def shortest_within(self, limit: float, longest: float, *, shorten: bool = True) -> Floats | None:
-        """The shortest path on which the drift never exceeds ``limit``."""
-        if _length(self.shortest) <= longest and self.check.verdict(self.shortest, limit).worst <= limit:
-            return self.shortest
-        found = self._search(limit, longest, by_end=False)
-        return self._shortened(found, limit, math.inf) if found is not None and shorten else found
-
-    def least_end_drift(self, limit: float, longest: float) -> Floats | None:
-        """The path with the least rms at its end that keeps the limit on the way.
-
-        Whatever arrives with little drift has mostly had little on the way, and tight limits make searches short: so
-        the search is asked with ever looser limits, from the least that can be kept on.
-        """
-        tightest = self.least_worst_drift(limit, longest, shorten=False)
-        if tightest is None:
-            return None
-        least = self.check.verdict(tightest).worst
-        candidates = [tightest]
-        if _length(self.shortest) <= longest and self.check.verdict(self.shortest, limit).worst <= limit:
-            candidates.append(self.shortest)
-        overall = self.deadline
-        for looseness in _LOOSER:
-            self.deadline = time.monotonic() + 0.5 * (overall - time.monotonic())
-            found = self._search(min(limit, looseness * least), longest, by_end=True)
-            candidates += [] if found is None else [found]
-            if looseness * least >= limit:
-                break
-        self.deadline = overall
-        path = min(candidates, key=self._end_drift)
-        return self._shortened(path, limit, self._end_drift(path))
-
-    def _end_drift(self, path: Floats) -> float:
-        return self.check.verdict(path, by_end=True).end
-
-    def least_worst_drift(self, limit: float, longest: float, *, shorten: bool = True) -> Floats | None:
-        """The path with the least greatest drift on the way, by bisection over the limit."""
-        best = self.shortest_within(limit, longest, shorten=False)
-        if best is None:
-            return None
-        high, low = self.check.verdict(best).worst, 0.0
-        for _ in range(_BISECTIONS):
-            if high - low <= _WORST_TOLERANCE * high:
-                break
-            if self.late():
-                self.finished = False
-                break
-            middle = min(0.5 * (low + high), max(self._widest, 1.01 * low))  # who drifts farther than that finds none
-            found = self.shortest_within(middle, longest, shorten=False)
-            if found is None:
-                low = middle
-            else:
-                best, high = found, self.check.verdict(found).worst
-        return self._shortened(best, high * (1 + _ROUNDING), math.inf) if shorten else best
-
-    # The search
-
-    def graph(self, margin: float, longest: float = math.inf) -> BeaconRoadmap:
-        """The roadmap with the readings of beacons whose ranges are ``margin`` smaller, as far as they have that."""
-        if self._roadmap is None or self._roadmap[0] < longest:
-            roadmap = itinerary_roadmap(
-                self.world,
-                self.ends,
-                self.noise,
-                self.beacons,
-                nodes=self.nodes,
-                known=self.shortest,
-                longest=longest,
-                seed=self.seed,
-            )
-            self._roadmap, self._graphs = (longest, roadmap), {}
-        roadmap = self._roadmap[1]
-        if margin not in self._graphs:
-            nearer = [_nearer(beacon, margin) for beacon in self.beacons]
-            self._graphs[margin] = BeaconRoadmap.of(roadmap.xy, roadmap.edges, self.noise, nearer, self.world)
-        return self._graphs[margin]
-
-    def walk(
-        self,
-        graph: BeaconRoadmap,
-        limit: float,
-        longest: float,
-        *,
-        dead: Sequence[int] = (),
-        by_end: bool = False,
-    ) -> Walk:
-        """The best walk of a graph, with each of the ``dead`` beacons dead as well."""
-        assert self._roadmap is not None
-        initial, heading = self.check.initial, self.check.start_heading
-        to_goal, _ = self._roadmap[1].distances(self._roadmap[1].prices.cost, GOAL)
-        scale = limit if math.isfinite(limit) else self.check.verdict(self.shortest).worst
-        task = LabelTask(
-            graph=graph,
-            start=START,
-            goal=GOAL,
-            states=np.stack([graph.at_start(START, initial, gone) for gone in (ALL_ALIVE, *dead)]),
-            dead=tuple(graph.without(site) for site in dead),
-            to_goal=to_goal,
-            limit=limit,
-            longest=longest,
-            reach=self._reach(limit),
-            arriving=None if heading is None else complex(math.cos(heading), math.sin(heading)),
-        )
-        find = least_drift_walk if by_end else shortest_walk
-        found = find(task, slack_sq=_TOLERANCE * scale**2, stop=self.late)
-        self.labels += found.labels
-        self.finished &= found.finished
-        self.nearest = min(self.nearest, (graph.xy[found.nearest[0]], found.nearest[1]), key=lambda x: x[1])
-        return found
-
-    def _search(self, limit: float, longest: float, *, by_end: bool) -> Floats | None:
-        """The best walk that the exact model agrees with."""
-        held, margin, dead = limit, self._margin(limit), list[int]()
-        best: tuple[float, Floats] | None = None
-        for _ in range(_ATTEMPTS):
-            graph = self.graph(margin, longest)
-            found = self.walk(graph, held, longest, dead=dead, by_end=by_end)
-            if found.nodes is None:
-                break
-            path = _without_repeats(graph.xy[list(found.nodes)])
-            verdict = self.check.verdict(path, limit, by_end=by_end)
-            keeps = verdict.worst <= limit
-            if keeps and (best is None or (by_end and verdict.end < best[0])):
-                best = (verdict.end, path)
-            if verdict.dead != ALL_ALIVE and verdict.dead not in dead:
-                if keeps and not (by_end and verdict.end > found.end_drift * (1 + _WORST_TOLERANCE)):
-                    break
-                dead.append(verdict.dead)  # the next walk has to do without it as well
-            elif keeps:
-                break
-            elif self._lost_to_capture(path, limit):
-                margin *= 1.4
-            else:
-                held *= _SHRINK
-            if self.late():
-                self.finished = False
-                break
-        return None if best is None else best[1]
-
-    def _lost_to_capture(self, path: Floats, limit: float) -> bool:
-        """Whether the limit would hold if no beacon were missed for lack of `min_capture`."""
-        return self.check.min_capture > 0 and replace(self.check, min_capture=0.0).verdict(path, limit).worst <= limit
-
-    def _margin(self, limit: float) -> float:
-        """How far inside a range a robot that may drift by ``limit`` should pass, so as to be captured."""
-        if self.check.min_capture == 0 or not self.beacons:
-            return 0.0
-        from scipy.special import ndtri
-
-        drift = min(limit, self.check.verdict(self.shortest).worst, 0.5 * self._widest)
-        return float(max(ndtri(self.check.min_capture), 0.0)) * drift / math.sqrt(2)
-
-    @property
-    def _widest(self) -> float:
-        """Greatest range of any beacon, metres; infinite without beacons."""
-        return max((beacon.kind.range_m for beacon in self.beacons), default=math.inf)
-
-    def _reach(self, limit: float) -> float:
-        """How far a robot without any error can drive before it breaks the limit, at most the map's diagonal."""
-        xmin, ymin, xmax, ymax = self.world.bounds
-        diagonal = math.hypot(xmax - xmin, ymax - ymin)
-        rates = [CostRates.of(k) for k in (self.noise, *(zone.noise for zone in self.world.zones))]
-        heading, position = min(r.heading for r in rates), min(r.position for r in rates)
-        low, high = 0.0, diagonal
-        if heading * high**3 / 3 + position * high <= limit**2:
-            return diagonal
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if heading * middle**3 / 3 + position * middle <= limit**2 else (low, middle)
-        return high
-
-    def _shortened(self, path: Floats, limit: float, most_at_end: float) -> Floats:
-        """The path as short as it gets while it keeps the limit and arrives with no more drift."""
-        margin = 0.5 * self._margin(limit)
-        nearer = tuple(_nearer(beacon, margin) for beacon in self.beacons)
-        cautious = replace(self.check, beacons=nearer, min_capture=0.0)  # passes well within range are captured
-        for check in (cautious, self.check):
-
-            def holds(trial: Floats, check: ItineraryCheck = check) -> bool:
-                verdict = check.verdict(trial, limit)
-                return verdict.worst <= limit and verdict.end <= most_at_end * (1 + _ROUNDING)
-
-            def stop(deadline: float = time.monotonic() + self.shortening / 2) -> bool:
-                return time.monotonic() > deadline
-
-            if holds(path):
-                shorter = shortened(path, self.world, holds, stop)
-                path = shorter if holds(shorter, self.check) else path
-        return path
-
-    def _shortest(self) -> Floats:
-        left = max(0.3 * (self.deadline - time.monotonic()), 0.05)
-        found = plan_on_roadmap(
-            self.world,
-            self.ends[0],
-            self.ends[1],
-            self.noise,
-            minimise="length",
-            time_limit=left,
-            batches=2,
-            seed=self.seed,
-        )
-        return found.path
-
-    def itinerary(self, path: Floats, minimise: Objective, max_drift: float | None) -> Itinerary:
-        """The answer, from the exact model."""
-        drift = self.check.drift(path)
-        verdict = self.check.verdict(path)
-        if minimise == "length":
-            bound = least_length(self.world, self.ends, self.noise, self.beacons, max_drift)
-        else:
-            bound = least_end_drift(self.world, self.ends, self.noise, self.beacons, verdict.end)
-        alive = replace(self.check, redundancy=1).verdict(path)
-        status = Status.TIME_LIMIT if not self.finished else Status.BATCHES_DONE
-        if minimise == "length" and float(drift.length) <= bound * (1 + _ROUNDING):
-            status = Status.OPTIMAL
-        return Itinerary(
-            path=path,
-            drift=drift,
-            planner="roadmap",
-            minimise=minimise,
-            status=status,
-            bound=min(bound, _scored(minimise, drift.length, verdict)),
-            bound_covers="all routes",
-            beacons=tuple(self.beacons[i] for i in self.check.met(path)),
-            captures=tuple(self.check.captures(path)),
-            max_drift=max_drift,
-            worst_drift=alive.worst,
-            worst_if_dead=verdict.worst,
-            shortest_length=_length(self.shortest),
-            labels=self.labels,
-            seconds=time.monotonic() - self.began,
-        )
+def answer(
+    search: ItinerarySearch, path: Floats, minimise: Objective, max_drift: float | None, seconds: float
+) -> Itinerary:
+    """The itinerary along a path that ``search`` found, from the exact model, with its bound."""
+    check = search.check
+    drift, verdict = check.drift(path), check.verdict(path)
+    given = search.ends, search.kinds, search.beacons
+    if minimise == "length":
+        score, bound = float(drift.length), least_length(*given, max_drift)
+    elif minimise == "drift":
+        score, bound = verdict.end, least_end_drift(*given, verdict.end)
+    else:
+        score, bound = verdict.worst, least_worst_drift(*given, verdict.worst)
+    status = Status.TIME_LIMIT if search.timed_out else Status.BATCHES_DONE
+    if score <= bound * (1 + ROUNDING):
+        status = Status.OPTIMAL
+    return Itinerary(
+        path=path,
+        drift=drift,
+        planner="roadmap",
+        minimise=minimise,
+        status=status,
+        bound=min(bound, score),
+        bound_covers="all routes",
+        beacons=tuple(search.beacons[i] for i in check.met(path)),
+        captures=tuple(check.captures(path)),
+        max_drift=max_drift,
+        worst_drift=replace(check, redundancy=1).verdict(path).worst,
+        worst_if_dead=verdict.worst,
+        shortest_length=length_of(search.shortest),
+        labels=search.labels,
+        seconds=seconds,
+    )
 
 
-def _scored(minimise: Objective, length: Any, verdict: Verdict) -> float:
-    return {"length": float(length), "drift": verdict.end, "worst_drift": verdict.worst}[minimise]
+def longest_of(search: ItinerarySearch, minimise: Objective, max_detour: float | None) -> float:
+    """The greatest length that ``max_detour`` allows, metres."""
+    if max_detour is None and minimise == "length":
+        return math.inf
+    return (max_detour or DEFAULT_DETOUR) * length_of(search.shortest) * (1 + ROUNDING)
 
 
-def _nearer(beacon: Beacon, margin: float) -> Beacon:
-    """The beacon with a smaller range, at least a fifth of what it was."""
-    if margin == 0:
-        return beacon
-    kind = beacon.kind
-    return replace(beacon, kind=replace(kind, range_m=max(kind.range_m - margin, 0.2 * kind.range_m)))
-
-
-def _length(path: Floats) -> float:
-    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-
-
-def _without_repeats(path: Floats) -> Floats:
-    keep = np.concatenate([[True], (np.diff(path, axis=0) != 0).any(axis=1)])
-    return path[keep] if keep.sum() > 1 else path[[0, -1]]
+def best_path(search: ItinerarySearch, minimise: Objective, limit: float, longest: float) -> Floats | None:
+    """The best path that keeps the limit, or None."""
+    if math.isfinite(limit) and least_length(search.ends, search.kinds, search.beacons, limit) > longest:
+        return None  # whatever the roadmap
+    if minimise == "length":
+        return search.shortest_within(limit, longest)
+    if minimise == "drift":
+        return search.least_end_drift(limit, longest)
+    return search.least_worst_drift(limit, longest)
 
 
 def _check(

@@ -44,7 +44,7 @@ class ItineraryCheck:
         Passes that happen less surely than this do not count; 0: all do.
     """
 
-    world: World
+    world: World | None
     noise: OdometryNoise
     beacons: tuple[Beacon, ...]
     initial: Fix | None = None

@@ -14,10 +14,11 @@ from driftplan.model.paths import Floats
 from driftplan.planning.roadmap_search import said
 
 if TYPE_CHECKING:
-    from driftplan.beacons.itinerary import ItinerarySearch
+    from driftplan.beacons.itinerary_search import ItinerarySearch
 
 _SURE_HEADING = 1e-6  # rad
-_MORE_TIME_S = 1.0  # for the questions asked here
+_LABELS = 5_000  # of a search that only explains,
+_SLACK = 0.05  # and of its labels, as a share of the limit squared
 
 
 def why_infeasible(search: ItinerarySearch, limit: float, longest: float) -> str:
@@ -27,8 +28,14 @@ def why_infeasible(search: ItinerarySearch, limit: float, longest: float) -> str
         asked += f" and is no longer than {longest:.4g} m"
     if search.check.redundancy > 1:
         asked += ", with any one beacon dead"
-    if not search.finished:
+    if search.timed_out:
         return f"{asked} was found in time, nor was it ruled out: raise time_limit, or begin with a higher max_drift"
+    if search.exhausted:
+        return (
+            f"{asked} was found among {search.labels} partial routes, nor was it ruled out: begin with a higher "
+            "max_drift, or take fewer nodes"
+        )
+    search.most_labels = _LABELS
     accuracy = [b.kind.position_std_m * 2**0.5 for b in search.beacons if b.kind.position_std_m is not None]
     reasons = []
     if search.check.initial is not None and search.check.drift(search.shortest).moments.N[0].real > limit**2:
@@ -62,9 +69,8 @@ def _captures_would_help(search: ItinerarySearch, limit: float, longest: float) 
     """Whether the limit could be kept if the robot came within every range as planned."""
     if search.check.min_capture == 0:
         return False
-    _more_time(search)
     check, search.check = search.check, replace(search.check, min_capture=0.0)
-    found = search.shortest_within(limit, longest, shorten=False)
+    found = search.any_within(limit, longest, _SLACK)
     search.check = check
     return found is not None
 
@@ -74,12 +80,11 @@ def _headings_would_help(search: ItinerarySearch, limit: float, longest: float) 
     lacking = [b for b in search.beacons if b.kind.heading_std is None]
     if not lacking:
         return False
-    _more_time(search)
     graph = search.graph(0.0, longest)
     full = [_full(b) for b in graph.beacons]
     edges = np.stack([graph.tail, graph.head], axis=1)[graph.tail < graph.head]
     graph = BeaconRoadmap.of(graph.xy, edges, search.noise, full, search.world)
-    return search.walk(graph, limit, longest).nodes is not None
+    return search.walk(graph, limit, longest, most_labels=_LABELS).nodes is not None
 
 
 def _full(beacon: Beacon) -> Beacon:
@@ -93,8 +98,7 @@ def _least_limit(search: ItinerarySearch, limit: float, longest: float) -> float
     """A limit that can be kept, if one is found soon; the least of those tried."""
     if not math.isfinite(limit):
         return None
-    _more_time(search)
-    found = search.least_worst_drift(math.inf, longest)
+    found = search.least_worst_drift(math.inf, longest, shorten=False)
     return None if found is None else search.check.verdict(found).worst
 
 
@@ -105,10 +109,3 @@ def _nearest_beacon(search: ItinerarySearch, place: Floats) -> str:
     k = int(np.argmin(distance))
     name = search.beacons[k].id or f"number {k}"
     return f"the beacon nearest to that place, {name} at {said(search.beacons[k].xy)}, is {distance[k]:.4g} m away"
-
-
-def _more_time(search: ItinerarySearch) -> None:
-    import time
-
-    search.deadline = max(search.deadline, time.monotonic() + _MORE_TIME_S)
-    search.shortening = 0.0

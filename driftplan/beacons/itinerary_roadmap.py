@@ -11,7 +11,7 @@ from driftplan.beacons.beacon import Beacon, BeaconColumns
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Floats
 from driftplan.planning.roadmap_graph import Roadmap
-from driftplan.planning.roadmap_pricing import Pricing
+from driftplan.planning.roadmap_pricing import Pricing, Space
 from driftplan.world.world import World
 
 _NEIGHBOURS = 14
@@ -22,7 +22,8 @@ _DRAWS = 64
 
 
 def itinerary_roadmap(
-    world: World,
+    space: Space,
+    world: World | None,
     ends: Floats,
     noise: OdometryNoise,
     beacons: Sequence[Beacon],
@@ -39,22 +40,23 @@ def itinerary_roadmap(
     known : (k, 2) a path whose waypoints become nodes
     longest : longer routes are of no interest, metres
     """
-    roadmap = Roadmap(Pricing(world, ends[1], noise, "length"), ends[0])
+    roadmap = Roadmap(Pricing(space, ends[1], noise, "length"), ends[0])
     roadmap.add(known[1:-1], _NEIGHBOURS, longest, chain=True)
-    xmin, ymin, xmax, ymax = world.bounds
-    corners = world.corners(max(world.robot_radius / 4, 1e-3 * math.hypot(xmax - xmin, ymax - ymin)))
+    xmin, ymin, xmax, ymax = space.bounds
+    radius = getattr(space, "robot_radius", 0.0)
+    corners = space.corners(max(radius / 4, 1e-3 * math.hypot(xmax - xmin, ymax - ymin)))
     rng = np.random.default_rng(seed)
     if len(corners) > nodes // 3:
         corners = corners[np.sort(rng.permutation(len(corners))[: nodes // 3])]
     roadmap.add(_useful(corners, ends, longest), _NEIGHBOURS, longest)
-    stations = places_in_range(world, beacons, most=max(nodes // 2, len(beacons)))
+    stations = places_in_range(space, world, beacons, most=max(nodes // 2, len(beacons)))
     roadmap.add(_useful(stations, ends, longest), _NEIGHBOURS, longest)
     wanted = max(nodes - len(roadmap.xy), nodes // 5)
-    roadmap.add(_samples(world, ends, longest, wanted, rng.random(2)), _NEIGHBOURS, longest)
+    roadmap.add(_samples(space, ends, longest, wanted, rng.random(2)), _NEIGHBOURS, longest)
     return roadmap
 
 
-def places_in_range(world: World, beacons: Sequence[Beacon], most: int) -> Floats:
+def places_in_range(space: Space, world: World | None, beacons: Sequence[Beacon], most: int) -> Floats:
     """Free points within range of each beacon, and in its sight where that matters: the nearest, then others spread
     around it; about ``most`` in all, (n, 2)."""
     if not beacons:
@@ -65,10 +67,10 @@ def places_in_range(world: World, beacons: Sequence[Beacon], most: int) -> Float
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     offsets = np.concatenate([np.zeros((1, 2)), *(depth * circle for depth in _DEPTHS)])
     places = columns.xy[:, None, :] + columns.range_m[:, None, None] * offsets
-    good = world.is_free(places)
-    asked = good & columns.must_see[:, None]
-    site = np.nonzero(asked)[0]
-    good[asked] = world.line_of_sight(places[asked], columns.xy[site])
+    good = space.is_free(places)
+    if world is not None:
+        asked = good & columns.must_see[:, None]
+        good[asked] = world.line_of_sight(places[asked], columns.xy[np.nonzero(asked)[0]])
     # the nearest first, then one direction after the other with big steps
     spread = (3 * np.arange(_DIRECTIONS)) % _DIRECTIONS
     order = np.concatenate([[0], *(1 + _DIRECTIONS * ring + spread for ring in range(len(_DEPTHS)))])
@@ -77,14 +79,14 @@ def places_in_range(world: World, beacons: Sequence[Beacon], most: int) -> Float
     return np.asarray(places[:, order][chosen])
 
 
-def _samples(world: World, ends: Floats, longest: float, count: int, first: Floats) -> Floats:
-    xmin, ymin, xmax, ymax = world.bounds
+def _samples(space: Space, ends: Floats, longest: float, count: int, first: Floats) -> Floats:
+    xmin, ymin, xmax, ymax = space.bounds
     found: list[Floats] = [np.zeros((0, 2))]
     wanted = count
     for draw in range(_DRAWS):
         unit = (first + _STEP * np.arange(draw * count, (draw + 1) * count)[:, None]) % 1.0
         points = _useful(unit * (xmax - xmin, ymax - ymin) + (xmin, ymin), ends, longest)
-        found.append(points[world.is_free(points)][:wanted])
+        found.append(points[space.is_free(points)][:wanted])
         wanted -= len(found[-1])
         if wanted <= 0:
             break

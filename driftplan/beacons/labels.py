@@ -148,7 +148,7 @@ class _Search:
         best, end, finished, expanded = math.inf, -1, True, 0
         nearest, bound = (task.start, float(task.to_goal[task.start])), float(task.to_goal[task.start])
         if float(start[N].max()) <= self.limit_sq:
-            self.add(task.start, 0.0, start, _scores(start), task.arriving, -1)
+            self.add(task.start, 0.0, start, _scores(start[None])[0], task.arriving, -1)
         while self.heap:
             f, label = heappop(self.heap)
             if self.dropped[label]:
@@ -206,18 +206,22 @@ class _Search:
                 worst[k, s] = (effects.row[effects.first[e] : effects.first[e + 1]] @ before).max()
         length = self.length[label] + graph.length[lo:hi]
         heads = graph.head[lo:hi]
-        fits = (worst.max(axis=1) <= self.limit_sq) & (length + task.to_goal[heads] <= task.longest)
-        for k in np.flatnonzero(fits).tolist():
-            state = after[k]
+        fits = np.flatnonzero((worst.max(axis=1) <= self.limit_sq) & (length + task.to_goal[heads] <= task.longest))
+        scores = _scores(after[fits])
+        for i, (k, to, driven) in enumerate(
+            zip(fits.tolist(), heads[fits].tolist(), length[fits].tolist(), strict=True)
+        ):
             facing = complex(graph.direction[lo + k]) if self.turning else None
-            self.offer(int(heads[k]), float(length[k]), state, facing, label)
+            self.offer(to, driven, after[k], scores[i], facing, label)
 
-    def offer(self, node: int, length: float, state: Floats, facing: complex | None, parent: int) -> None:
+    def offer(
+        self, node: int, length: float, state: Floats, score: list[Score], facing: complex | None, parent: int
+    ) -> None:
         """Keep the new label unless another dominates it; drop those that it dominates."""
-        score = _scores(state)
         here = self.at.get(node, [])
-        for other in here:
+        for place, other in enumerate(here):
             if self.length[other] <= length and self.dominates(self.score[other], score, self.turn(other, facing)):
+                here.insert(0, here.pop(place))  # it is likely to dominate the next one too
                 return
         dropped = False
         for other in here:
@@ -270,10 +274,10 @@ class _Search:
         return nodes[::-1]
 
 
-def _scores(state: Floats) -> list[Score]:
-    """What dominance looks at, per scenario."""
-    columns = (state[k].tolist() for k in (N, D, A_RE, A_IM))
-    return [(n, d, complex(re, im)) for n, d, re, im in zip(*columns, strict=True)]
+def _scores(states: Floats) -> list[list[Score]]:
+    """What dominance looks at in every scenario of states (n, 9, scenarios)."""
+    columns = (*(states[:, k].tolist() for k in (N, D)), (states[:, A_RE] + 1j * states[:, A_IM]).tolist())
+    return [list(zip(*scenarios, strict=True)) for scenarios in zip(*columns, strict=True)]
 
 
 def _slots(effects: Effects, edges: int) -> NDArray[np.intp]:

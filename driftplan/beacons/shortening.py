@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from driftplan.model.paths import Floats
-from driftplan.world.world import World
+from driftplan.planning.roadmap_pricing import Space
 
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of the way to the neighbours' line
 _SWEEPS = 6
@@ -19,7 +19,7 @@ _WORTH = 1e-4  # least relative gain of a sweep that is worth another
 
 
 def shortened(
-    path: Floats, world: World, holds: Callable[[Floats], bool], stop: Callable[[], bool] = lambda: False
+    path: Floats, space: Space, holds: Callable[[Floats], bool], stop: Callable[[], bool] = lambda: False
 ) -> Floats:
     """A collision-free path (k, 2) between the same ends, no longer than ``path`` (n, 2), that ``holds`` like it.
 
@@ -30,22 +30,22 @@ def shortened(
     stop : callable
         Asked before every trial; True ends it with what was reached.
     """
-    path = _without_needless(path, world, holds, stop)
+    path = _without_needless(path, space, holds, stop)
     for _ in range(_SWEEPS):
         before = _length(path)
-        path = _pulled(path, world, holds, stop)
-        path = _without_needless(path, world, holds, stop)
+        path = _pulled(path, space, holds, stop)
+        path = _without_needless(path, space, holds, stop)
         if stop() or before - _length(path) < _WORTH * before:
             break
     return path
 
 
-def _without_needless(path: Floats, world: World, holds: Callable[[Floats], bool], stop: Callable[[], bool]) -> Floats:
+def _without_needless(path: Floats, space: Space, holds: Callable[[Floats], bool], stop: Callable[[], bool]) -> Floats:
     tried: set[bytes] = set()
     while len(path) > 2:
         left, here, right = path[:-2], path[1:-1], path[2:]
         gain = _distance(left, here) + _distance(here, right) - _distance(left, right)
-        free = world.segments_free(left, right)
+        free = space.segments_free(left, right)
         for k in np.argsort(-gain, kind="stable").tolist():
             if stop():
                 return path
@@ -62,7 +62,7 @@ def _without_needless(path: Floats, world: World, holds: Callable[[Floats], bool
     return path
 
 
-def _pulled(path: Floats, world: World, holds: Callable[[Floats], bool], stop: Callable[[], bool]) -> Floats:
+def _pulled(path: Floats, space: Space, holds: Callable[[Floats], bool], stop: Callable[[], bool]) -> Floats:
     path = path.copy()
     for k in range(1, len(path) - 1):
         left, here, right = path[k - 1], path[k], path[k + 1]
@@ -72,8 +72,8 @@ def _pulled(path: Floats, world: World, holds: Callable[[Floats], bool], stop: C
         if _distance(here, target) < 1e-6:
             continue
         places = here + np.array(_SHARES)[:, None] * (target - here)
-        free = world.segments_free(np.broadcast_to(left, places.shape), places)
-        free &= world.segments_free(places, np.broadcast_to(right, places.shape))
+        free = space.segments_free(np.broadcast_to(left, places.shape), places)
+        free &= space.segments_free(places, np.broadcast_to(right, places.shape))
         for place in places[free]:
             if stop():
                 return path

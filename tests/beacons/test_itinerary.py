@@ -285,11 +285,14 @@ def test_the_same_seed_gives_the_same_route():
 def test_no_route_that_keeps_the_limit_is_shorter_than_the_bound():
     ends = np.array([START, GOAL])
     beacons = [Beacon(SIGN, 40, 30)]
-    assert least_length(HALL, ends, NOISE, beacons, None) == pytest.approx(74)
-    by_beacon = least_length(HALL, ends, NOISE, beacons, 1.0)
+    assert least_length(ends, [NOISE], beacons, None) == pytest.approx(74)
+    by_beacon = least_length(ends, [NOISE], beacons, 2.5)
     assert by_beacon == pytest.approx(2 * (np.hypot(37, 20) - 3))
-    assert least_length(HALL, ends, NOISE, beacons, 100.0) == pytest.approx(74)
-    assert least_length(HALL, ends, NOISE, [], 1.0) == np.inf
+    assert least_length(ends, [NOISE], beacons, 100.0) == pytest.approx(74)
+    assert least_length(ends, [NOISE], [], 1.0) == np.inf
+    assert least_length(ends, [NOISE], beacons, 2.0) == np.inf  # the beacon is too far from both ends
+    compass = [*beacons, Beacon(BeaconKind.heading(range_m=4.0, heading_std=0.0), 20, 10)]
+    assert least_length(ends, [NOISE], compass, 2.0) == pytest.approx(74)  # headings might be fixed all the way
 
 
 @pytest.mark.parametrize(
