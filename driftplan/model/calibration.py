@@ -7,7 +7,7 @@ are the nominal path, and the odometry is what varies about them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from math import degrees, sqrt
 from typing import Any
 
@@ -15,37 +15,38 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .inputs import Floats
-from .matching import Match, MatchCounts
+from .matching import Match, MatchCounts, match
 from .noise import OdometryNoise
+from .noise_check import Estimate, Truth, checked
 from .quasi_likelihood import (
+    DRIVES_TO_HOLD_OUT,
     RANDOM,
     SYSTEMATIC,
     TRUTH,
     Solution,
     bootstrap,
+    elsewhere,
+    held_out,
     intervals,
     models,
-    rms_intervals,
+    rms_spread,
     solve,
     spread_out,
     standard_errors,
-    systematic_errors,
 )
 from .recordings import OdometryLog, Trajectory
+from .relative_errors import RelativeErrors, pooled, relative_errors
 from .segment_check import SegmentCheck, check_segments
 from .segment_ladder import Ladder, drives_of, ladder_of
-from .segments import TruthNoise
 
 PARAMETERS = SYSTEMATIC + RANDOM
-
-Estimate = OdometryLog | ArrayLike
-Truth = Trajectory | ArrayLike
 
 _MOST_STEPS = 50
 _FIRST_LOOK = 4  # steps after which collinear rates are told
 _COLLINEAR = 20.0  # variance inflation above which a rate per radian cannot be told from one per metre
 _STRAIGHT_RAD = 0.2  # turned per longest segment: below, nothing is learnt about turning
-_CLEAR_SHIFT = 3.0  # standard errors by which the systematic errors of other drives are said to differ
+_ODD_MOUNTING_RAD = 0.2  # a reference's heading turned by more is no matter of a millimetre
+_FRAMES = 40  # frames in the shortest segment when relative errors are counted: its length is overshot by half a frame
 _CHANCE = 0.01  # that drives are said to differ when they do not
 
 
@@ -66,13 +67,21 @@ class NoiseFit:
         rad. They take up whatever does not grow along the way, such as timing jitter.
     check : SegmentCheck
         Predicted against measured on the drives of the fit themselves; for other drives see `check_on`.
-    rms_intervals_m, heading_rms_intervals : array, shape (lengths, 2), or None
-        Intervals of the predicted rms at every length of ``check``: position error in metres, and sine of the heading
-        error gained (None without true headings).
+    held_out : SegmentCheck
+        The same with every part of the drives predicted from the other parts: each drive from the others where there
+        are three or more, else each fifth from the other four.
+    relative_errors : RelativeErrors or None
+        Drift in % and deg/m at the same lengths, as KITTI's development kit counts it: to compare odometries by,
+        without any model. None where true headings are not used.
+    heading_rms_intervals : array, shape (lengths, 2), or None
+        Intervals of the predicted rms sine of the heading error gained at every length of ``check``.
     counts : MatchCounts
         What became of the recordings.
     time_offsets_s : tuple of float
         Truth clock minus odometry clock, of every drive.
+    heading_offsets : tuple of float
+        True heading as measured minus the robot's, of every drive, rad: how marker or sensor are mounted. 0 where true
+        headings are not used, or the angle is too small to be sure of.
     notes : tuple of str
         What to know before using the numbers: parameters left out, drives that differ, a model that does not fit.
     """
@@ -84,10 +93,14 @@ class NoiseFit:
     truth_position_std_m: float
     truth_heading_std: float
     check: SegmentCheck
-    rms_intervals_m: Floats
+    held_out: SegmentCheck
+    relative_errors: RelativeErrors | None
     heading_rms_intervals: Floats | None
     counts: MatchCounts
     time_offsets_s: tuple[float, ...]
+    heading_offsets: tuple[float, ...]
+    _solution: Solution = field(repr=False)
+    _replicates: Floats = field(repr=False)
     notes: tuple[str, ...] = ()
 
     def check_on(
@@ -103,19 +116,15 @@ class NoiseFit:
         Parameters
         ----------
         estimates, truths, options :
-            As for `fit_noise` (``use_heading``, ``time_offset_s``, ``max_gap_s``).
+            As for `fit_noise` (``use_heading``, ``time_offset_s``, ``heading_offset``, ``max_gap_s``).
         lengths_m : array of float, optional
             Lengths of segments, metres. Default: as `fit_noise` chooses for these drives.
         """
-        return check_noise(
-            self.noise,
-            estimates,
-            truths,
-            lengths_m=lengths_m,
-            truth_position_std_m=self.truth_position_std_m,
-            truth_heading_std=self.truth_heading_std,
-            **options,
-        )
+        ladder, _ = ladder_of(drives_of(estimates, truths), lengths_m=lengths_m, **options)
+        there = elsewhere(ladder, self._solution)
+        spread = rms_spread(ladder, there, self._replicates, self.confidence, ladder.position)
+        noise, truth = models(there.names, there.theta)
+        return checked(ladder, noise, truth, self.std_errors, spread)
 
     def __str__(self) -> str:
         lines = [f"{'':24} {'fitted':>12} {'std error':>11}   {100 * self.confidence:.3g} % interval"]
@@ -134,10 +143,20 @@ class NoiseFit:
             f"left out: {counts.outside_truth_s:.1f} s without truth, {counts.repeated_samples} repeated samples, "
             f"{counts.truth_outliers} outliers; {counts.breaks} breaks",
             "clock offset: " + ", ".join(f"{offset:+.3f} s" for offset in self.time_offsets_s),
-            "",
-            str(self.check),
         ]
-        return "\n".join([*lines, *self.notes])
+        if any(self.heading_offsets):
+            turned = ", ".join(f"{degrees(offset):+.2f} deg" for offset in self.heading_offsets)
+            lines.append(f"the reference's heading is mounted askew, and was turned back: {turned}")
+        lines += [
+            "",
+            "each drive predicted from the others"
+            if len(self.time_offsets_s) >= DRIVES_TO_HOLD_OUT
+            else "each fifth of the drives predicted from the other four",
+            str(self.held_out),
+        ]
+        if self.relative_errors is not None:
+            lines += ["", "relative errors, as KITTI's development kit counts them", str(self.relative_errors)]
+        return "\n".join([*lines, "", *self.notes]).rstrip()
 
 
 def fit_noise(
@@ -148,6 +167,7 @@ def fit_noise(
     lengths_m: ArrayLike | None = None,
     use_heading: bool | None = None,
     time_offset_s: float | None = None,
+    heading_offset: float | None = None,
     max_gap_s: float | None = None,
     confidence: float = 0.95,
     resamples: int = 1000,
@@ -173,7 +193,7 @@ def fit_noise(
         most 1/4 of the shortest). All lengths count the same; choose those for which you want predictions.
     use_heading : bool, optional
         Whether to use the truth's headings. Default: if all drives have them, and they are more than the odometry's.
-    time_offset_s, max_gap_s : float, optional
+    time_offset_s, heading_offset, max_gap_s : float, optional
         See `driftplan.model.matching.match`.
     confidence : float
         Of the intervals.
@@ -212,11 +232,13 @@ def fit_noise(
         raise ValueError(f"expected confidence in (0, 1), got {confidence!r}")
     if isinstance(resamples, bool) or resamples < 100:
         raise ValueError(f"expected resamples >= 100, got {resamples!r}")
+    drives = drives_of(estimates, truths)
     ladder, matches = ladder_of(
-        drives_of(estimates, truths),
+        drives,
         lengths_m=lengths_m,
         use_heading=use_heading,
         time_offset_s=time_offset_s,
+        heading_offset=heading_offset,
         max_gap_s=max_gap_s,
     )
     solution, notes = _solved(ladder, names)
@@ -225,7 +247,9 @@ def fit_noise(
     replicates = spread_out(solution, replicates, blocks, confidence)
     low, high = intervals(solution, replicates, confidence)
     noise, truth = models(solution.names, solution.theta)
-    check = check_segments(ladder, noise, truth)
+    spread = rms_spread(ladder, solution, replicates, confidence, ladder.position)
+    moments = ladder.expected(ladder.windows(noise), truth)
+    check = check_segments(ladder, *moments, rms_intervals_m=spread.intervals)
     fitted = [k for k, name in enumerate(solution.names) if name not in TRUTH]
     return NoiseFit(
         noise=noise,
@@ -235,62 +259,18 @@ def fit_noise(
         truth_position_std_m=sqrt(truth.position_var),
         truth_heading_std=sqrt(truth.heading_var),
         check=check,
-        rms_intervals_m=rms_intervals(ladder, solution, replicates, confidence, ladder.position),
+        held_out=check_segments(ladder, *held_out(ladder, solution)),
+        relative_errors=_relative_errors(ladder, drives, matches, max_gap_s) if ladder.has_heading else None,
         heading_rms_intervals=(
-            rms_intervals(ladder, solution, replicates, confidence, slice(2, 3)) if ladder.has_heading else None
+            rms_spread(ladder, solution, replicates, confidence, slice(2, 3)).intervals if ladder.has_heading else None
         ),
         counts=_summed(matches),
         time_offsets_s=tuple(m.time_offset_s for m in matches),
-        notes=(*notes, *_drive_notes(ladder, solution, error), *check.notes),
+        heading_offsets=tuple(m.heading_offset for m in matches),
+        notes=(*notes, *_mounting_notes(matches), *_drive_notes(ladder, solution, error), *check.notes),
+        _solution=solution.estimate_only(),
+        _replicates=replicates,
     )
-
-
-def check_noise(
-    noise: OdometryNoise,
-    estimates: Estimate | Sequence[Estimate],
-    truths: Truth | Sequence[Truth],
-    *,
-    lengths_m: ArrayLike | None = None,
-    truth_position_std_m: float = 0.0,
-    truth_heading_std: float = 0.0,
-    use_heading: bool | None = None,
-    time_offset_s: float | None = None,
-    max_gap_s: float | None = None,
-) -> SegmentCheck:
-    """How well a noise model predicts the errors of recorded drives: predicted against measured rms, and coverage.
-
-    Parameters
-    ----------
-    noise : OdometryNoise
-        Of the continuous model (no ``step_m``), without ``heading_distance_corr``.
-    estimates, truths, lengths_m, use_heading, time_offset_s, max_gap_s :
-        As for `fit_noise`.
-    truth_position_std_m, truth_heading_std : float
-        White errors of the reference: metres per coordinate, rad.
-
-    Returns
-    -------
-    SegmentCheck
-    """
-    if noise.step_m is not None or noise.heading_distance_corr != 0:
-        raise ValueError(f"expected a noise of the continuous model without heading_distance_corr, got {noise!r}")
-    ladder, _ = ladder_of(
-        drives_of(estimates, truths),
-        lengths_m=lengths_m,
-        use_heading=use_heading,
-        time_offset_s=time_offset_s,
-        max_gap_s=max_gap_s,
-    )
-    truth = TruthNoise(truth_position_std_m**2, truth_heading_std**2)
-    check = check_segments(ladder, noise, truth)
-    notes = []
-    for name, (value, error) in systematic_errors(ladder, noise, truth).items():
-        if abs(value - getattr(noise, name)) > _CLEAR_SHIFT * error:
-            notes.append(
-                f"The systematic errors differ: {name} seems to be {value:.2g} ± {error:.1g} on these drives, not "
-                f"{getattr(noise, name):.2g}."
-            )
-    return replace(check, notes=(*notes, *check.notes))
 
 
 def _checked_parameters(parameters: Sequence[str]) -> tuple[str, ...]:
@@ -332,6 +312,39 @@ def _summed(matches: Sequence[Match]) -> MatchCounts:
     for m in matches:
         total += m.counts
     return total
+
+
+def _mounting_notes(matches: Sequence[Match]) -> list[str]:
+    worst = max((m.heading_offset for m in matches), key=abs)
+    if abs(worst) < _ODD_MOUNTING_RAD:
+        return []
+    return [
+        f"The truth's headings are turned by {degrees(worst):.0f} deg against the direction in which the odometry "
+        "drives, and were turned back: check axes and signs."
+    ]
+
+
+def _relative_errors(
+    ladder: Ladder, drives: list[tuple[OdometryLog, Trajectory]], matches: Sequence[Match], max_gap_s: float | None
+) -> RelativeErrors:
+    """Errors by KITTI's definition, whose frames are the samples of the sparser recording, not the segments' knots."""
+    lengths = [rung.length_m for rung in ladder.rungs]
+    found = []
+    for (odometry, truth), m in zip(drives, matches, strict=True):
+        frames = match(
+            odometry,
+            truth,
+            spacing_m=lengths[0] / _FRAMES,
+            time_offset_s=m.time_offset_s,
+            heading_offset=m.heading_offset,
+            max_gap_s=max_gap_s,
+        )
+        for s in frames.stretches:
+            if s.truth_heading is not None and np.abs(np.diff(s.truth)).sum() > lengths[0]:
+                estimate = np.column_stack([s.estimate.real, s.estimate.imag, s.estimate_heading])
+                true = np.column_stack([s.truth.real, s.truth.imag, s.truth_heading])
+                found.append(relative_errors(estimate, true, lengths, step=_FRAMES // 4))
+    return pooled(found)
 
 
 def _drive_notes(ladder: Ladder, solution: Solution, error: Floats) -> list[str]:

@@ -17,17 +17,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from . import reference_offsets
 from .inputs import Complexes, Floats
 from .recordings import OdometryLog, Trajectory
+from .reference_offsets import clock_offset, interpolated
 
 _JUMP_SPREADS = (
     10.0  # a truth sample is an outlier if it is farther from the last good one than the odometry's distance
 )
 _JUMP_S = 0.25  # from so many seconds before to after, plus so many robust standard deviations of one step
-_OFFSETS = 20  # clock offsets tried to either side
-_CLEARLY = 0.95  # an offset must reduce the disagreement of the recordings to this share
 _PLAY_TRUE = 5.0  # standard deviations of the true heading's jitter within which it may swing without having turned,
 _PLAY_SAID = 10.0  # and of the odometry's, where the true one is not known: its errors wander
+_MOUNTING_KNOTS = 8  # from one to the next when the mounting of the reference is estimated
 _RULER_KNOTS = 4  # knots per piece on which the true distance is measured
 _SKIP = 10  # so many outliers in a row are no outliers: the truth has jumped, and the drive is cut there
 
@@ -92,11 +93,13 @@ class Stretch(NamedTuple):
 
 
 class Match(NamedTuple):
-    """Stretches of one drive, what was left out, and the clock offset (truth time minus odometry time, s)."""
+    """Stretches of one drive, what was left out, and the offsets of clock (truth time minus odometry time, s) and
+    heading (measured true one minus the robot's, rad), both undone in the stretches."""
 
     stretches: tuple[Stretch, ...]
     counts: MatchCounts
     time_offset_s: float
+    heading_offset: float
 
 
 def match(
@@ -105,6 +108,7 @@ def match(
     *,
     spacing_m: float,
     time_offset_s: float | None = None,
+    heading_offset: float | None = None,
     max_gap_s: float | None = None,
 ) -> Match:
     """Odometry and truth of one drive at common knots.
@@ -118,6 +122,9 @@ def match(
     time_offset_s : float, optional
         Time of the truth's clock minus the odometry's when both see the same event. By default it is estimated, up to
         1 s: the offset at which the motions agree best, and 0 unless that makes their difference clearly smaller.
+    heading_offset : float, optional
+        Measured true heading minus the robot's, rad: how the marker or sensor is mounted. By default it is estimated,
+        and 0 unless clearly another.
     max_gap_s : float, optional
         Truth samples farther apart in time, between which the robot moved, cut the drive; so do gaps in odometry
         velocities. Default: 2 s or five median intervals, whichever is longer.
@@ -132,7 +139,7 @@ def match(
         When the recordings do not overlap in time, or the robot did not move.
     """
     if time_offset_s is None:
-        time_offset_s = _estimated_offset(odometry, truth)
+        time_offset_s = clock_offset(odometry, truth)
     times = truth.times - time_offset_s  # on the odometry's clock
     good, cuts = _good_samples(odometry, truth, times)
     times, positions = times[good], truth.positions[good]
@@ -166,6 +173,10 @@ def match(
         stretch = _stretch(odometry, driven, turned, begin, end, times, positions, headings, spacing_m)
         if stretch is not None:
             stretches.append(stretch)
+    if heading_offset is None:
+        heading_offset = _mounting(stretches)
+    if heading_offset != 0:
+        stretches = [_turned_by(s, -heading_offset) for s in stretches]
     dt = np.diff(odometry.times)
     still = (odometry.moves == 0) & (odometry.turns == 0)
     counts = MatchCounts(
@@ -180,7 +191,27 @@ def match(
         used_m=float(sum(np.ptp(s.driven) for s in stretches)),
         turned_rad=float(sum(s.angles.sum() for s in stretches)),
     )
-    return Match(tuple(stretches), counts, float(time_offset_s))
+    return Match(tuple(stretches), counts, float(time_offset_s), float(heading_offset))
+
+
+def _mounting(stretches: list[Stretch]) -> float:
+    """By how much true headings as measured are turned against the robot's."""
+    said, was, gained = [], [], []
+    for stretch in stretches:
+        if stretch.truth_heading is None:
+            return 0.0
+        at = np.arange(0, len(stretch.driven), _MOUNTING_KNOTS)
+        said.append(np.diff(stretch.estimate[at]) * np.exp(-1j * stretch.estimate_heading[at[:-1]]))
+        was.append(np.diff(stretch.truth[at]) * np.exp(-1j * stretch.truth_heading[at[:-1]]))
+        gained.append(np.diff(stretch.estimate_heading[at] - stretch.truth_heading[at]))
+    if not stretches:
+        return 0.0
+    return reference_offsets.heading_offset(np.concatenate(said), np.concatenate(gained), np.concatenate(was))
+
+
+def _turned_by(stretch: Stretch, angle: float) -> Stretch:
+    headings = stretch.truth_heading
+    return stretch if headings is None else stretch._replace(truth_heading=headings + angle)
 
 
 def _true_distance(
@@ -191,7 +222,7 @@ def _true_distance(
     pieces = max(int(travelled[-1] / ruler_m), 1)
     marks = np.unique(np.searchsorted(travelled, np.linspace(0, travelled[-1], pieces + 1)))
     said = np.abs(np.diff(odometry.positions[marks]))
-    was = np.abs(np.diff(_interpolated(odometry.times[marks], times, positions)))
+    was = np.abs(np.diff(interpolated(odometry.times[marks], times, positions)))
     arc = np.diff(travelled[marks])
     seen = (odometry.times[marks[:-1]] >= times[0]) & (odometry.times[marks[1:]] <= times[-1])
     true_arc = np.where(seen, arc * _ratio(was, said, arc), arc)
@@ -226,9 +257,9 @@ def _stretch(
     heading = np.interp(at, odometry.times, odometry.headings)
     return Stretch(
         distances,
-        _interpolated(at, odometry.times, odometry.positions),
+        interpolated(at, odometry.times, odometry.positions),
         heading,
-        _interpolated(at, times, positions),
+        interpolated(at, times, positions),
         None if headings is None else np.interp(at, times, headings),
         np.diff(heading),
         np.diff(np.interp(at, *turned)),
@@ -268,10 +299,6 @@ def _ratio(was: Floats, said: Floats, counted: Floats) -> Floats:
     telling = np.abs(said) > 0.5 * counted
     ratio = np.where(telling, np.abs(was) / np.where(telling, np.abs(said), 1.0), 1.0)
     return np.asarray(np.clip(ratio, 0.5, 2.0))
-
-
-def _interpolated(at: Floats, times: Floats, positions: Complexes) -> Complexes:
-    return np.asarray(np.interp(at, times, positions.real) + 1j * np.interp(at, times, positions.imag))
 
 
 def _good_samples(odometry: OdometryLog, truth: Trajectory, times: Floats) -> tuple[NDArray[np.intp], list[int]]:
@@ -326,55 +353,3 @@ def _without(first: float, last: float, gaps: list[tuple[float, float]]) -> list
     if begin < last:
         pieces.append((begin, last))
     return pieces
-
-
-def _estimated_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0) -> float:
-    """The clock offset at which turns (without headings: distances) over short windows agree best.
-
-    0 unless their mean difference falls by a twentieth: a slow or steady drive says nothing about clocks.
-    """
-    window = max(0.5, 2 * float(np.median(np.diff(truth.times))), 2 * float(np.median(np.diff(odometry.times))))
-    first = max(odometry.times[0], truth.times[0]) + reach_s
-    last = min(odometry.times[-1], truth.times[-1]) - reach_s
-    if last - first < 20 * window:
-        return 0.0
-    at = np.linspace(first, last, min(int((last - first) / (0.5 * window)), 4000))
-    at = at[at + window <= last]
-    if truth.heading is not None:
-        reference = truth.heading
-        said = np.interp(at + window, odometry.times, odometry.headings) - np.interp(
-            at, odometry.times, odometry.headings
-        )
-    else:
-        reference = None
-        positions = odometry.positions
-        said = np.abs(
-            _interpolated(at + window, odometry.times, positions) - _interpolated(at, odometry.times, positions)
-        )
-
-    def disagreement(offset: float) -> float:
-        if reference is not None:
-            seen = np.interp(at + window + offset, truth.times, reference) - np.interp(
-                at + offset, truth.times, reference
-            )
-        else:
-            seen = np.abs(
-                _interpolated(at + window + offset, truth.times, truth.positions)
-                - _interpolated(at + offset, truth.times, truth.positions)
-            )
-        difference = said - seen
-        return float(np.mean(np.abs(difference - np.median(difference))))
-
-    unshifted = disagreement(0.0)
-    best, step = 0.0, reach_s / _OFFSETS
-    for _ in range(2):  # a coarse search, then a fine one around its best
-        offsets = best + step * np.arange(-_OFFSETS, _OFFSETS + 1)
-        values = [disagreement(float(offset)) for offset in offsets]
-        best, least, step = float(offsets[int(np.argmin(values))]), min(values), step / _OFFSETS
-    if (
-        least > _CLEARLY * unshifted
-        or unshifted < 1e-9 * float(np.ptp(said))
-        or abs(best) > (1 - 1 / _OFFSETS) * reach_s
-    ):
-        return 0.0
-    return best

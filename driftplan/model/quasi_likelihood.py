@@ -43,6 +43,7 @@ RANDOM = (
     "lateral_var_per_m",
 )
 TRUTH = ("truth_position_var", "truth_heading_var")
+DRIVES_TO_HOLD_OUT = 3  # as many as these, and each is predicted from the others
 
 _EVENNESS = 0.2  # share of the average covariance in the weights
 _SLOWEST_SHRINK = 0.1  # a variance falls to no less than this share in one step: it may be needed to explain the rest
@@ -53,6 +54,8 @@ _DAMPED_AFTER = 10  # steps are halved, after as many again halved again
 _SETTLED = 1.0  # standard errors: steps below leave the derivatives as they are
 _CONVERGED = 0.01  # standard errors
 _BLOCK_SPANS = 2  # length of a bootstrap block, in longest segments
+_HELD_OUT_STEPS = 4  # from the estimate of all drives to that of some
+_PARTS = 5  # of the drives, each predicted from the others
 _BLOCK_STARTS = 8  # blocks begin every 1/8 of their length
 
 
@@ -84,6 +87,16 @@ class Solution(NamedTuple):
         """Which parameters are variances, (k,)."""
         return np.array([name not in SYSTEMATIC for name in self.names])
 
+    def estimate_only(self) -> Solution:
+        """Without what belongs to single observations."""
+        none, k = np.zeros(0), len(self.names)
+        return self._replace(
+            score=none.reshape(0, k),
+            information=none.reshape(0, k, k),
+            d_mean=none.reshape(0, k, 3),
+            d_cov=none.reshape(0, k, 3, 3),
+        )
+
     def variance_inflation(self) -> dict[str, float]:
         """How many times larger the variance of each estimate is than were the others known; not of those at 0."""
         free = np.flatnonzero(~self.bounded | (self.theta > 0))
@@ -104,7 +117,6 @@ def solve(ladder: Ladder, names: Sequence[str], most_steps: int, start: Floats |
     theta, scale = _start(ladder, names)
     theta = theta if start is None else start
     bounded = np.array([name not in SYSTEMATIC for name in names])
-    least = np.array([0.0 if name not in SYSTEMATIC else _LEAST_RELATIVE.get(name, -np.inf) for name in names])
     longest = np.array([0.5 / ladder.rungs[-1].length_m if name == "heading_bias_per_m" else 0.2 for name in names])
     model = _Model(ladder, names, theta)
     size = np.inf
@@ -120,7 +132,7 @@ def solve(ladder: Ladder, names: Sequence[str], most_steps: int, start: Floats |
         step = np.where(bounded, step, np.clip(step, -longest, longest))
         size = float(np.max(np.abs(step) / error))
         damped = 0.5 ** (k // _DAMPED_AFTER) * step  # weights that follow the estimate can make it swing
-        model = _Model(ladder, names, np.maximum(model.theta + damped, least))
+        model = _Model(ladder, names, _possible(names, model.theta + damped))
         if size < _CONVERGED:
             break
     vanishing = bounded & (model.theta < _NEGLIGIBLE * error)
@@ -215,8 +227,15 @@ def standard_errors(replicates: Floats, blocks: int) -> Floats:
     return np.asarray(_widened(blocks) * replicates.std(axis=0))
 
 
-def rms_intervals(ladder: Ladder, solution: Solution, replicates: Floats, confidence: float, where: slice) -> Floats:
-    """Intervals of the predicted rms of the observed values ``where`` on every rung, (rungs, 2), to first order."""
+class RmsSpread(NamedTuple):
+    """How well a fit knows the rms that it predicts on every rung: intervals (rungs, 2), standard errors (rungs,)."""
+
+    intervals: Floats
+    std_errors: Floats
+
+
+def rms_spread(ladder: Ladder, solution: Solution, replicates: Floats, confidence: float, where: slice) -> RmsSpread:
+    """Spread of the predicted rms of the observed values ``where``, to first order in the parameters."""
     noise, truth = models(solution.names, solution.theta)
     mean, cov = ladder.expected(ladder.windows(noise), truth)
     m, C = mean[:, where], cov[:, where, where]
@@ -225,7 +244,43 @@ def rms_intervals(ladder: Ladder, solution: Solution, replicates: Floats, confid
     slope = ladder.by_rung(slope + np.trace(solution.d_cov[:, :, where, where], axis1=2, axis2=3))
     squares = square + (replicates - solution.theta) @ slope.T
     tail = (1 - confidence) / 2
-    return np.sqrt(np.maximum(np.quantile(squares, [tail, 1 - tail], axis=0), 0.0)).T
+    low_high = np.sqrt(np.maximum(np.quantile(squares, [tail, 1 - tail], axis=0), 0.0)).T
+    return RmsSpread(low_high, squares.std(axis=0) / (2 * np.sqrt(np.maximum(square, 1e-300))))
+
+
+def elsewhere(ladder: Ladder, solution: Solution) -> Solution:
+    """The same estimate beside other segments: its equations and derivatives there."""
+    model = _Model(ladder, solution.names, solution.theta)
+    slopes = model.slopes(_start(ladder, solution.names)[1])
+    score, information = _equations(ladder, model.mean, model.cov, *slopes)
+    return solution._replace(score=score, information=information, d_mean=slopes[0], d_cov=slopes[1])
+
+
+def held_out(ladder: Ladder, solution: Solution) -> tuple[Floats, Floats]:
+    """Mean (n, 3) and covariance (n, 3, 3) that each part of the drives has by the estimate from the other parts.
+
+    A part is a drive where there are three or more, else a fifth of them laid end to end. The estimate without a part
+    is a few steps from the whole one, with that one's derivatives.
+    """
+    part, parts = ladder.drive, int(ladder.drive.max()) + 1
+    if parts < DRIVES_TO_HOLD_OUT:
+        part, parts = np.minimum((ladder.place_m / ladder.total_m * _PARTS).astype(int), _PARTS - 1), _PARTS
+    mean, cov = np.empty((len(part), 3)), np.empty((len(part), 3, 3))
+    whole = _Model(ladder, solution.names, solution.theta)
+    for k in range(parts):
+        mine, model = part == k, whole
+        for _ in range(_HELD_OUT_STEPS):
+            score, information = _equations(ladder, model.mean, model.cov, solution.d_mean, solution.d_cov)
+            lowest = np.where(solution.bounded, -model.theta, -np.inf)
+            step = bounded_step(information[~mine].sum(axis=0), score[~mine].sum(axis=0), lowest)
+            model = _Model(ladder, solution.names, _possible(solution.names, model.theta + step))
+        mean[mine], cov[mine] = model.mean[mine], model.cov[mine]
+    return mean, cov
+
+
+def _possible(names: Sequence[str], theta: Floats) -> Floats:
+    """Parameters no lower than they can be."""
+    return np.maximum(theta, [0.0 if name not in SYSTEMATIC else _LEAST_RELATIVE.get(name, -np.inf) for name in names])
 
 
 def _widened(blocks: int) -> float:

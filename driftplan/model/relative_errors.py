@@ -9,6 +9,7 @@ each as long as it takes to reach the length.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -144,6 +145,39 @@ def relative_errors(
         lengths=tuple(rows),
         translation_percent=float(np.concatenate(translations).mean()),
         rotation_deg_per_m=float(np.concatenate(rotations).mean()),
+    )
+
+
+def pooled(several: Sequence[RelativeErrors]) -> RelativeErrors:
+    """Errors of several drives together, every segment counting the same.
+
+    Examples
+    --------
+    >>> truth = np.array([(0.0, 0, 0), (5, 0, 0), (11, 0, 0)])
+    >>> both = pooled([relative_errors(truth * scale, truth, [10.0], step=1) for scale in (1.0, [1.1, 1, 1])])
+    >>> both.lengths[0].segments, round(both.translation_percent, 6)
+    (2, 5.5)
+    """
+    rows = [row for errors in several for row in errors.lengths]
+    lengths = []
+    for length in sorted({row.length_m for row in rows}):
+        same = [row for row in rows if row.length_m == length]
+        weight = [row.segments for row in same]
+        lengths.append(
+            RelativeError(
+                length,
+                sum(weight),
+                float(np.average([row.translation_percent for row in same], weights=weight)),
+                float(np.average([row.rotation_deg_per_m for row in same], weights=weight)),
+                float(np.sqrt(np.average([row.translation_rms_m**2 for row in same], weights=weight))),
+                float(np.sqrt(np.average([row.rotation_rms_deg**2 for row in same], weights=weight))),
+            )
+        )
+    weight = [row.segments for row in lengths]
+    return RelativeErrors(
+        lengths=tuple(lengths),
+        translation_percent=float(np.average([row.translation_percent for row in lengths], weights=weight)),
+        rotation_deg_per_m=float(np.average([row.rotation_deg_per_m for row in lengths], weights=weight)),
     )
 
 

@@ -8,9 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .inputs import Floats
-from .noise import OdometryNoise
 from .segment_ladder import Ladder
-from .segments import TruthNoise
 
 LEVELS = (0.5, 0.9, 0.95)
 
@@ -30,6 +28,8 @@ class LengthCheck(NamedTuple):
         Root mean square position error, with the white errors of the reference in both.
     measured_rms_error_m : float
         Standard error of the measured one.
+    predicted_rms_interval_m : (float, float)
+        Of the predicted one, by the fit's intervals; both are the prediction itself where the noise is taken as given.
     measured_heading_rms, predicted_heading_rms : float
         Of the sine of the heading error gained; nan without true headings.
     coverage : tuple of float
@@ -46,6 +46,7 @@ class LengthCheck(NamedTuple):
     measured_rms_m: float
     predicted_rms_m: float
     measured_rms_error_m: float
+    predicted_rms_interval_m: tuple[float, float]
     measured_heading_rms: float
     predicted_heading_rms: float
     coverage: tuple[float, ...]
@@ -80,21 +81,38 @@ class SegmentCheck:
         heads = "".join(f" {f'{100 * level:g} %':>12}" for level in LEVELS)
         lines = [
             "errors of segments, measured and predicted; shares inside the predicted regions (± 2 standard errors)",
-            f"{'length m':>9} {'number':>7} {'rms m':>9} {'predicted':>9}{heads} {'NEES':>6}",
+            f"{'length m':>9} {'number':>7} {'rms m':>9} {'predicted':>9} {'':17}{heads} {'NEES':>6}",
         ]
         for row in self.lengths:
             shares = " ".join(
                 f"{100 * share:5.1f} (±{200 * error:3.0f})"
                 for share, error in zip(row.coverage, row.coverage_error, strict=True)
             )
+            low, high = row.predicted_rms_interval_m
+            band = f"{low:.3g} .. {high:.3g}" if low < high else ""
             sizes = f"{row.length_m:9.3g} {row.independent:7.0f} {row.measured_rms_m:9.4g} {row.predicted_rms_m:9.4g}"
-            lines.append(f"{sizes} {shares} {row.mean_nees:6.2f}")
+            lines.append(f"{sizes} {band:17} {shares} {row.mean_nees:6.2f}")
         return "\n".join(lines)
 
 
-def check_segments(ladder: Ladder, noise: OdometryNoise, truth: TruthNoise) -> SegmentCheck:
-    """The errors of a ladder of segments against the model."""
-    mean, cov = ladder.expected(ladder.windows(noise), truth)
+def check_segments(
+    ladder: Ladder,
+    mean: Floats,
+    cov: Floats,
+    *,
+    rms_intervals_m: Floats | None = None,
+    rms_errors_m: Floats | None = None,
+) -> SegmentCheck:
+    """The errors of a ladder of segments against their predicted moments, from `Ladder.expected`.
+
+    Parameters
+    ----------
+    mean, cov : arrays, shapes (n, 3), (n, 3, 3)
+    rms_intervals_m : array, shape (lengths, 2), optional
+        Of the predicted rms; told, not judged by.
+    rms_errors_m : array, shape (lengths,), optional
+        Standard errors of the predicted rms, where it owes nothing to these segments: what the verdict allows for.
+    """
     cov = cov + ladder.floor()[ladder.rung]
     where = ladder.position
     y, m, C = ladder.values[:, where], mean[:, where], cov[:, where, where]
@@ -118,6 +136,7 @@ def check_segments(ladder: Ladder, noise: OdometryNoise, truth: TruthNoise) -> S
                 max(_mean_error(squares[mine], ladder.place_m[mine], rung.length_m) / (2 * rms), least_error * rms)
                 if rms > 0
                 else 0.0,
+                _interval(rms_intervals_m, k, float(np.sqrt(predicted[mine].mean()))),
                 float(np.sqrt(gained[mine].mean())) if ladder.has_heading else float("nan"),
                 float(np.sqrt(heading[mine].mean())) if ladder.has_heading else float("nan"),
                 tuple(float((nees[mine] < limit).mean()) for limit in limits),
@@ -125,7 +144,12 @@ def check_segments(ladder: Ladder, noise: OdometryNoise, truth: TruthNoise) -> S
                 float(nees[mine].mean() / 2),
             )
         )
-    return SegmentCheck(lengths=tuple(lengths), has_heading=ladder.has_heading, notes=_verdict(lengths))
+    allowed = np.zeros(len(lengths)) if rms_errors_m is None else rms_errors_m
+    return SegmentCheck(lengths=tuple(lengths), has_heading=ladder.has_heading, notes=_verdict(lengths, allowed))
+
+
+def _interval(intervals: Floats | None, k: int, value: float) -> tuple[float, float]:
+    return (value, value) if intervals is None else (float(intervals[k, 0]), float(intervals[k, 1]))
 
 
 def _mean_error(values: Floats, place_m: Floats, length_m: float) -> float:
@@ -139,11 +163,12 @@ def _mean_error(values: Floats, place_m: Floats, length_m: float) -> float:
     return float(np.sqrt((surplus**2).sum() * len(count) / (len(count) - 1)) / len(values))
 
 
-def _verdict(lengths: list[LengthCheck]) -> tuple[str, ...]:
-    """Plain sentences about what does not fit, judged at three standard errors."""
+def _verdict(lengths: list[LengthCheck], rms_errors_m: Floats) -> tuple[str, ...]:
+    """Plain sentences about what does not fit, judged at three standard errors, those of the prediction included."""
     notes = []
     ratio = np.array([row.measured_rms_m / row.predicted_rms_m for row in lengths])
-    error = np.array([row.measured_rms_error_m / row.predicted_rms_m for row in lengths])
+    error = np.hypot([row.measured_rms_error_m for row in lengths], rms_errors_m)
+    error = error / [row.predicted_rms_m for row in lengths]
     off = np.abs(ratio - 1) > np.maximum(3 * error, 0.15)
     if len(lengths) > 1 and off.any():
         first, last = lengths[0], lengths[-1]

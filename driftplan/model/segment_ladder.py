@@ -126,6 +126,7 @@ def ladder_of(
     lengths_m: ArrayLike | None = None,
     use_heading: bool | None = None,
     time_offset_s: float | None = None,
+    heading_offset: float | None = None,
     max_gap_s: float | None = None,
 ) -> tuple[Ladder, list[Match]]:
     """The drives matched, and their segments.
@@ -150,7 +151,14 @@ def ladder_of(
         raise ValueError(f"expected lengths_m > 0, got {lengths_m!r}")
     spacing = max(float(lengths[0]) / (_KNOTS * parts), sampled)
     matches = [
-        match(odometry, truth, spacing_m=spacing, time_offset_s=time_offset_s, max_gap_s=max_gap_s)
+        match(
+            odometry,
+            truth,
+            spacing_m=spacing,
+            time_offset_s=time_offset_s,
+            heading_offset=heading_offset,
+            max_gap_s=max_gap_s,
+        )
         for odometry, truth in drives
     ]
     ladder = _climb([m.stretches for m in matches], lengths, spacing, parts)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from driftplan.world.files import write_files
 if TYPE_CHECKING:
     from driftplan.model.calibration import NoiseFit
     from driftplan.model.recordings import OdometryLog, Trajectory
+    from driftplan.model.relative_errors import RelativeErrors
     from driftplan.model.segment_check import SegmentCheck
 
     Drive = tuple[OdometryLog, Trajectory]
@@ -83,6 +85,12 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         metavar="S",
         help="truth clock minus odometry clock, seconds (default: estimated)",
     )
+    fitting.add_argument(
+        "--heading-offset-deg",
+        type=float,
+        metavar="DEG",
+        help="measured true heading minus the robot's, by mounting, degrees (default: estimated)",
+    )
     fitting.add_argument("--max-gap-s", type=float, metavar="S", help="longest gap of the truth to bridge, seconds")
     fitting.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the intervals (default: 0.95)")
     fitting.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the bootstrap (default: 0)")
@@ -108,6 +116,7 @@ def fit(args: argparse.Namespace) -> None:
     options: dict[str, Any] = {
         "use_heading": False if args.positions_only else None,
         "time_offset_s": args.time_offset_s,
+        "heading_offset": None if args.heading_offset_deg is None else radians(args.heading_offset_deg),
         "max_gap_s": args.max_gap_s,
     }
     print(f"fitting {len(drives)} drive{'s' * (len(drives) > 1)}", file=sys.stderr, flush=True)
@@ -195,8 +204,11 @@ def _as_json(found: NoiseFit, checks: dict[str, SegmentCheck]) -> dict[str, Any]
         "truth_position_std_m": found.truth_position_std_m,
         "truth_heading_std_rad": found.truth_heading_std,
         "time_offsets_s": list(found.time_offsets_s),
+        "heading_offsets_rad": list(found.heading_offsets),
         "recordings": {name: getattr(counts, name) for name in counts.__dataclass_fields__},
         "fit": _check_as_json(found.check),
+        "held_out": _check_as_json(found.held_out),
+        "relative_errors": None if found.relative_errors is None else _relative_as_json(found.relative_errors),
         "checks": {label: _check_as_json(check) for label, check in checks.items()},
         "notes": list(found.notes),
     }
@@ -204,6 +216,14 @@ def _as_json(found: NoiseFit, checks: dict[str, SegmentCheck]) -> dict[str, Any]
 
 def _check_as_json(check: SegmentCheck) -> dict[str, Any]:
     return {"lengths": [row._asdict() for row in check.lengths], "notes": list(check.notes)}
+
+
+def _relative_as_json(errors: RelativeErrors) -> dict[str, Any]:
+    return {
+        "lengths": [row._asdict() for row in errors.lengths],
+        "translation_percent": errors.translation_percent,
+        "rotation_deg_per_m": errors.rotation_deg_per_m,
+    }
 
 
 def _names(text: str | None) -> list[str] | None:

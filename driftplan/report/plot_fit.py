@@ -73,7 +73,7 @@ def plot_growth(
         Default: pyplot's current Axes.
     """
     ax = _current_axes() if ax is None else ax
-    bands = fit.heading_rms_intervals if heading else fit.rms_intervals_m
+    bands = fit.heading_rms_intervals if heading else np.array([r.predicted_rms_interval_m for r in fit.check.lengths])
     if bands is None:
         raise ValueError("expected a fit with measured headings, got one of positions alone")
     unit = np.degrees(1.0) if heading else 1.0

@@ -49,6 +49,25 @@ def test_a_clock_offset_is_found_and_undone(shift, heading):
     assert found.time_offset_s == pytest.approx(-shift, abs=0.03)
 
 
+@given(askew=st.floats(-3.1, 3.1).filter(lambda angle: abs(angle) > 0.02), bias=st.floats(-0.05, 0.05))
+@settings(max_examples=15, deadline=None)
+def test_a_reference_mounted_askew_is_found_and_turned_back(askew, bias):
+    noise = OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-5, heading_bias_per_m=bias)
+    log, truth = drive(noise, truth_heading_std=0.002)
+    turned = Trajectory(truth.times, truth.xy, truth.heading + askew)
+    found = match(log, turned, spacing_m=0.1, time_offset_s=0.0)
+    # its standard error here is 0.002 rad (0.8 m segments err by 1e-2 / sqrt(3) rad after half of it is undone, 42 of
+    # them); the bias alone, not undone, would add 0.02
+    assert found.heading_offset == pytest.approx(askew, abs=0.01)
+    straight = match(log, truth, spacing_m=0.1, time_offset_s=0.0)
+    assert straight.heading_offset == 0.0
+    np.testing.assert_allclose(
+        found.stretches[0].truth_heading, straight.stretches[0].truth_heading + askew - found.heading_offset, atol=1e-9
+    )
+    given = match(log, turned, spacing_m=0.1, time_offset_s=0.0, heading_offset=askew)
+    np.testing.assert_allclose(given.stretches[0].truth_heading, straight.stretches[0].truth_heading, atol=1e-9)
+
+
 def test_no_offset_is_invented_for_a_steady_drive():
     rng = np.random.default_rng(0)
     log, truth = simulate_log(

@@ -53,6 +53,10 @@ def test_the_noise_of_the_files_is_printed_written_and_drawn(files, tmp_path, ca
     rows = answer["checks"]["odom1.csv"]["lengths"]
     assert all(row["measured_rms_m"] > 0 and row["predicted_rms_m"] > 0 for row in rows)
     assert answer["recordings"]["breaks"] == 0
+    relative = answer["relative_errors"]["lengths"]
+    assert [row["length_m"] for row in relative] == [row["length_m"] for row in answer["held_out"]["lengths"]]
+    assert relative[-1]["translation_percent"] > 4  # 5 % too long, and a little astray
+    assert answer["heading_offsets_rad"] == [0.0]
     assert "fitting 1 drive" in said.err
 
 
@@ -62,7 +66,9 @@ def test_people_get_a_table(files, capsys):
     assert "95 % interval" in text
     assert "distance_scale_error" in text
     assert "lateral_var_per_m" not in text
-    assert [line.split()[0] for line in text.splitlines() if line.strip() and line.split()[0] in "1248"] == list("1248")
+    starts = [line.split()[0] for line in text.splitlines() if line.strip()]
+    assert [word for word in starts if word in "1248"] == 2 * list("1248")  # the check, and relative errors as KITTI's
+    assert "each fifth of the drives predicted from the other four" in text
 
 
 def test_one_part_of_a_drive_can_be_checked_on_the_other(files, capsys):

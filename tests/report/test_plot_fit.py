@@ -42,7 +42,7 @@ def test_growth_shows_measured_errors_and_the_fit_with_its_interval(fit, other):
     (curve,) = [line for line in ax.lines if line.get_label() == "predicted"]
     predicted = np.array([row.predicted_rms_m for row in fit.check.lengths])
     assert curve.get_ydata() == pytest.approx(predicted)
-    low, high = fit.rms_intervals_m.T
+    low, high = np.transpose([row.predicted_rms_interval_m for row in fit.check.lengths])
     assert (low < predicted).all()
     assert (predicted < high).all()
     (band,) = ax.collections[:1]
