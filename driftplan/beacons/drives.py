@@ -171,7 +171,8 @@ def _judged(spans: Spans, layouts: Layouts, limit: Limit, hops: _Hops) -> tuple[
         broken = square > limit.metres[route] ** 2
         broken[_in_doubt(spans, limit, state, borders, route)] = True
     else:
-        broken = limit.broken(compose(state[hop], spans.between(e, j)), route)
+        broken, close = limit.judged(compose(state[hop], spans.between(e, j)), route)
+        broken[_close_inside(spans, limit, state, borders, route, close, broken)] = True
     at_start = e == j
     slot = j - spans.first[route] - ~at_start
     breach, early = np.full(len(layouts.route), HOLDS), np.zeros(len(layouts.route), dtype=bool)
@@ -195,6 +196,18 @@ def _in_doubt(spans: Spans, limit: Limit, state: Moments, borders: _Borders, rou
     begun = compose(state[hop[doubt]], spans.between(e[doubt], j[doubt] - 1))
     inside = compose(begun[np.arange(len(doubt))[:, None]], tracks.within(piece[doubt])).N.real
     return doubt[~fits_between(tracks, limit, inside, route[doubt], sag[doubt])]
+
+
+def _close_inside(
+    spans: Spans, limit: Limit, state: Moments, borders: _Borders, route: Ints, close: Bools, broken: Bools
+) -> Ints:
+    """Which borders a radius breaks the limit on the way to, inside the piece, though not at its ends."""
+    hop, _, e, j, _ = borders
+    some = np.flatnonzero((e < j) & (close | np.roll(close, 1)) & ~broken & ~np.roll(broken, 1))
+    if not len(some):
+        return some
+    begun = compose(state[hop[some]], spans.between(e[some], j[some] - 1))
+    return some[limit.broken_within(begun, route[some], spans.tracks, j[some] - 1 - route[some])]
 
 
 class _Begun(NamedTuple):
@@ -238,16 +251,20 @@ def _piece_by_piece(
         state = _read(tracks, state, position[drive[here]], event[here])
         inside = t < slots[route]
         piece = np.where(inside, tracks.first_piece[route] + t, 0)
-        at_start = limit.broken(state, route)
+        at_start, near = limit.judged(state, route)
         begun, state = state, compose(state, tracks.pieces[piece])
         higher = np.maximum(begun.N.real, np.where(inside, state.N.real, 0.0))
         if passed is not None:  # at the end nothing is driven: a stretch of no length
             passed.append(_Begun(begun, np.where(inside, piece, -1), active, higher))
-        at_end = inside & ~at_start & limit.broken(state, route)
+        beyond, close = limit.judged(state, route)
+        at_end = inside & ~at_start & beyond
         doubt = np.flatnonzero(inside & ~at_start & ~at_end & (limit.metres[route] ** 2 - higher < sag[piece]))
         if len(doubt):
             between = compose(begun[doubt[:, None]], tracks.within(piece[doubt])).N.real
             at_end[doubt] = ~fits_between(tracks, limit, between, route[doubt], sag[piece[doubt]])
+        doubt = np.flatnonzero(inside & ~at_start & ~at_end & (near | close))
+        if len(doubt):
+            at_end[doubt] = limit.broken_within(begun[doubt], route[doubt], tracks, piece[doubt])
         breach[active[at_start | at_end]] = t
         early[active[at_start]] = True
         going = inside & ~at_start & ~at_end

@@ -27,6 +27,7 @@ from driftplan.world.world import World
 Progress = Callable[[float, float, float], None]
 
 _ROUNDING = 1e-6  # relative: the final check adds the same numbers in another order
+_RADIUS_ROUNDING = 1e-5  # and integrates radii to that
 _CHECK_S = 0.03  # seconds kept for the final check, per route, but at most a quarter of the time
 _FINEST = 0.02  # without a limit, and with perfect beacons: pieces are cut for this share of the drift without beacons
 
@@ -59,9 +60,10 @@ def place_beacons(
 
     The drift is that of `driftplan.beacons.beacon.drift_with_beacons`: readings replace the error they measure, exact
     second moments, no fusion. Because a coarse or late reading may be worse than none, adding a beacon to a layout that
-    holds can break it; "holds" is decided for the whole layout, and so is the proof. "Everywhere" is meant: between the
-    computed points the drift is bounded, to a ten-billionth of the limit (see `driftplan.beacons.tracks`). With a
-    ``confidence`` the radius is checked at waypoints, at readings and at the ends of pieces between them instead.
+    holds can break it; "holds" is decided for the whole layout, and so is the proof. "Everywhere" is meant: on arrival
+    and after every reading and every turn on the spot, and between the computed points, where the rms is bounded to a
+    ten-billionth (see `driftplan.model.worst`). With a ``confidence``, the radius is looked at closely wherever it
+    comes near the limit instead; it has no such bound.
 
     Parameters
     ----------
@@ -338,9 +340,10 @@ class _Search:
         problem, task = self.problem, self.problem.task
         everyone = (*problem.existing, *problem.chosen(chosen))
         drifts = []
+        rounding = _ROUNDING if task.confidence is None else _RADIUS_ROUNDING
         for r, limit in enumerate(limits):
             for gone, drift in task.failures(everyone, r):
-                if task.worst(drift) > limit * (1 + _ROUNDING):
+                if task.worst(drift) > limit * (1 + rounding):
                     raise RuntimeError(
                         f"the search accepted a layout whose drift on route {r} is {task.worst(drift):.9g} m with "
                         f"{[b.id for b in gone]} dead, above {limit:.9g} m: a bug in driftplan, please report it"

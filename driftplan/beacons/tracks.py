@@ -34,6 +34,7 @@ from driftplan.world.world import World
 Ints = NDArray[np.intp]
 
 PARTS = 1000  # of a piece on which there is doubt
+RADIUS_PARTS = 16  # of a piece on which a radius comes close to the limit
 _SAG_SHARE = 1e-4  # greatest margin, as a share of the limit squared
 _SAME_PLACE_M = 1e-7  # a reading this near to a waypoint is at the waypoint
 
@@ -110,11 +111,11 @@ class Tracks:
         limit = np.repeat(limit_m, self.slots)
         return np.asarray((self.bend * limit + self.bend_fixed) * self.length**2 / 8)
 
-    def within(self, piece: Ints) -> Moments:
-        """Elements from the beginning of runs to `PARTS` - 1 evenly spaced points inside, (k, PARTS - 1)."""
-        lengths = self.length[piece, None] * (np.arange(1, PARTS) / PARTS)
+    def within(self, piece: Ints, parts: int = PARTS) -> Moments:
+        """Elements from the beginning of runs to ``parts`` - 1 evenly spaced points inside, (k, parts - 1)."""
+        lengths = self.length[piece, None] * (np.arange(1, parts) / parts)
         turn = np.zeros(lengths.shape)
-        return _elements(turn, lengths, np.repeat(self.noise_of[piece], PARTS - 1).reshape(lengths.shape), self.noises)
+        return _elements(turn, lengths, np.repeat(self.noise_of[piece], parts - 1).reshape(lengths.shape), self.noises)
 
 
 def lay_tracks(

@@ -92,13 +92,13 @@ def worst_radius(drift: Drift, confidence: float) -> float:
 
 
 def _greatest_radius(points: PointDrift, confidence: float) -> tuple[float, float]:
-    """The greatest radius and where it is; by rms <= radius/sqrt(1 - confidence) most need no integral."""
+    """The greatest radius and where it is; most need no integral: a radius is at most rms/sqrt(1 - confidence)."""
     N = points.moments.N.real
     order = np.argsort(-N)
-    greatest, place = -1.0, 0.0
+    greatest, place = 0.0, 0.0
     for some in np.array_split(order, max(1, len(order) // 16)):
         if N[some[0]] <= (1 - confidence) * greatest**2:
-            break  # radius <= rms/sqrt(1 - confidence) (Markov)
+            break
         radius = PointDrift(points.distance[some], points.moments[some]).radius(confidence)
         k = int(np.argmax(radius))
         if radius[k] > greatest:

@@ -1,6 +1,7 @@
 """Small placement instances, and what brute force says about each of their layouts."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons, passes
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.worst import worst_radius, worst_rms
 
 NOISE = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3, heading_var_per_rad=5e-4)
 TAG = BeaconKind.rfid(2.0, 0.1)
@@ -38,28 +40,50 @@ class Instance:
     sites: list
     cost: np.ndarray
     redundancy: int
-    limit: float = 0.0
+    doubles_back: bool = False
+    limit_draw: float = 0.0  # how far up the ladder of drifts the limit lies, as a share
     noise: OdometryNoise = NOISE
     fixed: int = 0  # bits of the sites that exist
+    groups: tuple = ()  # of (members, at_least, at_most)
+    confidence: float | None = None
     _worst: dict = field(default_factory=dict)
 
+    @cached_property
+    def limit(self) -> float:
+        """In a gap between the drifts of two subsets: a limit all but equal to one would test rounding, no search."""
+        drifts = np.unique([self.worst(s) for s in range(2 ** len(self.sites))])
+        gaps = np.flatnonzero(np.diff(drifts) > 2e-3 * drifts[1:])
+        if not len(gaps):
+            return float(drifts[-1]) * 1.1
+        k = gaps[min(int(self.limit_draw * len(gaps)), len(gaps) - 1)]
+        return float(drifts[k] + drifts[k + 1]) / 2
+
+    @cached_property
+    def meets(self) -> list[int]:
+        """For every route the bits of the sites it meets."""
+        return [sum(1 << i for i, s in enumerate(self.sites) if len(passes(p, s))) for p in self.paths]
+
     def worst(self, subset: int) -> float:
-        """Greatest rms on any route with exactly these sites."""
+        """Greatest drift on any route with exactly these sites."""
         return max(self._worst_on(r, subset) for r in range(len(self.paths)))
 
     def _worst_on(self, r, subset):
-        key = r, subset & self._meets[r]
+        key = r, subset & self.meets[r]
         if key not in self._worst:
-            alive = [site for i, site in enumerate(self.sites) if key[1] >> i & 1]
-            # Between borders E|e|² is convex but for terms of third order: 200 points more than do.
-            self._worst[key] = float(drift_with_beacons(self.paths[r], self.noise, alive).profile().rms.max())
+            drift = drift_with_beacons(self.paths[r], self.noise, self.named(key[1]))
+            self._worst[key] = worst_rms(drift) if self.confidence is None else worst_radius(drift, self.confidence)
         return self._worst[key]
-
-    def __post_init__(self):
-        self._meets = [sum(1 << i for i, s in enumerate(self.sites) if len(passes(p, s))) for p in self.paths]
 
     def members(self, subset):
         return [i for i in range(len(self.sites)) if subset >> i & 1]
+
+    def named(self, subset):
+        return [self.sites[i] for i in self.members(subset)]
+
+    def allowed(self, subset: int) -> bool:
+        """Whether the groups are satisfied."""
+        inside = ((sum(subset >> i & 1 for i in some), least, most) for some, least, most in self.groups)
+        return all(least <= count <= most for count, least, most in inside)
 
     def acceptable(self, subset: int) -> bool:
         """Whether the limit holds with any redundancy - 1 sites dead."""
@@ -78,41 +102,51 @@ class Instance:
             (
                 self.cost_of(s)
                 for s in range(2 ** len(self.sites))
-                if s & self.fixed == self.fixed and allowed(s) and self.acceptable(s)
+                if s & self.fixed == self.fixed and self.allowed(s) and allowed(s) and self.acceptable(s)
             ),
             default=np.inf,
         )
 
 
-def random_instance(seed: int, kinds, *, sites=(4, 7), existing=False) -> Instance:
-    """Random polylines, some driven there and back, with sites near them; the limit lies in a gap between drifts."""
+def random_instance(seed: int, kinds, *, sites=(4, 7), existing=False, groups=False) -> Instance:
+    """Random polylines, some driven there and back, with sites near them."""
     rng = np.random.default_rng(seed)
-    paths = []
+    paths, back = [], False
     for _ in range(int(rng.integers(1, 4))):
         path = np.cumsum(
             np.concatenate([rng.uniform(0, 20, (1, 2)), rng.uniform(-10, 10, (rng.integers(1, 5), 2))]), axis=0
         )
-        paths.append(np.concatenate([path, path[-2::-1]]) if rng.random() < 0.4 else path)
+        there_and_back = rng.random() < 0.4
+        back = back or there_and_back
+        paths.append(np.concatenate([path, path[-2::-1]]) if there_and_back else path)
     beacons = []
     for _ in range(int(rng.integers(sites[0], sites[1] + 1))):
         path = paths[rng.integers(len(paths))]
         k = rng.integers(len(path) - 1)
         xy = path[k] + rng.random() * (path[k + 1] - path[k]) + rng.normal(0, 0.5, 2)
         beacons.append(Beacon(kinds[rng.integers(len(kinds))], *xy, id=f"b{len(beacons)}"))
-    cost = rng.integers(1, 4, len(beacons)).astype(float) if rng.random() < 0.5 else np.ones(len(beacons))
+    n = len(beacons)
+    cost = rng.integers(1, 4, n).astype(float) if rng.random() < 0.5 else np.ones(n)
     redundancy = int(rng.integers(1, 4)) if rng.random() < 0.4 else 1
-    instance = Instance(paths, beacons, cost, redundancy)
+    instance = Instance(paths, beacons, cost, redundancy, back, limit_draw=float(rng.exponential(0.25)))
     if existing:
-        instance.fixed = 1 << int(rng.integers(len(beacons)))
-    drifts = np.unique([instance.worst(s) for s in range(2 ** len(beacons))])
-    # A limit nearer than 0.1 % to the drift of some layout would test the sampling of `worst`, not the search.
-    gaps = np.flatnonzero(np.diff(drifts) > 2e-3 * drifts[1:])
-    if len(gaps):
-        k = gaps[min(int(rng.exponential(0.25) * len(gaps)), len(gaps) - 1)]
-        instance.limit = float(drifts[k] + drifts[k + 1]) / 2
-    else:
-        instance.limit = float(drifts[-1]) * 1.1
+        instance.fixed = 1 << int(rng.integers(n))
+    if groups:
+        new = [i for i in range(n) if not instance.fixed >> i & 1]
+        crowd, few = (rng.choice(new, size=int(rng.integers(1, len(new) + 1)), replace=False) for _ in range(2))
+        at_most = int(rng.integers(1, len(crowd) + 1))
+        instance.groups = ((tuple(crowd.tolist()), 0, at_most), (tuple(few.tolist()), 1, n))
     return instance
+
+
+def two_hundred():
+    """The names of kinds and the seeds of 200 instances, with all that placement allows for (a test counts them)."""
+    return [(name, seed) for name in KINDS for seed in range(300, 325)]
+
+
+def instance_of(name, seed, *, sites=(4, 7)) -> Instance:
+    """One of the 200, or one more like them."""
+    return random_instance(seed, KINDS[name], sites=sites, existing=seed % 3 == 0, groups=seed % 4 == 0)
 
 
 @pytest.fixture
@@ -123,3 +157,13 @@ def make_instance():
 @pytest.fixture
 def kinds_named():
     return KINDS
+
+
+@pytest.fixture
+def one_of_them():
+    return instance_of
+
+
+def pytest_generate_tests(metafunc):
+    if "of_two_hundred" in metafunc.fixturenames:
+        metafunc.parametrize("of_two_hundred", two_hundred(), ids=lambda pair: f"{pair[0]}-{pair[1]}")

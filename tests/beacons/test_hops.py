@@ -12,9 +12,9 @@ from driftplan.beacons.placement_problem import placement_problem
 from driftplan.beacons.spans import Spans
 from driftplan.model.drift import predict_drift
 from driftplan.model.fixes import Fix
-from driftplan.model.moments import compose
+from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.worst import worst_rms
+from driftplan.model.worst import worst_radius, worst_rms
 
 NOISE = OdometryNoise(
     heading_var_per_m=1e-3,
@@ -155,6 +155,33 @@ def test_a_radius_is_judged_by_its_quantile():
         assert problem.requirements(tracks, [limit]).holds(np.array([False])) is holds
     assert Limit(np.array([radius]), 0.9).confidence == 0.9
     assert HOLDS < 0
+
+
+def test_a_radius_beyond_the_limit_only_inside_a_piece_is_seen():
+    path = np.array([(0, 0), (6, 4), (1, -6)], dtype=float)
+    noise = OdometryNoise(heading_var_per_m=1e-3, heading_bias_per_m=0.5)
+    peak = worst_radius(predict_drift(path, noise), 0.9)
+    assert peak > predict_drift(path, noise).radius(0.9).max() * 1.01
+    problem = placement_problem(None, path, noise, candidates=[Beacon(TAG, 99, 99)], confidence=0.9)
+    tracks = problem.tracks(peak)
+    at_borders = peak * (1 - 1e-5)  # pieces are short: their borders come that near to the peak
+    assert not Limit(np.array([at_borders]), 0.9).broken(_along(tracks), np.zeros(len(tracks.length), int)).any()
+    for limit, holds in ((at_borders, False), (peak * (1 + 1e-6), True)):
+        needs = problem.requirements(tracks, [limit])
+        assert needs.holds(np.array([False])) is holds
+        stepwise = Spans(tracks)
+        stepwise.forgets[:] = True
+        slot, _ = first_breach(stepwise, drives_of(tracks, np.array([False]), np.arange(1)), needs.limit)
+        assert (slot[0] == HOLDS) is np.bool_(holds)
+
+
+def _along(tracks):
+    """The states at the ends of the pieces of the first route."""
+    state, states = tracks.start[np.intp(0)], []
+    for k in range(len(tracks.length)):
+        state = compose(state, tracks.pieces[np.intp(k)])
+        states.append(state)
+    return Moments(*(np.array(x) for x in zip(*(s.arrays() for s in states), strict=True)))
 
 
 SHY = BeaconKind.rfid(1.5, 0.1, detection_probability=0.7)

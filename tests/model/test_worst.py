@@ -80,12 +80,15 @@ def test_without_noise_nothing_is_worse_than_nothing():
 
 
 @pytest.mark.parametrize("confidence", [0.5, 0.95])
-def test_the_greatest_radius_is_that_of_looking_everywhere(confidence):
-    for noise in (CIRCLING, OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3)):
-        drift = predict_drift(PATH, noise, fixes=FIXES[1:])
-        everywhere = float(drift.profile(0.02).radius(confidence).max())
+@pytest.mark.parametrize(
+    "noise", [CIRCLING, OdometryNoise(heading_var_per_m=1e-3), OdometryNoise(heading_var_per_m=1e-6)]
+)
+def test_the_greatest_radius_is_that_of_looking_everywhere(confidence, noise):
+    for fixes in ([], FIXES[1:]):
+        drift = predict_drift(PATH, noise, fixes=fixes)
+        everywhere = float(drift.profile(0.05).radius(confidence).max())
         found = worst_radius(drift, confidence)
-        assert everywhere * (1 - 1e-9) <= found <= everywhere * (1 + 1e-4)  # points 2 cm apart miss a peak's tip
+        assert everywhere * (1 - 1e-9) <= found <= everywhere * (1 + 5e-4)  # points 5 cm apart miss a peak's tip
 
 
 @pytest.mark.parametrize(
