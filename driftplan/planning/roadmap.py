@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from math import atan2, inf
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from ompl import base as ob
@@ -16,6 +16,7 @@ from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.exact_roadmap import Bound
 from driftplan.planning.objective import DriftObjective
+from driftplan.planning.roadmap_graph import Roadmap
 from driftplan.planning.roadmap_growth import RoadmapSearch
 from driftplan.planning.roadmap_pricing import Bools, Floats, Ints, Minimise, Pricing, Space
 from driftplan.planning.spaces import SpaceKind, space_kind
@@ -193,14 +194,13 @@ class RoadmapPlanner(ob.Planner):
         zones = target.zones(self._world)
         box = _box(si.getStateSpace())
         space: Space = _Asked(si, box) if self._world is None else _Boxed(self._world, box, zones)
-        search = RoadmapSearch(
-            Pricing(space, place, target.noise, target.minimise),
-            np.array(start[:2]),
-            seed=self._seed,
-            start_heading=start[2] if self._has_headings else None,
-            exact=self._exact,
-        )
+        heading = start[2] if self._has_headings else None
+        search = self._search(Pricing(space, place, target.noise, target.minimise), np.array(start[:2]), heading)
         return _Query(search, goal[2] if self._has_headings else 0.0)
+
+    def _search(self, pricing: Pricing, start: Floats, start_heading: float | None) -> Growing:
+        """What looks for paths from one start to one goal; planners that know more have another."""
+        return RoadmapSearch(pricing, start, seed=self._seed, start_heading=start_heading, exact=self._exact)
 
     def _as_ompl_path(self, query: _Query) -> Any:
         si = self.getSpaceInformation()
@@ -218,10 +218,31 @@ class RoadmapPlanner(ob.Planner):
         return path
 
 
+class Growing(Protocol):
+    """An anytime search for a path from one start to one goal: `RoadmapSearch`, or one that knows of more."""
+
+    @property
+    def start_heading(self) -> float | None: ...
+    @property
+    def exact(self) -> bool: ...
+    @property
+    def roadmap(self) -> Roadmap: ...
+    @property
+    def path(self) -> Floats | None: ...
+    @property
+    def cost(self) -> float: ...
+    @property
+    def additive_cost(self) -> float: ...
+    @property
+    def is_done(self) -> bool: ...
+    def grow(self, stop: Callable[[], bool], /) -> None: ...
+    def finish(self, stop: Callable[[], bool], /) -> tuple[Bound, bool]: ...
+
+
 class _Query(NamedTuple):
     """From one start to one goal."""
 
-    search: RoadmapSearch
+    search: Growing
     goal_yaw: float  # rad; where there are no headings it means nothing
 
 
