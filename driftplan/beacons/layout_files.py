@@ -37,7 +37,7 @@ class InstallerRow(NamedTuple):
     nearest_wall_m: float  # nan without a map, or without walls
     wall_x_m: float
     wall_y_m: float
-    routes: int  # that meet it
+    routes: tuple[int, ...]  # that meet it, by their place in the list, from 0
     worst_drift_if_dead_m: float  # nan if no route meets it
     worst_route_if_dead: int  # -1 if no route meets it
 
@@ -62,7 +62,7 @@ def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
                 nearest_wall_m=float(np.hypot(wall[0] - beacon.x, wall[1] - beacon.y)),
                 wall_x_m=wall[0],
                 wall_y_m=wall[1],
-                routes=len(said.routes),
+                routes=said.routes,
                 worst_drift_if_dead_m=said.worst_if_dead,
                 worst_route_if_dead=said.worst_route,
             )
@@ -73,12 +73,13 @@ def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
 
 
 def layout_csv(layout: Layout) -> bytes:
-    """The installers' table as CSV, with a header that names units."""
+    """The installers' table as CSV, with a header that names units; numbers of routes are separated by spaces."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(InstallerRow._fields)
     for row in installer_table(layout):
-        writer.writerow(["" if isinstance(v, float) and not isfinite(v) else v for v in row])
+        plain = row._replace(routes=" ".join(map(str, row.routes)))  # type: ignore[arg-type]
+        writer.writerow(["" if isinstance(v, float) and not isfinite(v) else v for v in plain])
     return text.getvalue().encode()
 
 

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from driftplan.world.world import World
 
 _TALK_EVERY_S = 1.0
+_MOST_ROUTES = 50  # more are not listed on the screen; --json has them all
+_MOST_NUMBERS = 6  # of routes that a beacon serves, on the screen
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -206,6 +208,12 @@ def _tell_layout(args: argparse.Namespace, layout: Layout) -> None:
         }
         _print_json(args, noise=noise_as_json(noise_from(args)), layout=said)
         return
+    if len(routes) <= _MOST_ROUTES:
+        lines = [
+            [str(r), route["file"], *(f"{route[key]:.{d}f}" for key, d in (("length_m", 2), ("worst_drift_m", 3)))]
+            for r, route in enumerate(routes)
+        ]
+        print(output.table(("route", "file", "length m", "worst drift m"), lines), end="\n\n")
     shown = [
         [
             row.id,
@@ -213,18 +221,29 @@ def _tell_layout(args: argparse.Namespace, layout: Layout) -> None:
             f"{row.x_m:.2f}",
             f"{row.y_m:.2f}",
             _metres(row.nearest_wall_m),
-            str(row.routes),
+            _numbers(row.routes),
             _metres(row.worst_drift_if_dead_m, 3),
+            "-" if row.worst_route_if_dead < 0 else str(row.worst_route_if_dead),
         ]
         for row in rows
     ]
+    header = ("id", "kind", "x m", "y m", "nearest wall m", "routes served", "drift if dead m", "on route")
     if shown:
-        print(output.table(("id", "kind", "x m", "y m", "nearest wall m", "routes", "drift if dead m"), shown))
+        print(output.table(header, shown), end="\n\n")
     new = len(layout.beacons)
+    hurts = ""
+    if rows and rows[0].routes:
+        hurts = f"The failure that hurts most is that of {rows[0].id}: {rows[0].worst_drift_if_dead_m:.3g} m. "
     print(
         f"{new} new beacon{'' if new == 1 else 's'} of cost {layout.cost:g}; worst drift {layout.worst_drift:.3g} m. "
-        f"{_proof(layout)}"
+        f"{hurts}{_proof(layout)}"
     )
+
+
+def _numbers(routes: tuple[int, ...]) -> str:
+    """Numbers of routes, the first few of many."""
+    text = ", ".join(map(str, routes[:_MOST_NUMBERS]))
+    return f"{text}, … ({len(routes)})" if len(routes) > _MOST_NUMBERS else text or "-"
 
 
 def _proof(layout: Layout) -> str:

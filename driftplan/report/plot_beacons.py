@@ -75,7 +75,8 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
         plot_world(layout.task.world, ax=ax)
     segments, drift = route_segments(layout)
     order = np.argsort(drift)  # where routes share an aisle the worst is on top
-    look: dict[str, Any] = {"cmap": "viridis", "linewidths": 1.8, "capstyle": "round", "zorder": 2.5, **line_kwargs}
+    look: dict[str, Any] = {"cmap": _drift_colours(), "linewidths": 1.8, "capstyle": "round", "zorder": 2.5}
+    look |= line_kwargs
     routes = LineCollection(list(segments[order]), **look)
     routes.set_array(drift[order])
     routes.set_clim(0.0, max(layout.max_drift))
@@ -87,15 +88,14 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
         (_NEW, "^", "new beacon", layout.beacons),
     ):
         for beacon in some:
-            circle = Circle(
-                (beacon.x, beacon.y), beacon.kind.range_m, facecolor=colour, edgecolor=colour, alpha=0.18, zorder=2
-            )
+            face: dict[str, Any] = {"facecolor": (colour, 0.15), "edgecolor": colour, "linewidth": 0.8, "zorder": 2}
+            circle = Circle((beacon.x, beacon.y), beacon.kind.range_m, **face)
             ranges.append(ax.add_patch(circle))
             if len(layout.beacons) + len(layout.existing) <= _SHOWN_IDS:
                 ax.annotate(beacon.id, (beacon.x, beacon.y), (4, 4), textcoords="offset points", fontsize=7, zorder=5)
         if some:
             xy = np.array([b.xy for b in some])
-            dots: dict[str, Any] = {"linestyle": "none", "markersize": 6, "zorder": 4, "markeredgecolor": "white"}
+            dots: dict[str, Any] = {"linestyle": "none", "markersize": 8, "zorder": 4, "markeredgecolor": "white"}
             beacons += ax.plot(xy[:, 0], xy[:, 1], marker=marker, color=colour, label=label, **dots)
     ax.set(xlabel="x (m)", ylabel="y (m)")
     ax.set_aspect("equal", adjustable="box")
@@ -104,6 +104,14 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
     if colorbar:
         ax.figure.colorbar(routes, ax=ax, label=_score_label(layout), fraction=0.035, pad=0.02)
     return LayoutArtists(routes, ranges, beacons)
+
+
+def _drift_colours() -> Any:
+    """From light green to almost black: the worst is the darkest, in grey too, and all of it shows on white."""
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(colormaps["viridis_r"](np.linspace(0.15, 1.0, 256)), name="drift")
 
 
 def plot_sawtooth(
@@ -168,7 +176,16 @@ def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwa
         some = np.array([x.proven == proven for x in curve])
         if some.any():
             label = "proven" if proven else "best found"
-            ax.plot(drift[some], count[some], "o", color=line.get_color(), markerfacecolor=face, label=label, zorder=3)
+            ax.plot(
+                drift[some],
+                count[some],
+                "o",
+                color=line.get_color(),
+                markerfacecolor=face,
+                label=label,
+                zorder=3,
+                clip_on=False,
+            )
     ax.set(xlabel=f"limit on the {_score_label(curve[0])}", ylabel="fewest beacons")
     ax.set_ylim(bottom=0.0)
     ax.yaxis.set_major_locator(MaxNLocator(integer=True))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons
+from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons, passes
 from driftplan.beacons.layout_files import beacons_geojson, installer_table, layout_csv, layout_geojson, load_beacons
 from driftplan.beacons.placement import place_beacons
 from driftplan.errors import MapError
@@ -67,6 +67,7 @@ def test_installers_learn_the_nearest_wall_and_which_failure_hurts_most(layout):
         worst = [drift_with_beacons(r, NOISE, rest, WORLD).profile().rms.max() for r in ROUTES]
         assert row.worst_drift_if_dead_m == pytest.approx(worst[row.worst_route_if_dead])
         assert row.new == (row.id != "old")
+        assert row.routes == tuple(k for k, r in enumerate(ROUTES) if len(passes(r, beacons[row.id], WORLD)))
 
 
 def test_the_csv_has_a_header_with_units_and_a_line_per_beacon(layout):
@@ -74,6 +75,7 @@ def test_the_csv_has_a_header_with_units_and_a_line_per_beacon(layout):
     assert len(rows) == len(layout.existing) + len(layout.beacons)
     assert float(rows[0]["worst_drift_if_dead_m"]) == installer_table(layout)[0].worst_drift_if_dead_m
     assert {"id", "kind", "x_m", "y_m", "nearest_wall_m", "routes"} <= set(rows[0])
+    assert [row["routes"].split() for row in rows] == [[str(r) for r in row.routes] for row in installer_table(layout)]
 
 
 def test_without_a_map_walls_are_left_empty():

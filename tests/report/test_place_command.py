@@ -47,7 +47,11 @@ def run(tmp_path, capsys):
 
 def test_a_table_and_a_sentence_on_stdout_and_talk_on_stderr(run):
     said = run("--max-drift", 0.5)
-    assert "drift if dead m" in said.out
+    routes, beacons, words = said.out.strip().split("\n\n")
+    assert [line.split()[0] for line in routes.splitlines()] == ["route", "0", "1"]
+    assert "routes served" in beacons.splitlines()[0]
+    first = beacons.splitlines()[1].split()[0]
+    assert f"The failure that hurts most is that of {first}" in words
     assert "Proven optimal." in said.out
     assert "placing beacons for 2 routes" in said.err
     assert "placing" not in said.out
