@@ -102,18 +102,20 @@ def callbacks() -> None:
     print(f"{'R^2, 1 zone':12} {'':>10} {took['empty']:6.3f}us {took['zones']:6.3f}us {ratio:11.2f}x")
 
 
-def growth(world: World, start: tuple[float, float], goal: tuple[float, float], seconds: float) -> dict[str, int]:
-    """Iterations of RRT* in so many seconds, by objective, with the same validator."""
+def growth(
+    make_space: Callable[[], Any], world: World, start: tuple[float, ...], goal: tuple[float, ...], seconds: float
+) -> dict[str, int]:
+    """Iterations of RRT* in so many seconds of processor time, by objective, with the same validator."""
     objectives: dict[str, Callable[[Any], Any]] = {
         "C++ length": ob.PathLengthOptimizationObjective,
         "empty": Empty,
-        "drift": lambda si: DriftObjective(si, NOISE, goal),
+        "drift": lambda si: DriftObjective(si, NOISE, goal[:2]),
     }
     best = dict.fromkeys(objectives, 0)
     for seed in (1, 2, 3):
         for name, make in objectives.items():
             ou.RNG.setSeed(seed)
-            space = ob.RealVectorStateSpace(2)
+            space = make_space()
             bounds = ob.RealVectorBounds(2)
             for axis in (0, 1):
                 bounds.setLow(axis, world.bounds[axis])
@@ -123,14 +125,20 @@ def growth(world: World, start: tuple[float, float], goal: tuple[float, float], 
             use_world(si, world)
             si.setup()
             a, b = si.allocState(), si.allocState()
-            (a[0], a[1]), (b[0], b[1]) = start, goal
+            for state, (x, y, yaw) in ((a, start), (b, goal)):
+                if hasattr(state, "setXY"):
+                    state.setXY(x, y)
+                    state.setYaw(yaw)
+                else:
+                    state[0], state[1] = x, y
             pdef = ob.ProblemDefinition(si)
             pdef.setStartAndGoalStates(a, b)
             pdef.setOptimizationObjective(make(si))
             planner = og.RRTstar(si)
             planner.setProblemDefinition(pdef)
             planner.setup()
-            planner.solve(seconds)
+            end = time.process_time() + seconds
+            planner.solve(ob.PlannerTerminationCondition(lambda end=end: time.process_time() > end))
             best[name] = max(best[name], planner.numIterations())
     return best
 
@@ -139,16 +147,17 @@ def trees() -> None:
     world = load_world(bundled_map("warehouse"), robot_radius=0.3)
     xmin, ymin, xmax, ymax = world.bounds
     start, goal = (
-        tuple(world.nearest_free(np.array([x, y])).tolist()) for x, y in ((xmin + 2, ymin + 2), (xmax - 2, ymax - 2))
+        (*world.nearest_free(np.array([x, y])).tolist(), 0.0) for x, y in ((xmin + 2, ymin + 2), (xmax - 2, ymax - 2))
     )
-    for seconds in (1.0, 4.0):
-        grown = growth(world, start, goal, seconds)
-        print(
-            f"RRT* in the warehouse, {seconds:g} s, same validator, best of 3: "
-            + ", ".join(
-                f"{name} {count} iterations ({count / grown['C++ length']:.2f})" for name, count in grown.items()
-            )
-        )
+    print("iterations of RRT* in the warehouse, same validator, best of 3, of those with the C++ length")
+    print(f"{'space':12} {'seconds':>7} {'C++ length':>11} {'empty':>16} {'drift':>16}")
+    planar = {name: space for name, space in spaces().items() if not name.endswith(("^3", "(3)"))}
+    for name in planar:
+        for seconds in (1.0, 4.0):
+            grown = growth(lambda name=name: spaces()[name], world, start, goal, seconds)
+            length = grown["C++ length"]
+            row = " ".join(f"{grown[kind]:8d} ({grown[kind] / length:5.2f})" for kind in ("empty", "drift"))
+            print(f"{name:12} {seconds:7g} {length:11d} {row}")
 
 
 def main() -> None:
