@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .beacons.placement import beacon_tradeoff as beacon_tradeoff
     from .beacons.placement import place_beacons as place_beacons
     from .beacons.plan import plan_route as plan_route
+    from .beacons.roadmap_planner import RoadmapPlanner as RoadmapPlanner
     from .errors import DriftplanError as DriftplanError
     from .errors import GoalError as GoalError
     from .errors import InfeasibleError as InfeasibleError
@@ -48,7 +49,6 @@ if TYPE_CHECKING:
     from .model.spatial_steps import flight_steps as flight_steps
     from .planning.objective import DriftObjective as DriftObjective
     from .planning.ompl_paths import predict_ompl_path as predict_ompl_path
-    from .planning.roadmap import RoadmapPlanner as RoadmapPlanner
     from .planning.routes import Comparison as Comparison
     from .planning.routes import Route as Route
     from .planning.routes import compare_routes as compare_routes
@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from .world.trajectories import read_trajectory as read_trajectory
     from .world.world import World as World
     from .world.world import Zone as Zone
+    from .world.zone_files import load_zones as load_zones
 
 _HOME = {
     "beacons.beacon": "Beacon BeaconKind drift_with_beacons",
@@ -76,6 +77,7 @@ _HOME = {
     "beacons.pareto": "pareto_routes",
     "beacons.placement": "beacon_tradeoff place_beacons",
     "beacons.plan": "plan_route",
+    "beacons.roadmap_planner": "RoadmapPlanner",
     "errors": ("DriftplanError GoalError InfeasibleError MapError NoPathError PlannerError StartError TrajectoryError"),
     "model.calibration": "NoiseFit fit_noise",
     "model.drift": "Drift PointDrift predict_drift",
@@ -90,7 +92,6 @@ _HOME = {
     "model.spatial_steps": "flight_steps",
     "planning.objective": "DriftObjective",
     "planning.ompl_paths": "predict_ompl_path",
-    "planning.roadmap": "RoadmapPlanner",
     "planning.routes": "Comparison Route compare_routes",
     "report.plotting": "plot_comparison plot_drift plot_route plot_world",
     "world.mapfiles": "bundled_map bundled_maps load_world save_world",
@@ -98,6 +99,7 @@ _HOME = {
     "world.odometry_logs": "read_odometry",
     "world.trajectories": "read_path read_trajectory",
     "world.world": "World Zone",
+    "world.zone_files": "load_zones",
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
 

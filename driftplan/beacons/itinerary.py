@@ -153,7 +153,18 @@ def plan_itinerary(
     """
     began = time.monotonic()
     ends = checked_ends(world, start, goal, noise, "length", time_limit, None, start_heading)
-    _check(noise, world, beacons, max_drift, minimise, max_detour, redundancy, min_capture, initial, nodes, seed)
+    check_options(
+        beacons=beacons,
+        max_drift=max_drift,
+        minimise=minimise,
+        max_detour=max_detour,
+        redundancy=redundancy,
+        min_capture=min_capture,
+        initial=initial,
+        nodes=nodes,
+        seed=seed,
+        noises=(noise, *(zone.noise for zone in world.zones)),
+    )
     if (ends[0] == ends[1]).all():
         raise ValueError(f"expected start and goal apart, got {ends[0].tolist()} for both")
     check_connected(world, ends)
@@ -234,22 +245,23 @@ def best_path(search: ItinerarySearch, minimise: Objective, limit: float, longes
     return search.least_worst_drift(limit, longest)
 
 
-def _check(
-    noise: OdometryNoise,
-    world: World,
-    beacons: Sequence[Beacon],
-    max_drift: float | None,
+def check_options(
+    *,
     minimise: str,
-    max_detour: float | None,
-    redundancy: int,
-    min_capture: float,
-    initial: Fix | None,
-    nodes: int,
-    seed: int,
+    beacons: Sequence[Beacon] = (),
+    max_drift: float | None = None,
+    max_detour: float | None = None,
+    redundancy: int = 1,
+    min_capture: float = 0.0,
+    initial: Fix | None = None,
+    nodes: int = 1000,
+    seed: int = 0,
+    noises: Sequence[OdometryNoise] = (),
 ) -> None:
+    """Refuse, with a ValueError, what itineraries cannot be planned with."""
     if minimise not in get_args(Objective):
         raise ValueError(f"expected minimise one of {get_args(Objective)}, got {minimise!r}")
-    if any(kind.step_m is not None for kind in (noise, *(zone.noise for zone in world.zones))):
+    if any(kind.step_m is not None for kind in noises):
         raise ValueError(
             "expected noise of the continuous kind, got noise per step (step_m), which depends on how a path is cut"
         )
