@@ -109,6 +109,11 @@ def add_world_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--cell-size-m", type=float, metavar="M", help="cell size of a MovingAI map, metres (default: 1)"
     )
+    group.add_argument(
+        "--zones",
+        metavar="FILE",
+        help="floors with odometry of their own: .geojson, or a .yaml that says what the greys of a picture mean",
+    )
 
 
 def add_planning_options(
@@ -188,6 +193,7 @@ def world_from(args: argparse.Namespace) -> World:
         robot_radius=args.robot_radius,
         unknown_is_free=args.unknown_is_free,
         cell_size_m=args.cell_size_m,
+        zones=args.zones,
     )
 
 

@@ -33,22 +33,21 @@ def outline_of_cells(
     ValueError
         If the cells have more than `MAX_SIDES` free sides, or `MAX_RINGS` outlines.
     """
-    merged = _polygons(occupied)
     x, y, yaw = origin
     if abs(yaw) * max(occupied.shape) < _NO_TURN:
         yaw = 0.0  # slivers thinner than rounding beside the grid would make the polygons invalid
-    turn = cell_size_m * np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
-
-    def placed(geometry: Any) -> Any:
-        return shapely.transform(geometry, lambda cells: cells @ turn + (x, y))
-
-    obstacles = MultiPolygon(list(placed(merged)))
-    frame = placed(shapely.box(0, 0, occupied.shape[1], occupied.shape[0]))
+    obstacles = area_of_cells(occupied, cell_size_m=cell_size_m, origin=(x, y, yaw))
+    frame = _placed(shapely.box(0, 0, occupied.shape[1], occupied.shape[0]), cell_size_m, (x, y, yaw))
     bounds = tuple(float(v) for v in frame.bounds)
     if yaw != 0:
         parts = shapely.get_parts(shapely.union(obstacles, shapely.box(*bounds).difference(frame)))
         obstacles = MultiPolygon(list(parts[shapely.area(parts) > 0]))
     return obstacles, bounds  # type: ignore[return-value]
+
+
+def area_of_cells(chosen: Bools, *, cell_size_m: float, origin: tuple[float, float, float]) -> MultiPolygon:
+    """Polygons with exactly the outline of the chosen cells; arguments and errors as for `outline_of_cells`."""
+    return MultiPolygon(list(_placed(_polygons(chosen), cell_size_m, origin)))
 
 
 def cells_of_outline(obstacles: MultiPolygon, bounds: tuple[float, float, float, float], cell_size_m: float) -> Bools:
@@ -88,6 +87,13 @@ def cells_of_outline(obstacles: MultiPolygon, bounds: tuple[float, float, float,
     if xmin + (width - 1e-6) * cell_size_m > xmax:
         occupied[:, -1] = True
     return occupied
+
+
+def _placed(geometry: Any, cell_size_m: float, origin: tuple[float, float, float]) -> Any:
+    """Geometry in units of cells, put where the grid lies."""
+    x, y, yaw = origin
+    turn = cell_size_m * np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
+    return shapely.transform(geometry, lambda cells: cells @ turn + (x, y))
 
 
 def _polygons(occupied: Bools) -> Any:

@@ -46,7 +46,8 @@ def read_geojson_map(path: Path, *, robot_radius: float) -> World:
             raise MapError(f'{where}: expected a property "kind" out of {", ".join(_KINDS)}, got {short(kind)}')
         area = _area(where, feature.get("geometry"))
         if kind == "zone":
-            zones.append(Zone(area, _noise(where, properties)))
+            noise = {key: value for key, value in properties.items() if key not in ("kind", "name")}
+            zones.append(Zone(area, zone_noise(where, noise)))
             continue
         for key in properties:
             if key in _NOISE_KEYS:
@@ -161,8 +162,8 @@ def _position(where: str, position: Any) -> tuple[float, float]:
     raise MapError(f"{where}: expected positions [x, y] in metres, got {short(position)}")
 
 
-def _noise(where: str, properties: dict[str, Any]) -> OdometryNoise:
-    said = {key: value for key, value in properties.items() if key not in ("kind", "name")}
+def zone_noise(where: str, said: dict[Any, Any]) -> OdometryNoise:
+    """The noise of a zone, from values named like the fields of OdometryNoise."""
     for key in said:
         if key not in _NOISE_KEYS:
             raise MapError(f"{where}: unknown noise {short(key)}; known are {', '.join(_NOISE_KEYS)}")

@@ -7,6 +7,7 @@ The suffix tells the format: ``.yaml`` or ``.yml`` (ROS, `driftplan.world.ros_ma
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from driftplan.world.geojson_map import geojson_map_files, read_geojson_map
 from driftplan.world.movingai_map import movingai_map_files, read_movingai_map
 from driftplan.world.ros_map import read_ros_map, ros_map_files
 from driftplan.world.world import World
+from driftplan.world.zone_files import load_zones
 
 _FORMATS = {".yaml": "ROS", ".yml": "ROS", ".map": "MovingAI", ".geojson": "GeoJSON", ".json": "GeoJSON"}
 _BUNDLED = Path(__file__).parents[1] / "maps"
@@ -27,6 +29,7 @@ def load_world(
     robot_radius: float,
     unknown_is_free: bool = False,
     cell_size_m: float | None = None,
+    zones: str | os.PathLike[str] | None = None,
 ) -> World:
     """The world that a map file shows to a robot.
 
@@ -39,6 +42,8 @@ def load_world(
         Take unknown cells of a ROS map for free ones; they are obstacles otherwise.
     cell_size_m : float, optional
         Size of a cell of a MovingAI map (default 1 m), which does not say; the other formats do.
+    zones : path of a zone file, optional
+        Floors of other noise, for maps of any format (`driftplan.world.zone_files`); they cover the map's own.
 
     Raises
     ------
@@ -63,12 +68,14 @@ def load_world(
         raise MapError(f"{path}: no such file")
     try:
         if kind == "ROS":
-            return read_ros_map(path, robot_radius=robot_radius, unknown_is_free=unknown_is_free)
-        if kind == "MovingAI":
-            return read_movingai_map(path, robot_radius=robot_radius, cell_size_m=cell_size_m)
-        return read_geojson_map(path, robot_radius=robot_radius)
+            world = read_ros_map(path, robot_radius=robot_radius, unknown_is_free=unknown_is_free)
+        elif kind == "MovingAI":
+            world = read_movingai_map(path, robot_radius=robot_radius, cell_size_m=cell_size_m)
+        else:
+            world = read_geojson_map(path, robot_radius=robot_radius)
     except OSError as err:
         raise MapError(f"{path}: cannot be read: {err}") from err
+    return world if zones is None else replace(world, zones=(*world.zones, *load_zones(zones)))
 
 
 def save_world(world: World, path: str | os.PathLike[str], *, cell_size_m: float | None = None) -> None:

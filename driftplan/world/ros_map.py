@@ -8,35 +8,28 @@ to the reader; driftplan decides by the same thresholds.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from io import BytesIO
-from math import isfinite
 from pathlib import Path
 from reprlib import repr as short
 from typing import Any, cast
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from PIL import Image
 
 from driftplan.errors import MapError
-from driftplan.world.cells import MAX_CELLS, cells_of_outline, outline_of_cells
+from driftplan.world.cell_pictures import CellPicture, number, read_header, read_pixels
+from driftplan.world.cells import cells_of_outline, outline_of_cells
 from driftplan.world.world import World
 
 _MODES = ("trinary", "scale", "raw")
-_REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
-_MAX_YAML_BYTES = 8192
 _FREE, _UNKNOWN, _OCCUPIED = 0, 1, 2
 _ROWS_AT_ONCE = 256  # of a picture, to bound the memory
 
 
 @dataclass(frozen=True)
 class _Header:
-    image: Path
-    resolution: float
-    origin: tuple[float, float, float]
+    picture: CellPicture
     negate: bool
     occupied_thresh: float
     free_thresh: float
@@ -46,12 +39,12 @@ class _Header:
 def read_ros_map(path: Path, *, robot_radius: float, unknown_is_free: bool) -> World:
     """World of a YAML map and its picture; unknown cells are obstacles unless told otherwise."""
     header = _read_header(path)
-    states = _read_states(header, path)
+    picture, states = header.picture, _read_states(header, path)
     occupied = states == _OCCUPIED if unknown_is_free else states != _FREE
     try:
-        obstacles, bounds = outline_of_cells(occupied, cell_size_m=header.resolution, origin=header.origin)
+        obstacles, bounds = outline_of_cells(occupied, cell_size_m=picture.resolution, origin=picture.origin)
     except ValueError as err:
-        raise MapError(f"{header.image}: {err}") from err
+        raise MapError(f"{picture.image}: {err}") from err
     return World(obstacles=obstacles, bounds=bounds, robot_radius=robot_radius)
 
 
@@ -71,44 +64,9 @@ def ros_map_files(world: World, path: Path, *, cell_size_m: float) -> dict[Path,
     return {picture: content.getvalue(), path: text.encode()}
 
 
-class _PlainLoader(yaml.SafeLoader):
-    """The safe loader without aliases: a few hundred bytes of them can stand for more than memory holds."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            event = self.peek_event()  # type: ignore[no-untyped-call]
-            raise yaml.composer.ComposerError(None, None, "aliases have no place in a map's header", event.start_mark)
-        return super().compose_node(parent, index)
-
-
 def _read_header(path: Path) -> _Header:
-    with path.open("rb") as file:
-        text = file.read(_MAX_YAML_BYTES + 1)
-    if len(text) > _MAX_YAML_BYTES:
-        raise MapError(f"{path}: expected a map's YAML of at most {_MAX_YAML_BYTES} bytes, got more")
-    try:
-        said = yaml.load(text, _PlainLoader)
-    except yaml.MarkedYAMLError as err:
-        line = err.problem_mark.line + 1 if err.problem_mark else "?"
-        raise MapError(f"{path}, line {line}: not plain YAML: {err.problem}") from err
-    except (yaml.YAMLError, ValueError, RecursionError) as err:
-        raise MapError(f"{path}: not plain YAML: {str(err)[:200]}") from err
-    if not isinstance(said, dict):
-        raise MapError(f"{path}: expected the keys {', '.join(_REQUIRED)}, got {short(said)}")
-    for key in _REQUIRED:
-        if key not in said:
-            raise MapError(f"{path}: the key {key!r} is missing")
-    for key in said:
-        if key not in (*_REQUIRED, "mode"):
-            raise MapError(f"{path}: unknown key {short(key)}; known are {', '.join(_REQUIRED)} and mode")
-    resolution = _number(path, "resolution", said["resolution"])
-    if resolution <= 0:
-        raise MapError(f"{path}: expected resolution > 0 m per cell, got {resolution!r}")
-    origin = said["origin"]
-    if not (isinstance(origin, list) and len(origin) == 3):
-        raise MapError(f"{path}: expected origin to be [x, y, yaw], got {short(origin)}")
-    x, y, yaw = (_number(path, "origin", value) for value in origin)
-    occupied, free = (_number(path, key, said[key]) for key in ("occupied_thresh", "free_thresh"))
+    picture, said = read_header(path, ("negate", "occupied_thresh", "free_thresh"), ("mode",))
+    occupied, free = (number(path, key, said[key]) for key in ("occupied_thresh", "free_thresh"))
     if not 0 <= free < occupied <= 1:
         raise MapError(f"{path}: expected 0 <= free_thresh < occupied_thresh <= 1, got {free!r} and {occupied!r}")
     if not (isinstance(said["negate"], (bool, int)) and said["negate"] in (0, 1)):
@@ -116,65 +74,14 @@ def _read_header(path: Path) -> _Header:
     mode = said.get("mode", "trinary")
     if mode not in _MODES:
         raise MapError(f"{path}: expected mode to be one of {', '.join(_MODES)}, got {short(mode)}")
-    image = _picture_beside(path, said["image"])
-    return _Header(image, resolution, (x, y, yaw), bool(said["negate"]), occupied, free, mode)
-
-
-def _number(path: Path, key: str, value: Any) -> float:
-    try:
-        # YAML 1.1 takes 5e-2 for a word; map_server takes it for a number.
-        number = float(value) if isinstance(value, (int, float, str)) and not isinstance(value, bool) else float("nan")
-    except (ValueError, OverflowError):
-        number = float("nan")
-    if not (isfinite(number) and abs(number) < 1e9):
-        raise MapError(f"{path}: expected {key} to be a finite number, got {short(value)}")
-    return number
-
-
-def _picture_beside(path: Path, name: Any) -> Path:
-    """The picture that a map names, if it is a file in the map's folder or below."""
-    if not isinstance(name, str) or not name:
-        raise MapError(f"{path}: expected image to be a file name, got {short(name)}")
-    try:
-        picture = (path.parent / name).resolve()
-        # Two folders, because installed maps are often links into a source folder.
-        inside = any(picture.is_relative_to(folder) for folder in (path.parent.resolve(), path.resolve().parent))
-        exists = picture.is_file()
-    except (ValueError, OSError) as err:
-        raise MapError(f"{path}: expected image to be a file name, got {short(name)}") from err
-    if not inside:
-        raise MapError(f"{path}: image {short(name)} lies outside the map's folder; put it beside the map")
-    if not exists:
-        raise MapError(f"{path}: image {short(name)} is not a file")
-    return picture
+    return _Header(picture, bool(said["negate"]), occupied, free, mode)
 
 
 def _read_states(header: _Header, path: Path) -> NDArray[np.uint8]:
     """Free, unknown or occupied for every cell, row 0 at the bottom."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # our own limit is lower
-            picture: Image.Image = Image.open(header.image, formats=("PPM", "PNG", "BMP"))
-        with picture:
-            width, height = picture.size
-            if not 0 < width * height <= MAX_CELLS:
-                raise MapError(f"{header.image}: expected at most {MAX_CELLS} pixels, got {width} x {height}")
-            picture.load()
-            if picture.mode in ("P", "PA", "LA") or "transparency" in picture.info:
-                picture = picture.convert("RGBA")
-            elif picture.mode == "1":
-                picture = picture.convert("L")
-            pixels = np.asarray(picture)
-    except MapError:
-        raise
-    except Image.DecompressionBombError as err:
-        raise MapError(f"{header.image}: expected at most {MAX_CELLS} pixels, got far more") from err
-    except Exception as err:  # decoders raise nearly anything on broken files
-        raise MapError(
-            f"{header.image}: not a readable PGM, PNG or BMP picture (image of {path}): {str(err)[:200]}"
-        ) from err
-    states = np.empty((height, width), dtype=np.uint8)
-    for top in range(0, height, _ROWS_AT_ONCE):
+    pixels = read_pixels(header.picture.image, path, colour=True)
+    states = np.empty(pixels.shape[:2], dtype=np.uint8)
+    for top in range(0, len(pixels), _ROWS_AT_ONCE):
         states[top : top + _ROWS_AT_ONCE] = _states(pixels[top : top + _ROWS_AT_ONCE], header)
     return states[::-1]
 

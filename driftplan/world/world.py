@@ -237,6 +237,11 @@ class World:
         tolerance = max(self.robot_radius / 20, 1e-5) if tolerance_m is None else float(tolerance_m)
         if not (isfinite(tolerance) and tolerance > 0):
             raise ValueError(f"expected tolerance_m finite and > 0 m, got {tolerance_m!r}")
+        if tolerance not in self._corners:
+            self._corners[tolerance] = self._found_corners(tolerance)
+        return self._corners[tolerance].copy()
+
+    def _found_corners(self, tolerance: float) -> Floats:
         walls = [np.diff(shapely.get_coordinates(ring), axis=0) for ring in shapely.get_rings(self.obstacles.geoms)]
         if not walls:
             return np.zeros((0, 2))
@@ -249,6 +254,11 @@ class World:
             found.append(corner[before[:, 0] * after[:, 1] > before[:, 1] * after[:, 0]])
         corners = np.concatenate(found)
         return corners[self.is_free(corners)]
+
+    @cached_property
+    def _corners(self) -> dict[float, Floats]:
+        """By tolerance: every search for a route asks for the same ones."""
+        return {}
 
     # Seeing
 

@@ -164,6 +164,19 @@ def test_systematic_errors_go_with_spreads(run, path_file):
     assert (said["heading_bias_per_rad"], said["distance_var_per_m"]) == (0.1, DEFAULT_NOISE.distance_var_per_m)
 
 
+def test_a_map_of_any_format_takes_zones_from_a_file(run, tmp_path):
+    """Bad floor on the straight way: without it the route is straight, with it the route goes round."""
+    save_world(World.from_polygons([], bounds=(0, 0, 30, 20), robot_radius=0.3), tmp_path / "hall.yaml")
+    bad = Zone(shapely.box(5, 7, 25, 13), OdometryNoise(heading_var_per_m=0.1))
+    save_world(World.from_polygons([], bounds=(0, 0, 30, 20), robot_radius=0.3, zones=[bad]), tmp_path / "z.geojson")
+    asked = ("plan", tmp_path / "hall.yaml", "--start", "2,10", "--goal", "28,10", "--json", *QUICK)
+    lengths = [
+        json.loads(run(*asked, *zones)[1])["route"]["length_m"] for zones in ((), ("--zones", tmp_path / "z.geojson"))
+    ]
+    assert lengths[0] == pytest.approx(26.0)
+    assert lengths[1] > 26.5
+
+
 def test_noise_comes_from_a_file_or_a_preset(run, path_file, tmp_path):
     fitted = OdometryNoise(heading_var_per_m=2e-4, distance_scale_error=0.01)
     save_noise(tmp_path / "noise.yaml", fitted)

@@ -1,0 +1,88 @@
+"""Zone files: floors of other noise, drawn on a map of any format.
+
+Either a GeoJSON map, whose zones are taken and nothing else (`driftplan.world.geojson_map`), or a raster: a YAML file
+placed like a ROS map, which says what the greys of its picture mean::
+
+    image: floor.png            # beside this file; grey, 8 or 16 bits
+    resolution: 0.1             # metres per pixel
+    origin: [0.0, 0.0, 0.0]     # x, y, yaw of the lower left corner
+    zones:
+      100: {heading_var_per_m: 1.0e-3}                             # pixels of the value 100: a wet floor
+      200: {heading_var_per_m: 2.0e-4, distance_var_per_m: 1.0e-3}
+
+Pixels of other values are no zone.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from reprlib import repr as short
+
+from driftplan.errors import MapError
+from driftplan.world.cell_pictures import read_header, read_pixels
+from driftplan.world.cells import area_of_cells
+from driftplan.world.geojson_map import read_geojson_map, zone_noise
+from driftplan.world.world import Zone
+
+_MOST_ZONES = 64  # each is cut out of every path
+
+
+def load_zones(path: str | os.PathLike[str]) -> tuple[Zone, ...]:
+    """The zones of a GeoJSON map or of a raster, for `World`; `load_world` takes the file's name too.
+
+    Parameters
+    ----------
+    path : path of a ``.geojson``, ``.json``, ``.yaml`` or ``.yml`` file, as the module's docstring says
+
+    Raises
+    ------
+    MapError
+        If the file is missing, broken or without zones, or names a grey that its picture does not have.
+
+    Examples
+    --------
+    >>> from driftplan.world.mapfiles import bundled_map
+    >>> [zone.polygon.area > 50 for zone in load_zones(bundled_map("office"))]
+    [True]
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    try:
+        if suffix in (".geojson", ".json"):
+            zones = read_geojson_map(path, robot_radius=0.0).zones
+        elif suffix in (".yaml", ".yml"):
+            zones = _read_raster(path)
+        else:
+            raise MapError(
+                f"{path}: expected zones in a .geojson, .json, .yaml or .yml file, got {suffix or 'no suffix'}"
+            )
+    except OSError as err:
+        raise MapError(f"{path}: cannot be read: {err.strerror or err}") from err
+    if not zones:
+        raise MapError(f"{path}: expected at least one zone, got none")
+    return zones
+
+
+def _read_raster(path: Path) -> tuple[Zone, ...]:
+    picture, said = read_header(path, ("zones",))
+    listed = said["zones"]
+    if not (isinstance(listed, dict) and 0 < len(listed) <= _MOST_ZONES):
+        raise MapError(f"{path}: expected zones to give 1 to {_MOST_ZONES} greys a noise, got {short(listed)}")
+    pixels = read_pixels(picture.image, path, colour=False)[::-1]  # row 0 at the bottom
+    zones = []
+    for grey, noise in listed.items():
+        where = f"{path}, zone {short(grey)}"
+        if isinstance(grey, bool) or not isinstance(grey, int):
+            raise MapError(f"{where}: expected a grey, a whole number such as 100")
+        if not isinstance(noise, dict):
+            raise MapError(f"{where}: expected its noise, such as {{heading_var_per_m: 1.0e-3}}, got {short(noise)}")
+        chosen = pixels == grey
+        if not chosen.any():
+            raise MapError(f"{where}: no pixel of {picture.image.name} has this value")
+        try:
+            area = area_of_cells(chosen, cell_size_m=picture.resolution, origin=picture.origin)
+        except ValueError as err:
+            raise MapError(f"{picture.image}: {err}") from err
+        zones.append(Zone(area, zone_noise(where, noise)))
+    return tuple(zones)
