@@ -82,7 +82,8 @@ def test_power_is_repeated_composition(seed, count):
     by_hand = identity()
     for _ in range(count):
         by_hand = compose(by_hand, X)
-    assert_same(power(X, count), by_hand, rtol=1e-12)
+    # rounding of the sum of all steps: a drive that comes back to its start keeps no more digits than that
+    assert_same(power(X, count), by_hand, rtol=1e-12, scale=max(1.0, count * float(np.abs(X.p))) ** 2)
 
 
 def test_power_takes_a_count_for_each_piece():
