@@ -137,7 +137,9 @@ def compare(args: argparse.Namespace) -> None:
 
 
 def demo(args: argparse.Namespace) -> None:
-    """Lowest-drift against shortest routes on the maps that come along."""
+    """Lowest-drift against shortest routes on the maps that come along, then tags for rounds through the warehouse."""
+    from driftplan.report import demo_beacons
+    from driftplan.report.plot_beacons import layout_figure
     from driftplan.world.mapfiles import bundled_map, load_world
 
     noise = noise_from(args)
@@ -150,13 +152,19 @@ def demo(args: argparse.Namespace) -> None:
         both = {_NAMES[r.minimise]: r for r in _both(world, start, goal, noise, args, args.planner, None)}
         found[name] = [_planned(label, route) for label, route in both.items()]
         pictures[folder / f"{name}.png"] = _picture(world, both)
+    _talk("placing RFID tags in warehouse")
+    layout = demo_beacons.demo_layout(load_world(bundled_map("warehouse"), robot_radius=DEMO_RADIUS_M), noise)
+    if not isinstance(layout, str):
+        pictures[folder / "warehouse-tags.png"] = output.figure_png(layout_figure(layout))
     write_files(pictures)
     if args.json:
         files = [str(path) for path in pictures]
-        _print_json(args, noise=noise_as_json(noise), maps=found, files=files)
+        tags = {"none": layout} if isinstance(layout, str) else demo_beacons.as_json(layout)
+        _print_json(args, noise=noise_as_json(noise), maps=found, tags=tags, files=files)
         return
     for name, rows in found.items():
         print(f"{name}\n{output.routes_table(rows)}\n")
+    print(f"warehouse: {layout if isinstance(layout, str) else demo_beacons.sentence(layout)}")
     _talk(f"wrote {', '.join(map(str, pictures))}")
 
 

@@ -29,6 +29,7 @@ Floats = NDArray[np.float64]
 _NEW = "#D55E00"
 _OLD = "#555555"
 _LIMIT: dict[str, Any] = {"color": "#B00020", "linestyle": (0, (5, 2)), "linewidth": 1.2}
+_ABOVE: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "frameon": False, "fontsize": 8}
 _SHOWN_ROUTES = 5  # sawtooth lines with a style of their own; others are grey
 _SHOWN_BARS = 25
 _SHOWN_IDS = 40  # with more beacons on a map their names would cover each other
@@ -152,7 +153,7 @@ def plot_sawtooth(
     ax.set(xlabel="distance driven (m)", ylabel=_score_label(layout))
     ax.set_xlim(left=0.0)
     ax.set_ylim(bottom=0.0)
-    ax.legend(loc="lower right", fontsize=8, framealpha=0.9)
+    ax.legend(**_ABOVE, ncols=3)
     return lines
 
 
@@ -212,7 +213,7 @@ def plot_importance(layout: Layout, *, ax: Axes | None = None, **bar_kwargs: Any
     limit = min(layout.max_drift)
     ax.axvline(limit, **_LIMIT, label=f"limit {limit:.3g} m")
     ax.set(xlabel=f"{_score_label(layout)} if this beacon is dead", ylabel="beacon")
-    ax.legend(loc="lower right", fontsize=8)
+    ax.legend(**_ABOVE)
     return bars
 
 

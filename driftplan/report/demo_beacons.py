@@ -1,0 +1,58 @@
+"""The end of the demo: RFID tags for five rounds through the bundled warehouse."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from driftplan.errors import InfeasibleError
+
+if TYPE_CHECKING:
+    from driftplan.beacons.layout import Layout
+    from driftplan.model.noise import OdometryNoise
+    from driftplan.world.world import World
+
+ROUNDS = (  # waypoints in metres: from the docks and gates into the aisles, some of them there and back
+    ((2.5, 38), (2.5, 36), (8, 34), (8, 13.4), (46, 13.4), (8, 13.4), (8, 3)),
+    ((3, 3), (8, 8), (8, 23.8), (46, 23.8), (8, 23.8), (8, 36)),
+    ((46, 37), (10, 36), (8, 34), (8, 19), (8, 3), (58, 3)),
+    ((50.8, 30), (50.8, 11), (48, 9), (22, 9), (21.5, 13.4), (21.5, 18), (23.5, 18.7)),
+    ((57.5, 29.5), (50.5, 30.2), (47.5, 29.8), (8, 29.8), (8, 19.4), (46, 19.4)),
+)
+LIMIT_M = 0.8
+_TIME_LIMIT_S = 60.0  # it takes about a second
+
+
+def demo_layout(world: World, noise: OdometryNoise) -> Layout | str:
+    """The fewest tags that keep every round under `LIMIT_M`, or in words why there are none."""
+    from driftplan.beacons.beacon import BeaconKind
+    from driftplan.beacons.placement import place_beacons
+
+    if noise.step_m is not None:
+        return "no beacons are placed: that takes noise per metre, not per step"
+    tag = BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    try:
+        return place_beacons(world, ROUNDS, noise, max_drift=LIMIT_M, kind=tag, spacing_m=1.5, time_limit=_TIME_LIMIT_S)
+    except InfeasibleError as err:
+        return f"no tags keep the drift of all rounds under {LIMIT_M:g} m with this odometry: {err}"
+
+
+def sentence(layout: Layout) -> str:
+    """What was found, in a line."""
+    bare = max(layout.task.worst(layout.task.drift(r, ())) for r in range(len(layout.drifts)))
+    number = len(layout.beacons)
+    proof = "no fewer will do" if layout.proven else f"at least {layout.lower_bound:g} are needed"
+    return (
+        f"{number} RFID tag{'' if number == 1 else 's'} keep{'s' if number == 1 else ''} the drift of {len(ROUNDS)} "
+        f"rounds under {LIMIT_M:g} m everywhere ({proof}); without tags it reaches {bare:.2f} m"
+    )
+
+
+def as_json(layout: Layout) -> dict[str, Any]:
+    """The layout by the names of ``driftplan place --json``."""
+    return {
+        "beacons": [{"id": b.id, "x_m": b.x, "y_m": b.y} for b in layout.beacons],
+        "lower_bound": layout.lower_bound,
+        "proven": layout.proven,
+        "limit_m": LIMIT_M,
+        "worst_drift_m": layout.worst_drift,
+    }
