@@ -31,6 +31,7 @@ def plan_route(
     candidates: Iterable[ArrayLike] = (),
     start_heading: float | None = None,
     time_limit: float | None = None,
+    iterations: int | None = None,
     seed: int = 0,
     **itinerary_options: Any,
 ) -> Route:
@@ -58,6 +59,8 @@ def plan_route(
         Other paths to be considered, for plain routes.
     time_limit : float, optional
         Seconds; default 1 for plain routes, 5 for itineraries.
+    iterations : int, optional
+        Of the search, for plain routes: then the same seed gives the same route, to the last bit.
     **itinerary_options :
         ``redundancy``, ``min_capture``, ``initial``, ``nodes`` of `plan_itinerary`.
 
@@ -71,7 +74,7 @@ def plan_route(
     PlannerError
         If an itinerary is asked of another planner than "roadmap".
     ValueError
-        If candidates or ``exact`` are given for an itinerary, or itinerary options for a plain route.
+        If candidates, ``iterations`` or ``exact`` are given for an itinerary, or itinerary options for a plain route.
 
     Examples
     --------
@@ -98,11 +101,14 @@ def plan_route(
             max_detour=max_detour,
             candidates=candidates,
             start_heading=start_heading,
-            time_limit=1.0 if time_limit is None else time_limit,
+            time_limit=time_limit,
+            iterations=iterations,
             seed=seed,
         )
     if planner != ROADMAP:
         raise PlannerError(f"expected planner={ROADMAP!r} for routes with beacons or max_drift, got {planner!r}")
+    if iterations is not None:
+        raise ValueError("expected no iterations for routes with beacons or max_drift: give a time_limit")
     if exact:
         raise ValueError("expected exact=False for routes with beacons or max_drift, whose drift is always exact")
     if list(candidates):
