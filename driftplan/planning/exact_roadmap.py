@@ -119,8 +119,12 @@ def additive_bound(
     """
     if not is_plain(noise, roadmap.pricing.space):
         return 0.0
+    return _additive_bound(roadmap, min(roadmap.shortest(known).cost, known), least_var, most_var)
+
+
+def _additive_bound(roadmap: Roadmap, least: float, least_var: float, most_var: float) -> float:
+    """`additive_bound` for plain noise, the least additive cost on the roadmap being known."""
     prices = roadmap.prices
-    least = min(roadmap.shortest(known).cost, known)
     if not least < inf:
         return inf
     heading_cost = roadmap.distances(np.maximum(prices.cost - prices.position, 0.0), START)[0][GOAL]
@@ -148,7 +152,10 @@ class Bound(NamedTuple):
 def bracketed(roadmap: Roadmap, noise: OdometryNoise, heading_std: float, known: float = inf) -> Bound:
     """What the additive cost proves: for all paths, or for those with up to twice the ``heading_std`` of one found."""
     most = (TIMES * heading_std) ** 2
-    return _beyond(roadmap, noise, most, additive_bound(roadmap, noise, 0.0, most, known), known)
+    if not is_plain(noise, roadmap.pricing.space):
+        return Bound(0.0, inf)
+    least = min(roadmap.shortest(known).cost, known)
+    return _beyond(roadmap, least, most, _additive_bound(roadmap, least, 0.0, most))
 
 
 def exactly_best(
@@ -166,8 +173,10 @@ def exactly_best(
     """
     most = (TIMES * heading_std) ** 2
     graph = search_graph(roadmap, noise, most, path_cost)
+    plain = is_plain(noise, roadmap.pricing.space)
+    least = min(roadmap.shortest(known).cost, known) if plain else inf
     best: Floats | None = None
-    bound, finished = additive_bound(roadmap, noise, 0.0, most, known), False
+    bound, finished = _additive_bound(roadmap, least, 0.0, most) if plain else 0.0, False
     anything = np.zeros(0, dtype=np.int64)
     for memory in (anything, None):
         found = least_exact_cost(graph, upper=path_cost, gap=GAP, memory=memory, stop=stop)
@@ -182,11 +191,12 @@ def exactly_best(
             best, path_cost = roadmap.xy[nodes], found.cost
             if finished:
                 break
-    return best, _beyond(roadmap, noise, most, bound, known), finished
+    if not plain:
+        return best, Bound(bound, inf), finished
+    return best, _beyond(roadmap, least, most, bound), finished
 
 
-def _beyond(roadmap: Roadmap, noise: OdometryNoise, most_var: float, bound: float, known: float) -> Bound:
+def _beyond(roadmap: Roadmap, least: float, most_var: float, bound: float) -> Bound:
     """A bound for paths of heading variance up to ``most_var``; for all of them where the others cannot be better."""
-    plain = is_plain(noise, roadmap.pricing.space)
-    everywhere = not plain or most_var == inf or additive_bound(roadmap, noise, most_var, inf, known) >= bound
+    everywhere = most_var == inf or _additive_bound(roadmap, least, most_var, inf) >= bound
     return Bound(bound, inf if everywhere else most_var**0.5)

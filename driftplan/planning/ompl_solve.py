@@ -76,11 +76,13 @@ def solve(
     planner: str,
     time_limit: float,
     seed: int,
+    iterations: int | None = None,
 ) -> Floats | None:
     """Waypoints (n, 2) of the best path the planner found within ``time_limit`` seconds, or None.
 
     With a noise it minimises `DriftObjective`, without one OMPL's path length. OMPL seeds its random numbers per
-    process: the same seed gives the same samples, but how many are drawn depends on the time.
+    process: the same seed gives the same samples, but how many are drawn depends on the time, unless the number of
+    ``iterations`` ends the search.
     """
     with _quiet():
         ou.RNG.setSeed(seed + 1)  # OMPL refuses 0
@@ -105,7 +107,11 @@ def solve(
         chosen = PLANNERS[planner](si)
         chosen.setProblemDefinition(pdef)
         chosen.setup()
-        chosen.solve(ob.timedPlannerTerminationCondition(float(time_limit)))
+        condition = ob.timedPlannerTerminationCondition(float(time_limit))
+        if iterations is not None:
+            enough = ob.PlannerTerminationCondition(lambda: chosen.numIterations() >= iterations)
+            condition = ob.plannerOrTerminationCondition(condition, enough)
+        chosen.solve(condition)
         if not pdef.hasExactSolution():
             return None
         states = pdef.getSolutionPath().getStates()

@@ -9,6 +9,7 @@ cost. Same seed, same batches, same path.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -24,7 +25,7 @@ from driftplan.planning.roadmap_pricing import Floats, Ints, Pricing, exact_drif
 _FIRST_BATCH = 128  # samples; every later batch has twice as many, and the next two have corners too
 _LARGEST_BATCH = 8192
 _MOST_NODES = 40_000  # then a new roadmap is begun
-_CHUNK = 1024  # samples joined to the roadmap before the clock is looked at again
+_CHUNK = 512  # points joined to the roadmap before the clock is looked at again
 _FEW_CORNERS = 200  # no more than these: then all of them at once
 _NEIGHBOURS = 14
 _EXACT_NODES = 1500  # as many nodes as that search can deal with,
@@ -66,7 +67,9 @@ class RoadmapSearch:
         self._joined: Floats | None = None  # the latest path that is part of the roadmap
         self._first_sample = np.random.default_rng(seed).random(2)
         self._drawn = 0
+        self._corners_left: list[Floats] | None = None  # of those asked for; None before any were
         self._has_all_corners = False
+        self._search_s_per_edge = 0.0
         self._consider(self.roadmap.shortest().nodes, lambda: False)
 
     @property
@@ -80,6 +83,11 @@ class RoadmapSearch:
         """Whether there is no point in growing the roadmap: the best path is optimal, or it is for an exact search and
         as large as that can deal with."""
         return self._room <= 0 if self.exact else self.is_optimal
+
+    @property
+    def reserve_s(self) -> float:
+        """Seconds, about, that it takes to search what has been added so far and to say what is proven about it."""
+        return 2 * self._search_s_per_edge * len(self.roadmap.edges)
 
     @property
     def _room(self) -> int:
@@ -104,18 +112,22 @@ class RoadmapSearch:
         if len(self.roadmap.xy) > _MOST_NODES:
             self._renew()
         roadmap = self.roadmap
-        if self.batches > 0 and not self._has_all_corners:
-            roadmap.add(self._corners(), _NEIGHBOURS, self.limit, all_round=True)
+        corners = self._next_corners()
+        while corners and not stop():
+            roadmap.add(corners.pop(0), _NEIGHBOURS, self.limit, all_round=True)
         self._join()
         samples = self._samples(min(_FIRST_BATCH << min(self.batches, 20), self._room))
         done = 0
         while done < len(samples) and not stop():
             roadmap.add(samples[done : done + _CHUNK], _NEIGHBOURS, self.limit)
             done += _CHUNK
-        self._consider(roadmap.shortest(self._least_additive).nodes, stop)
+        began = time.perf_counter()
+        found = roadmap.shortest(self._least_additive)
+        self._search_s_per_edge = (time.perf_counter() - began) / max(len(roadmap.edges), 1)
+        self._consider(found.nodes, stop)
         if not stop():
             roadmap.prune(self.limit * (1 + 1e-9))
-        if done >= len(samples):
+        if done >= len(samples) and not corners:
             self.batches += 1
 
     def finish(self, stop: Callable[[], bool] = lambda: False) -> tuple[Bound, bool]:
@@ -142,12 +154,16 @@ class RoadmapSearch:
         bound = bound._replace(mean_square=min(bound.mean_square, self.cost))
         return bound, finished and bound.mean_square >= self.cost * (1 - 1.5 * GAP)
 
+    def consider(self, path: Floats, stop: Callable[[], bool] = lambda: False) -> None:
+        """Take a collision-free path (n, 2) from start to goal, as it is or polished, if it is better than the best."""
+        path = path[np.append(True, (np.diff(path, axis=0) != 0).any(axis=1))]
+        self._offer(path)
+        if not stop():
+            self._offer(polished(self.pricing, path, self.start_heading, stop))
+
     def _consider(self, nodes: Ints, stop: Callable[[], bool]) -> None:
-        """Offer the path over ``nodes``, as it is and polished."""
         if len(nodes):
-            raw = self.roadmap.xy[nodes]
-            self._offer(raw)
-            self._offer(polished(self.pricing, raw, self.start_heading, stop))
+            self.consider(self.roadmap.xy[nodes], stop)
 
     def _offer(self, path: Floats) -> bool:
         """Take the path if it is the best by exact cost; whether it was."""
@@ -165,7 +181,7 @@ class RoadmapSearch:
     def _renew(self) -> None:
         """Start a new roadmap with the corners and the best path, so that memory stays bounded."""
         self.roadmap = Roadmap(self.pricing, self.roadmap.xy[0], self.start_heading)
-        self.roadmap.add(self._corners(), _NEIGHBOURS, self.limit, all_round=True)
+        self._has_all_corners, self._corners_left = False, None
         self._joined = None
 
     def _join(self) -> None:
@@ -174,17 +190,23 @@ class RoadmapSearch:
             self.roadmap.add(self.path[1:-1], _NEIGHBOURS, math.inf, chain=True)
         self._joined = self.path
 
-    def _corners(self) -> Floats:
-        """Corners that may improve the path: the coarse ones first, where there are many; then all."""
+    def _next_corners(self) -> list[Floats]:
+        """Corners that may improve the path and are still to be added, some at a time: the coarse ones first, where
+        there are many; then all. None in the first batch."""
+        if self._corners_left or self.batches == 0:
+            return self._corners_left or []
         space = self.pricing.space
-        if self.batches <= 1:
+        corners = np.zeros((0, 2))
+        if self._corners_left is None:
             xmin, ymin, xmax, ymax = space.bounds
             radius = getattr(space, "robot_radius", 0.0)
             corners = space.corners(max(radius / 4, 1e-3 * math.hypot(xmax - xmin, ymax - ymin)))
-            if len(corners) > _FEW_CORNERS:
-                return self._informed(corners)
-        self._has_all_corners = True
-        return self._informed(space.corners())
+        if not self._has_all_corners and len(corners) <= _FEW_CORNERS:
+            self._has_all_corners = True
+            corners = space.corners()
+        corners = self._informed(corners)
+        self._corners_left = [corners[k : k + _CHUNK] for k in range(0, len(corners), _CHUNK)]
+        return self._corners_left
 
     def _samples(self, count: int) -> Floats:
         """Up to ``count`` free points that may improve the path, the next ones of the sequence."""

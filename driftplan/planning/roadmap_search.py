@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -16,7 +17,7 @@ from driftplan.planning.roadmap_growth import RoadmapSearch
 from driftplan.planning.roadmap_pricing import Floats, Ints, Minimise, Pricing
 from driftplan.world.world import World
 
-_BATCHES_TO_FIND_ONE = 4  # are completed, whatever the time, while no path is known
+_BATCHES_TO_FIND_ONE = 4  # are completed in any case while no path is known
 _EXACT_SHARE = 0.4  # of the time goes into the roadmap that is then searched exactly
 
 
@@ -26,6 +27,7 @@ class Status(Enum):
     OPTIMAL = "Optimal: the straight run costs as little as any path can."
     ROADMAP_OPTIMAL = "Proven: no path of the roadmap has an rms drift smaller by 0.1 % (see `bound`)."
     BATCHES_DONE = "All batches done: the best path of the roadmap so far."
+    ITERATIONS_DONE = "All iterations done: the best path so far."
     TIME_LIMIT = "Time limit reached: the best path so far."
 
 
@@ -79,6 +81,7 @@ def plan_on_roadmap(
     batches: int | None = None,
     seed: int = 0,
     start_heading: float | None = None,
+    candidates: Sequence[Floats] = (),
 ) -> RoadmapResult:
     """The path on which the robot arrives with the least drift, or the shortest one.
 
@@ -95,13 +98,15 @@ def plan_on_roadmap(
         while when headings at the goal are off by more than half a radian, or for a sharp ``bound``. The roadmap is
         then kept small.
     time_limit : float
-        Seconds; the first batch is completed in any case, and four while no path is known.
+        Seconds; while no path is known, four batches are completed in any case.
     batches : int, optional
         Stop after so many batches: with the same seed the answer is then the same on every machine fast enough.
     seed : int
         Of the sequence of samples.
     start_heading : float, optional
         Heading at the start in rad, counter-clockwise from +x; without it the robot already faces its first run.
+    candidates : sequence of (n, 2) arrays
+        Collision-free paths from start to goal that are known: the search begins with them and its path is never worse.
 
     Returns
     -------
@@ -142,12 +147,14 @@ def plan_on_roadmap(
     share = _EXACT_SHARE if search.exact else 1.0
 
     def after(seconds: float) -> bool:
-        enough = search.batches >= (1 if search.path is not None else _BATCHES_TO_FIND_ONE)
+        enough = search.path is not None or search.batches >= _BATCHES_TO_FIND_ONE
         return enough and time.perf_counter() - began > seconds
 
     def grown() -> bool:
-        return after(share * time_limit)
+        return after(share * time_limit - search.reserve_s)
 
+    for path in candidates:
+        search.consider(path, grown)
     while not (grown() or search.batches == batches or search.is_done):
         search.grow(grown)
         if search.path is None:

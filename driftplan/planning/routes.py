@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from dataclasses import replace as changed
@@ -25,6 +26,8 @@ ROADMAP = "roadmap"
 _SHARE_OF_SHORTEST = 0.2  # of the time, for the shortest route, whose polished form is a candidate too
 _DETOUR_TRIALS = 5
 _SEEDS = 2**31  # what OMPL takes, and one less
+_SECONDS = 1.0  # of search, unless told otherwise
+_NO_LIMIT_S = 1e8  # three years
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,6 +51,8 @@ class Route:
         roadmap, when that found the route; else of all routes, taking no notice of obstacles.
     bound_covers : {"roadmap", "all routes"}
         Which of the two.
+    shortest : Route or None
+        The shortest route that the same search came by; this one has no more drift. None if this is a shortest one.
     """
 
     path: Floats
@@ -57,6 +62,7 @@ class Route:
     status: Status
     bound: float
     bound_covers: Literal["roadmap", "all routes"]
+    shortest: Route | None = None
 
     @property
     def length(self) -> float:
@@ -81,7 +87,8 @@ def plan_route(
     max_detour: float | None = None,
     candidates: Iterable[ArrayLike] = (),
     start_heading: float | None = None,
-    time_limit: float = 1.0,
+    time_limit: float | None = None,
+    iterations: int | None = None,
     seed: int = 0,
 ) -> Route:
     """The collision-free route on which odometry drifts least by the time the robot is at the goal.
@@ -111,11 +118,15 @@ def plan_route(
         collides is refused.
     start_heading : float, optional
         Heading at the start, rad: then the first turn counts too.
-    time_limit : float
-        Seconds of search. The roadmap's first batch is completed in any case, and four while no path is known;
-        polishing the paths of OMPL's planners is not counted.
+    time_limit : float, optional
+        Seconds of search; default 1, and none with ``iterations``. While no path is known, four batches of the roadmap
+        are completed in any case. Not counted: growing the obstacles by the robot's radius, once for a world, and
+        polishing the paths of OMPL's planners.
+    iterations : int, optional
+        Ends every search after so many: batches of the roadmap (each has twice as many samples as the one before), or
+        iterations of OMPL's planners. The same seed then gives the same route, to the last bit.
     seed : int
-        Same seed, same samples; how many are drawn depends on the time.
+        Same seed, same samples; how many are drawn depends on the time, unless ``iterations`` says.
 
     Returns
     -------
@@ -148,6 +159,8 @@ def plan_route(
         raise ValueError("expected no max_detour with minimise='length', which makes none: got both")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < _SEEDS:
         raise ValueError(f"expected seed a whole number >= 0 and < {_SEEDS}, got {seed!r}")
+    if iterations is not None and not (isinstance(iterations, (int, np.integer)) and iterations >= 1):
+        raise ValueError(f"expected iterations a whole number >= 1, got {iterations!r}")
     if planner != ROADMAP:
         from driftplan.planning.ompl_solve import check_planner
 
@@ -156,27 +169,33 @@ def plan_route(
         raise ValueError("expected exact=True with minimise='drift' only: lengths need no exact search")
     if exact and planner != ROADMAP:
         raise ValueError(f"expected exact=True with planner='{ROADMAP}' only, got planner={planner!r}")
-    ends = checked_ends(world, start, goal, noise, minimise, time_limit, None, start_heading)
+    seconds = time_limit if time_limit is not None else _SECONDS if iterations is None else _NO_LIMIT_S
+    ends = checked_ends(world, start, goal, noise, minimise, seconds, None, start_heading)
     check_connected(world, ends)
     given = [_candidate(world, ends, path) for path in candidates]
-    search = _Search(world, ends, noise, planner, start_heading, int(seed))
+    search = _Search(world, ends, noise, planner, start_heading, int(seed), iterations)
     if (ends[0] == ends[1]).all():
         return search.route(ends, minimise, _Found((ends,), Status.OPTIMAL, 0.0))
     if minimise == "length":
-        found = search.run("length", world, time_limit)
+        found = search.run("length", world, seconds, candidates=given)
         pool = [*found.paths, *given]
-        return search.route(min(search.some(pool, time_limit), key=_length), "length", found)
+        return search.route(min(search.some(pool, seconds), key=_length), "length", found)
 
-    shortest = search.run("length", world, _SHARE_OF_SHORTEST * time_limit).paths
+    brief = search.run("length", world, _SHARE_OF_SHORTEST * seconds, candidates=given)
+    known = [*given, *brief.paths]
     shares = 1 if max_detour is None else 1 + _DETOUR_TRIALS
-    each = (1 - _SHARE_OF_SHORTEST) * time_limit / shares
-    found = search.run("drift", world, each, exact)
-    pool = [*given, *shortest, *(search.polish(path) for path in shortest), *found.paths]
-    longest = math.inf if max_detour is None else max_detour * min(map(_length, search.some(pool, time_limit)))
+    each = (1 - _SHARE_OF_SHORTEST) * seconds / shares
+    found = search.run("drift", world, each, exact, candidates=known)
+    pool = [*known, *found.paths]
+    if planner != ROADMAP:  # which has polished what it was given
+        pool += [search.polish(path) for path in brief.paths]
+    shortest = min(search.some(pool, seconds), key=_length)
+    longest = math.inf if max_detour is None else max_detour * _length(shortest)
     if all(_length(path) > longest for path in found.paths):
         pool += search.within_detour(longest, each)
-    fitting = [path for path in search.some(pool, time_limit) if _length(path) <= longest * (1 + 1e-9)]
-    return search.route(min(fitting, key=search.mean_square), "drift", found)
+    fitting = [path for path in pool if _length(path) <= longest * (1 + 1e-9)]
+    route = search.route(min(fitting, key=search.mean_square), "drift", found)
+    return changed(route, shortest=search.route(shortest, "length", brief))
 
 
 class _Found(NamedTuple):
@@ -191,17 +210,25 @@ class _Search:
     """The searches of one call of `plan_route`."""
 
     def __init__(
-        self, world: World, ends: Floats, noise: OdometryNoise, planner: str, start_heading: float | None, seed: int
+        self,
+        world: World,
+        ends: Floats,
+        noise: OdometryNoise,
+        planner: str,
+        start_heading: float | None,
+        seed: int,
+        iterations: int | None,
     ) -> None:
         self.world, self.ends, self.noise = world, ends, noise
-        self.planner, self.start_heading, self.seed = planner, start_heading, seed
+        self.planner, self.start_heading, self.seed, self.iterations = planner, start_heading, seed, iterations
 
     def some(self, pool: list[Floats], time_limit: float) -> list[Floats]:
         """The paths, if there are any."""
         if not pool:
+            within = f"{time_limit:g} s" if self.iterations is None else f"{self.iterations} iterations"
             raise NoPathError(
-                f"{self.planner} found no path from {said(self.ends[0])} to {said(self.ends[1])} within "
-                f"{time_limit:g} s, though free space connects them: allow more time, or use planner='{ROADMAP}'"
+                f"{self.planner} found no path from {said(self.ends[0])} to {said(self.ends[1])} within {within}, "
+                f"though free space connects them: allow more, or use planner='{ROADMAP}'"
             )
         return pool
 
@@ -212,8 +239,12 @@ class _Search:
         time_limit: float,
         exact: bool = False,
         noise: OdometryNoise | None = None,
+        candidates: Sequence[Floats] = (),
     ) -> _Found:
-        """The planner's best path, as it is and polished; no path if it found none in time."""
+        """The planner's best path, as it is and polished; no path if it found none in time.
+
+        The roadmap begins with the ``candidates``; OMPL's planners cannot be told.
+        """
         noise = noise or self.noise
         if self.planner == ROADMAP:
             try:
@@ -225,8 +256,10 @@ class _Search:
                     minimise=minimise,
                     exact=exact,
                     time_limit=time_limit,
+                    batches=self.iterations,
                     seed=self.seed,
                     start_heading=self.start_heading,
+                    candidates=candidates,
                 )
             except NoPathError:
                 return _Found((), Status.TIME_LIMIT, None)
@@ -234,13 +267,23 @@ class _Search:
         from driftplan.planning.ompl_solve import solve
 
         priced = noise if minimise == "drift" else None
+        began = time.perf_counter()
         raw = solve(
-            world, self.ends[0], self.ends[1], priced, planner=self.planner, time_limit=time_limit, seed=self.seed
+            world,
+            self.ends[0],
+            self.ends[1],
+            priced,
+            planner=self.planner,
+            time_limit=time_limit,
+            iterations=self.iterations,
+            seed=self.seed,
         )
+        in_time = self.iterations is not None and time.perf_counter() - began < time_limit
+        status = Status.ITERATIONS_DONE if in_time else Status.TIME_LIMIT
         if raw is None:
-            return _Found((), Status.TIME_LIMIT, None)
+            return _Found((), status, None)
         pricing = Pricing(world, self.ends[1], noise, minimise)
-        return _Found((raw, polished(pricing, raw, self.start_heading)), Status.TIME_LIMIT, None)
+        return _Found((raw, polished(pricing, raw, self.start_heading)), status, None)
 
     def polish(self, path: Floats) -> Floats:
         return polished(Pricing(self.world, self.ends[1], self.noise, "drift"), path, self.start_heading)
@@ -393,6 +436,7 @@ def _candidate(world: World, ends: Floats, path: ArrayLike) -> Floats:
             f"expected candidates from {said(ends[0])} to {said(ends[1])}, got one from {said(points[0])} to "
             f"{said(points[-1])}"
         )
+    points = np.concatenate([ends[:1], points[1:-1], ends[1:]])  # to the last digit
     free = world.segments_free(points[:-1], points[1:])
     if not free.all():
         leg = int(np.argmin(free))
