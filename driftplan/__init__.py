@@ -15,10 +15,14 @@ if TYPE_CHECKING:
     from .beacons.beacon import drift_with_beacons as drift_with_beacons
     from .beacons.itinerary import Itinerary as Itinerary
     from .beacons.layout import Layout as Layout
+    from .beacons.layout_files import installer_table as installer_table
+    from .beacons.layout_files import layout_csv as layout_csv
+    from .beacons.layout_files import layout_geojson as layout_geojson
     from .beacons.layout_files import load_beacons as load_beacons
     from .beacons.pareto import pareto_routes as pareto_routes
     from .beacons.placement import beacon_tradeoff as beacon_tradeoff
     from .beacons.placement import place_beacons as place_beacons
+    from .beacons.placement_problem import SiteGroup as SiteGroup
     from .beacons.plan import plan_route as plan_route
     from .beacons.roadmap_planner import RoadmapPlanner as RoadmapPlanner
     from .errors import DriftplanError as DriftplanError
@@ -52,6 +56,11 @@ if TYPE_CHECKING:
     from .planning.routes import Comparison as Comparison
     from .planning.routes import Route as Route
     from .planning.routes import compare_routes as compare_routes
+    from .report.plot_beacons import layout_figure as layout_figure
+    from .report.plot_beacons import plot_importance as plot_importance
+    from .report.plot_beacons import plot_layout as plot_layout
+    from .report.plot_beacons import plot_sawtooth as plot_sawtooth
+    from .report.plot_beacons import plot_tradeoff as plot_tradeoff
     from .report.plotting import plot_comparison as plot_comparison
     from .report.plotting import plot_drift as plot_drift
     from .report.plotting import plot_route as plot_route
@@ -73,9 +82,10 @@ _HOME = {
     "beacons.beacon": "Beacon BeaconKind drift_with_beacons",
     "beacons.itinerary": "Itinerary",
     "beacons.layout": "Layout",
-    "beacons.layout_files": "load_beacons",
+    "beacons.layout_files": "installer_table layout_csv layout_geojson load_beacons",
     "beacons.pareto": "pareto_routes",
     "beacons.placement": "beacon_tradeoff place_beacons",
+    "beacons.placement_problem": "SiteGroup",
     "beacons.plan": "plan_route",
     "beacons.roadmap_planner": "RoadmapPlanner",
     "errors": ("DriftplanError GoalError InfeasibleError MapError NoPathError PlannerError StartError TrajectoryError"),
@@ -93,6 +103,7 @@ _HOME = {
     "planning.objective": "DriftObjective",
     "planning.ompl_paths": "predict_ompl_path",
     "planning.routes": "Comparison Route compare_routes",
+    "report.plot_beacons": "layout_figure plot_importance plot_layout plot_sawtooth plot_tradeoff",
     "report.plotting": "plot_comparison plot_drift plot_route plot_world",
     "world.mapfiles": "bundled_map bundled_maps load_world save_world",
     "world.noise_files": "load_noise save_noise",
