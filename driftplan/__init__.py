@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from .beacons.beacon import Beacon as Beacon
     from .beacons.beacon import BeaconKind as BeaconKind
     from .beacons.beacon import drift_with_beacons as drift_with_beacons
+    from .beacons.co_design import CoDesign as CoDesign
+    from .beacons.co_design import Trip as Trip
+    from .beacons.co_design import co_design as co_design
     from .beacons.itinerary import Itinerary as Itinerary
     from .beacons.layout import Layout as Layout
     from .beacons.layout_files import installer_table as installer_table
@@ -80,6 +83,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "beacons.beacon": "Beacon BeaconKind drift_with_beacons",
+    "beacons.co_design": "CoDesign Trip co_design",
     "beacons.itinerary": "Itinerary",
     "beacons.layout": "Layout",
     "beacons.layout_files": "installer_table layout_csv layout_geojson load_beacons",

@@ -67,6 +67,8 @@ class ItinerarySearch:
         Asked often; once it says True every question ends with the best answer so far and `timed_out` is set.
     stop_shortening : callable, optional
         The same for shortening what was found; default: ``stop``.
+    shortest : (n, 2) array, optional
+        The shortest path, where it is known from another search.
 
     Attributes
     ----------
@@ -98,6 +100,7 @@ class ItinerarySearch:
         seed: int = 0,
         stop: Callable[[], bool] = lambda: False,
         stop_shortening: Callable[[], bool] | None = None,
+        shortest: Floats | None = None,
     ) -> None:
         self.space, self.world, self.ends, self.noise, self.beacons = space, world, ends, noise, beacons
         self.nodes, self.seed = nodes, seed
@@ -105,7 +108,7 @@ class ItinerarySearch:
         self.check = ItineraryCheck(world, noise, beacons, initial, start_heading, redundancy, min_capture)
         self.labels, self.most_labels = 0, _LABELS
         self.timed_out = self.exhausted = False
-        self.shortest = self._shortest()
+        self.shortest = self._shortest() if shortest is None else shortest
         self.nearest: tuple[Floats, float] = (ends[0], length_of(self.shortest))
         self._roadmap: tuple[float, Roadmap] | None = None
         self._graphs: dict[float, BeaconRoadmap] = {}

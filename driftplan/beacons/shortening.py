@@ -53,7 +53,9 @@ def _without_needless(path: Floats, space: Space, holds: Callable[[Floats], bool
             if not free[k] or key in tried:
                 continue
             without = np.delete(path, k + 1, axis=0)
-            if holds(without):
+            if _distance(left[k], right[k]) < 1e-9:  # there and back again: what is left of it is one place
+                without = np.delete(without, k + 1 if k + 2 < len(without) else k, axis=0)
+            if len(without) > 1 and holds(without):
                 path = without
                 break
             tried.add(key)
@@ -74,6 +76,9 @@ def _pulled(path: Floats, space: Space, holds: Callable[[Floats], bool], stop: C
         places = here + np.array(_SHARES)[:, None] * (target - here)
         free = space.segments_free(np.broadcast_to(left, places.shape), places)
         free &= space.segments_free(places, np.broadcast_to(right, places.shape))
+        free &= (_distance(places, left) > 1e-6) & (
+            _distance(places, right) > 1e-6
+        )  # to leave it out is tried elsewhere
         for place in places[free]:
             if stop():
                 return path
