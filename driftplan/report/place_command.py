@@ -54,7 +54,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         help="instead of one layout: the least worst drift for every number of beacons up to N",
     )
     wanted.add_argument("--time-limit", type=float, default=60.0, metavar="S", help="seconds to search (default: 60)")
-    _add_kind_options(parser)
+    add_kind_options(parser)
     sites = parser.add_argument_group("where beacons may go")
     sites.add_argument(
         "--candidates",
@@ -116,7 +116,8 @@ def place(args: argparse.Namespace) -> None:
     _tell_curve(args, beacon_tradeoff(world, routes, noise, up_to=args.tradeoff, **options))
 
 
-def _add_kind_options(parser: argparse.ArgumentParser) -> None:
+def add_kind_options(parser: argparse.ArgumentParser) -> None:
+    """What beacons may be placed; `kind_from` makes it."""
     kind = parser.add_argument_group("the beacons")
     kind.add_argument(
         "--kind",
@@ -141,7 +142,8 @@ def _add_kind_options(parser: argparse.ArgumentParser) -> None:
     kind.add_argument("--through-walls", action="store_true", help="landmarks are seen through walls")
 
 
-def _kind(args: argparse.Namespace) -> BeaconKind:
+def kind_from(args: argparse.Namespace) -> BeaconKind:
+    """The kind of beacon that the options describe."""
     from driftplan.beacons.beacon import BeaconKind
 
     common: dict[str, Any] = {"detection_probability": args.detection_probability}
@@ -166,13 +168,13 @@ def _sites(args: argparse.Namespace, world: World, routes: list[Floats]) -> dict
             raise ValueError("expected --candidates, or --sites and --spacing-m to generate them, got both")
         if Path(args.candidates).suffix.lower() in (".geojson", ".json"):
             return {"candidates": load_beacons(args.candidates)}
-        return {"candidates": read_path(args.candidates)[:, :2], "kind": _kind(args)}
+        return {"candidates": read_path(args.candidates)[:, :2], "kind": kind_from(args)}
     spacing = args.range_m if args.spacing_m is None else args.spacing_m
     if args.sites == "walls":
-        return {"candidates": wall_sites(world, spacing), "kind": _kind(args)}
+        return {"candidates": wall_sites(world, spacing), "kind": kind_from(args)}
     if args.sites == "routes":
-        return {"candidates": route_sites(routes, spacing), "kind": _kind(args)}
-    return {"spacing_m": spacing, "kind": _kind(args)}
+        return {"candidates": route_sites(routes, spacing), "kind": kind_from(args)}
+    return {"spacing_m": spacing, "kind": kind_from(args)}
 
 
 def _tell_layout(args: argparse.Namespace, layout: Layout) -> None:
