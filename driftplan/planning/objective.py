@@ -24,11 +24,13 @@ from driftplan.world.world import World
 class DriftObjective(ob.OptimizationObjective):
     """Cost in m²: the additive upper bound of the expected squared position error at the goal.
 
-    For every planner of OMPL that minimises a cost: RRTstar, InformedRRTstar, SORRTstar, BITstar. Works in R^2, SE(2),
-    Dubins, Reeds-Shepp, R^3 and SE(3) spaces. Motions are priced exactly, arc by arc where they are curves; noise per
-    radian turned is priced wherever states have headings (in R^2 turns lie between motions, where OMPL has no price for
-    them; `driftplan.plan_route` with ``planner="roadmap"`` has). See `driftplan.planning.cost` for what the additive
-    cost leaves out, and `predict_ompl_path` for the exact drift of the path found.
+    For every planner of OMPL that minimises a cost: RRTstar, InformedRRTstar, SORRTstar, BITstar. (PRM and PRMstar
+    wait for ever for an objective in Python; FMT, BFMT and AORRTC do not minimise it: see `PLANNERS` and `REFUSED`
+    of `driftplan.planning.ompl_solve`.) Works in R^2, SE(2), Dubins, Reeds-Shepp, R^3 and SE(3) spaces. Motions are
+    priced exactly, arc by arc where they are curves; noise per radian turned is priced wherever states have
+    headings (in R^2 turns lie between motions, where OMPL has no price for them; `driftplan.plan_route` with
+    ``planner="roadmap"`` has). See `driftplan.planning.cost` for what the additive cost leaves out, and
+    `predict_ompl_path` for the exact drift of the path found.
 
     Parameters
     ----------
@@ -38,7 +40,9 @@ class DriftObjective(ob.OptimizationObjective):
         In R^3 and SE(3) isotropic: ``heading_var_per_m`` is the variance of each component of the attitude error,
         ``lateral_var_per_m`` that in each of two directions.
     goal : (x, y), (x, y, z), State, GoalState or GoalStates
-        Where accuracy is wanted, metres: one position. Drift is weighed by the distance to it.
+        The place where accuracy is wanted, metres: drift is weighed by the distance to it. Several goal states must
+        share it and differ in heading only. A path may also end elsewhere, where the problem's goal is a region or has
+        a threshold; the cost then bounds the squared error of the place, seen from the robot when it has arrived.
     world : World, optional
         Its zones have noise of their own (plane only). Motions, arcs included, are cut exactly where the zone changes.
     length_weight : float

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from itertools import pairwise
 from math import atan2, inf
 from typing import Any, NamedTuple, Protocol
@@ -13,14 +12,14 @@ from ompl import base as ob
 from ompl import geometric as og
 
 from driftplan.errors import PlannerError
-from driftplan.model.noise import OdometryNoise
 from driftplan.planning.exact_roadmap import Bound
-from driftplan.planning.objective import DriftObjective
 from driftplan.planning.roadmap_graph import Roadmap
 from driftplan.planning.roadmap_growth import RoadmapSearch
-from driftplan.planning.roadmap_pricing import Bools, Floats, Ints, Minimise, Pricing, Space
+from driftplan.planning.roadmap_pricing import Floats, Ints, Pricing, Space
+from driftplan.planning.roadmap_spaces import Asked, Boxed, box_of
+from driftplan.planning.roadmap_targets import Target, target_of
 from driftplan.planning.spaces import SpaceKind, space_kind
-from driftplan.world.world import World, Zone, ZonePieces
+from driftplan.world.world import World
 
 _SAME_PLACE = 1e-9  # m: how far the problem's goal may be from the one that the objective weighs drift by
 
@@ -37,8 +36,11 @@ class RoadmapPlanner(ob.Planner):
     si : ompl.base.SpaceInformation
         Over RealVectorStateSpace(2), or SE2StateSpace together with a ``world``: then turns on the spot at the start,
         at waypoints and at the goal are states of their own, and turn noise counts from the start's heading.
-    objective : DriftObjective or ompl.base.PathLengthOptimizationObjective, optional
-        Default: that of the problem.
+    objective : DriftObjective, PathLengthOptimizationObjective or a MultiOptimizationObjective of these, optional
+        Default: that of the problem. Where the problem has several goals at different places, a DriftObjective made
+        for any one of them does: each goal is planned for with drift weighed by the distance to itself, and the path
+        of least exact drift is returned. Where the problem's goal is a region, the path leads to the place that the
+        DriftObjective was made for, which must be in it.
     world : World, optional
         Collisions are then tested in bulk, and corners are known; the validity checkers of ``si`` are not asked.
         Without it every motion is put to ``si.checkMotion``. An objective with zones needs its world here.
@@ -53,10 +55,12 @@ class RoadmapPlanner(ob.Planner):
     Raises
     ------
     PlannerError
-        For state spaces of other motions, and objectives that are neither of the two.
+        For state spaces of other motions, objectives of other kinds, and goals of a problem that are not where the
+        objective weighs drift.
 
     Examples
     --------
+    >>> from driftplan import DriftObjective, OdometryNoise
     >>> from driftplan.planning.collision import use_world
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
     >>> space = ob.RealVectorStateSpace(2)
@@ -100,10 +104,11 @@ class RoadmapPlanner(ob.Planner):
             )
         self._has_headings = kind is SpaceKind.POSE
         self._world = world
-        self._target = None if objective is None else _target(objective)
+        self._target = None if objective is None else target_of(objective)
         self._seed = int(seed)
         self._exact = bool(exact)
         self._queries: list[_Query] = []
+        self._scale = 1.0
         self._bound: Bound | None = None
 
     def clear(self) -> None:
@@ -142,16 +147,17 @@ class RoadmapPlanner(ob.Planner):
         problem = self.getProblemDefinition()
         objective = problem.getOptimizationObjective()
         if not self._queries:
-            starts, goals = self._ends()
+            target = self._target or target_of(objective)
+            starts, goals = self._ends(target)
             if not starts or not goals:
                 wrong = ob.PlannerStatus.INVALID_START if not starts else ob.PlannerStatus.INVALID_GOAL
                 return ob.PlannerStatus(wrong)
-            target = self._target or _target(objective)
+            self._scale = target.scale
             self._queries = [self._query(target, start, goal) for goal in goals for start in starts]
         self._bound = None
         while not ptc():
             growing = [query.search for query in self._queries if not query.search.is_done]
-            if not growing or objective.isSatisfied(ob.Cost(self._best().search.additive_cost)):
+            if not growing or objective.isSatisfied(ob.Cost(self._scale * self._best().search.additive_cost)):
                 break
             for search in growing:
                 search.grow(ptc)
@@ -167,36 +173,63 @@ class RoadmapPlanner(ob.Planner):
     def _best(self) -> _Query:
         return min(self._queries, key=lambda query: query.search.cost)
 
-    def _ends(self) -> tuple[list[Any], list[Any]]:
-        """Coordinates of the valid starts and goals: x, y and, where there are headings, yaw."""
+    def _ends(self, target: Target) -> tuple[list[_Pose], list[_Pose]]:
+        """The valid starts and goals."""
         inputs = self.getPlannerInputStates()
         inputs.restart()
         starts, goals = [], []
         while inputs.haveMoreStartStates() and (state := inputs.nextStart()) is not None:
             starts.append(self._read(state))
+        goal = self.getProblemDefinition().getGoal()
+        if not isinstance(goal, (ob.GoalState, ob.GoalStates)):
+            return starts, self._within(goal, target)
         while inputs.haveMoreGoalStates() and (state := inputs.nextGoal()) is not None:
             goals.append(self._read(state))
+        if goals and target.goal is not None:
+            places = [(goal.x, goal.y) for goal in goals]
+            if all(np.abs(np.subtract(place, target.goal)).max() > _SAME_PLACE for place in places):
+                raise PlannerError(
+                    f"expected the problem's goal where the objective weighs drift, at {target.goal}, got "
+                    f"{places[0] if len(places) == 1 else places}: make the DriftObjective for that goal"
+                )
         return starts, goals
 
-    def _read(self, state: Any) -> tuple[float, ...]:
-        if self._has_headings:
-            return state.getX(), state.getY(), state.getYaw()
-        return state[0], state[1]
-
-    def _query(self, target: _Target, start: tuple[float, ...], goal: tuple[float, ...]) -> _Query:
-        place = np.array(goal[:2])
-        if target.goal is not None and np.abs(place - target.goal).max() > _SAME_PLACE:
+    def _within(self, region: Any, target: Target) -> list[_Pose]:
+        """The place in a goal region that the objective was made for, if that is valid."""
+        si = self.getSpaceInformation()
+        if target.goal is None:
             raise PlannerError(
-                f"expected the problem's goal where the objective weighs drift, at {target.goal}, got {goal[:2]}: make "
-                "the DriftObjective for that goal"
+                f"expected goal states for the shortest path, got a {type(region).__name__}: the roadmap needs to know "
+                "where it is to lead"
             )
+        state = si.allocState()
+        if self._has_headings:
+            state.setXY(*target.goal)
+            state.setYaw(0.0)
+        else:
+            state[0], state[1] = target.goal
+        if not region.isSatisfied(state):
+            raise PlannerError(
+                f"expected a goal region around the place where the objective weighs drift, {target.goal}, which is "
+                "not in it: make the DriftObjective for a place in the region"
+            )
+        x, y = target.goal
+        return [_Pose(x, y, None)] if si.isValid(state) else []
+
+    def _read(self, state: Any) -> _Pose:
+        if self._has_headings:
+            return _Pose(state.getX(), state.getY(), state.getYaw())
+        return _Pose(state[0], state[1], None)
+
+    def _query(self, target: Target, start: _Pose, goal: _Pose) -> _Query:
+        place = np.array(goal[:2])
         si = self.getSpaceInformation()
         zones = target.zones(self._world)
-        box = _box(si.getStateSpace())
-        space: Space = _Asked(si, box) if self._world is None else _Boxed(self._world, box, zones)
-        heading = start[2] if self._has_headings else None
-        search = self._search(Pricing(space, place, target.noise, target.minimise), np.array(start[:2]), heading)
-        return _Query(search, goal[2] if self._has_headings else 0.0)
+        box = box_of(si.getStateSpace())
+        space: Space = Asked(si, box) if self._world is None else Boxed(self._world, box, zones)
+        pricing = Pricing(space, place, target.noise, target.minimise)
+        search = self._search(pricing, np.array(start[:2]), start.yaw)
+        return _Query(search, goal.yaw)
 
     def _search(self, pricing: Pricing, start: Floats, start_heading: float | None) -> Growing:
         """What looks for paths from one start to one goal; planners that know more have another."""
@@ -243,123 +276,18 @@ class _Query(NamedTuple):
     """From one start to one goal."""
 
     search: Growing
-    goal_yaw: float  # rad; where there are no headings it means nothing
+    goal_yaw: float | None  # rad; any where it is None
 
 
-class _Target(NamedTuple):
-    """What an OMPL objective asks for, without the objective."""
+class _Pose(NamedTuple):
+    """A start or goal, metres and rad; without a heading where there are none, or any will do."""
 
-    minimise: Minimise
-    noise: OdometryNoise
-    goal: tuple[float, ...] | None  # where drift is weighed, metres
-    zone_noises: tuple[OdometryNoise, ...]
-
-    def zones(self, world: World | None) -> tuple[Zone, ...]:
-        """The world's zones as far as the objective prices them."""
-        if not self.zone_noises:
-            return ()
-        if world is None or len(world.zones) != len(self.zone_noises):
-            raise PlannerError(
-                f"expected the world whose {len(self.zone_noises)} zones the objective prices, got {world!r}: give the "
-                "planner the same world as the objective"
-            )
-        return tuple(replace(zone, noise=noise) for zone, noise in zip(world.zones, self.zone_noises, strict=True))
+    x: float
+    y: float
+    yaw: float | None
 
 
-def _target(objective: Any) -> _Target:
-    if isinstance(objective, DriftObjective):
-        weight = objective.length_weight
-        noises = [_with_length(noise, weight) for noise in (objective.noise, *objective.zone_noises)]
-        return _Target("drift", noises[0], tuple(objective.goal), tuple(noises[1:]))
-    if isinstance(objective, ob.PathLengthOptimizationObjective):
-        return _Target("length", OdometryNoise(), None, ())
-    raise PlannerError(
-        "expected a DriftObjective or PathLengthOptimizationObjective, which the roadmap can price in bulk, got "
-        f"{type(objective).__name__}"
-    )
-
-
-def _with_length(noise: OdometryNoise, weight: float) -> OdometryNoise:
-    """Noise whose mean square drift is that of ``noise`` plus ``weight`` m² per metre driven."""
-    if weight == 0:
-        return noise
-    if noise.heading_distance_corr != 0 or noise.is_systematic:
-        raise PlannerError(
-            "expected length_weight=0 with correlated or systematic errors: their drift and length do not add up"
-        )
-    return replace(noise, distance_var_per_m=noise.distance_var_per_m + weight)
-
-
-def _box(space: Any) -> tuple[float, float, float, float]:
-    """(xmin, ymin, xmax, ymax) of a state space, metres."""
-    bounds = space.getBounds()
-    (xmin, ymin), (xmax, ymax) = list(bounds.low)[:2], list(bounds.high)[:2]
-    if not (xmin < xmax and ymin < ymax):
-        raise PlannerError(f"expected a state space with bounds, got x {xmin}..{xmax}, y {ymin}..{ymax}")
-    return xmin, ymin, xmax, ymax
-
-
-class _Boxed:
-    """A world within the bounds of a state space."""
-
-    def __init__(self, world: World, box: tuple[float, float, float, float], zones: tuple[Zone, ...]) -> None:
-        low, high = np.maximum(box[:2], world.bounds[:2]), np.minimum(box[2:], world.bounds[2:])
-        self.bounds: tuple[float, float, float, float] = (*low.tolist(), *high.tolist())
-        self.zones = zones
-        self.robot_radius = world.robot_radius
-        self._world, self._low, self._high = world, low, high
-
-    def is_free(self, xy: Floats, /) -> Bools:
-        return np.asarray(((xy >= self._low) & (xy <= self._high)).all(axis=-1) & self._world.is_free(xy))
-
-    def segments_free(self, a: Floats, b: Floats, /) -> Bools:
-        return self._world.segments_free(a, b)  # their ends are in the box, which is convex
-
-    def corners(self, tolerance_m: float | None = None, /) -> Floats:
-        corners = self._world.corners(tolerance_m)
-        return corners[self.is_free(corners)]
-
-    def zone_pieces(self, a: Floats, b: Floats, /) -> ZonePieces:
-        return self._world.zone_pieces(a, b)
-
-
-class _Asked:
-    """Whatever the checkers of a SpaceInformation over R^2 say, state by state and motion by motion."""
-
-    zones: tuple[Zone, ...] = ()
-
-    def __init__(self, si: Any, box: tuple[float, float, float, float]) -> None:
-        self.bounds = box
-        self._si = si
-        self._states = si.allocState(), si.allocState()
-
-    def is_free(self, xy: Floats, /) -> Bools:
-        valid, (state, _) = self._si.isValid, self._states
-        free = []
-        for state[0], state[1] in xy.reshape(-1, 2).tolist():
-            free.append(valid(state))
-        return np.array(free, dtype=bool).reshape(xy.shape[:-1])
-
-    def segments_free(self, a: Floats, b: Floats, /) -> Bools:
-        valid, (begin, end) = self._si.checkMotion, self._states
-        free = []
-        ends = zip(a.reshape(-1, 2).tolist(), b.reshape(-1, 2).tolist(), strict=True)
-        for (begin[0], begin[1]), (end[0], end[1]) in ends:
-            # Both ways round: OMPL's own validator takes the first state for valid, and rounds differently backwards.
-            free.append(valid(begin, end) and valid(end, begin))
-        return np.array(free, dtype=bool).reshape(a.shape[:-1])
-
-    def corners(self, tolerance_m: float | None = None, /) -> Floats:
-        """None are known."""
-        return np.zeros((0, 2))
-
-    def zone_pieces(self, a: Floats, b: Floats, /) -> ZonePieces:
-        """Every motion whole: there are no zones."""
-        n = len(a)
-        return ZonePieces(np.arange(n), np.zeros(n), np.ones(n), np.full(n, -1))
-
-
-def _poses(xy: Floats, start_yaw: float, goal_yaw: float) -> Iterator[tuple[float, float, float]]:
+def _poses(xy: Floats, start_yaw: float, goal_yaw: float | None) -> Iterator[tuple[float, float, float]]:
     """Poses along a path, turns on the spot as two poses at one place."""
     yaw = start_yaw
     yield *xy[0].tolist(), yaw
@@ -369,5 +297,5 @@ def _poses(xy: Floats, start_yaw: float, goal_yaw: float) -> Iterator[tuple[floa
             yield x0, y0, course
         yield x1, y1, course
         yaw = course
-    if goal_yaw != yaw:
+    if goal_yaw is not None and goal_yaw != yaw:
         yield *xy[-1].tolist(), goal_yaw

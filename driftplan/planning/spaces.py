@@ -165,7 +165,8 @@ def goal_position(goal: Any, kind: SpaceKind) -> tuple[float, ...]:
     elif isinstance(goal, ob.Goal):
         raise ValueError(
             f"expected a goal at one position, got a {type(goal).__name__}: a region has no single place where "
-            "accuracy is wanted. Give the point that matters, for instance the region's centre, as goal=(x, y)"
+            "accuracy is wanted. Give the point that matters, for instance the region's centre, as goal=(x, y): paths "
+            "may end anywhere in the region"
         )
     else:
         try:
@@ -180,6 +181,7 @@ def goal_position(goal: Any, kind: SpaceKind) -> tuple[float, ...]:
     if any(other != point for other in points):
         raise ValueError(
             f"expected goal states that share one position, got {len(set(points))} different ones: the cost of drift "
-            "depends on which goal is reached. Make one objective per goal and keep the route of least exact drift"
+            "depends on which goal is reached, and no sum over motions knows that. Make one objective per goal and "
+            "keep the route of least exact drift; RoadmapPlanner, given the objective of one goal, does so by itself"
         )
     return point

@@ -11,8 +11,10 @@ import shapely
 from ompl import base as ob
 from ompl import geometric as og
 
+from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.cost import CostRates, edge_cost, geodesic_cost, turn_cost
+from driftplan.planning.collision import use_world
+from driftplan.planning.cost import CostRates, bracket, edge_cost, geodesic_cost, turn_cost
 from driftplan.planning.objective import DriftObjective
 from driftplan.planning.roadmap_pricing import Pricing
 from driftplan.world.world import World, Zone
@@ -309,6 +311,28 @@ def test_ompls_own_mix_of_objectives_works():
     assert mix.motionCost(a, b).value() == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.parametrize("planner", [og.RRTstar, og.InformedRRTstar, og.SORRTstar, og.BITstar])
+def test_planners_take_ompls_mix(planner):
+    si = information("plane")
+    use_world(si, World.from_polygons([], bounds=(-10, -10, 10, 10), robot_radius=0.1))
+    si.setup()
+    start, goal = si.allocState(), si.allocState()
+    start[0], start[1], goal[0], goal[1] = -8.0, -8.0, 8.0, 8.0
+    mix = ob.MultiOptimizationObjective(si)
+    mix.addObjective(DriftObjective(si, NOISE, goal), 2.0)
+    mix.addObjective(ob.PathLengthOptimizationObjective(si), 0.5)
+    straight = mix.motionCost(start, goal).value()
+    mix.setCostThreshold(ob.Cost(1.05 * straight))
+    pdef = ob.ProblemDefinition(si)
+    pdef.setStartAndGoalStates(start, goal)
+    pdef.setOptimizationObjective(mix)
+    chosen = planner(si)
+    chosen.setProblemDefinition(pdef)
+    chosen.setup()
+    chosen.solve(60.0)
+    assert straight * (1 - 1e-9) <= pdef.getSolutionPath().cost(mix).value() < 1.05 * straight
+
+
 def test_a_planner_stops_when_the_error_is_small_enough():
     si = information("plane")
     si.setStateValidityChecker(lambda state: True)
@@ -408,6 +432,50 @@ def test_several_goal_positions_and_goal_regions_are_refused():
 
     with pytest.raises(ValueError, match=r"at one position, got a Disc: .* the region's centre"):
         DriftObjective(si, NOISE, Disc(si))
+
+
+def test_where_paths_end_elsewhere_the_cost_bounds_the_error_of_the_place_seen_from_there():
+    """The place is where an errorless run from the end of the path leads, in the estimate as in truth."""
+    si = information("plane")
+    place = np.array([3.0, -2.0])
+    noise = OdometryNoise(heading_var_per_m=2e-3, distance_var_per_m=1e-3)
+    objective = DriftObjective(si, noise, tuple(place))
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        xy = rng.uniform(-9, 9, (5, 2))
+        states = [si.allocState() for _ in xy]
+        for state, (x, y) in zip(states, xy.tolist(), strict=True):
+            state[0], state[1] = x, y
+        cost = sum(objective.motionCost(a, b).value() for a, b in pairwise(states))
+        seen = predict_drift(np.concatenate([xy, [place]]), [noise] * 4 + [OdometryNoise()]).end
+        assert float(bracket(seen.heading_std)) * cost <= float(seen.rms) ** 2 <= cost * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("planner", [og.RRTstar, og.InformedRRTstar])
+def test_planners_reach_a_goal_region(planner):
+    class Half(ob.GoalRegion):
+        def distanceGoal(self, state):
+            return max(0.0, 4.0 - state[0])
+
+    si = information("plane")
+    use_world(si, World.from_polygons([], bounds=(-10, -10, 10, 10), robot_radius=0.1))
+    si.setup()
+    start = si.allocState()
+    start[0], start[1] = -8.0, 0.0
+    pdef = ob.ProblemDefinition(si)
+    pdef.addStartState(start)
+    goal = Half(si)
+    pdef.setGoal(goal)
+    objective = DriftObjective(si, NOISE, (8.0, 0.0))
+    objective.setCostThreshold(objective.infiniteCost())
+    pdef.setOptimizationObjective(objective)
+    chosen = planner(si)
+    chosen.setProblemDefinition(pdef)
+    chosen.setup()
+    assert chosen.solve(60.0)
+    assert pdef.hasExactSolution()
+    path = pdef.getSolutionPath()
+    assert path.getState(path.getStateCount() - 1)[0] >= 4.0
 
 
 @pytest.mark.parametrize("goal", [(1.0,), (1.0, 2.0, 3.0), (np.nan, 1.0), (np.inf, 0.0), "here", None, [[1.0, 2.0]]])

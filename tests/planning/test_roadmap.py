@@ -177,6 +177,85 @@ def test_the_best_of_several_starts_is_taken():
     np.testing.assert_array_equal(waypoints(setup)[0], [10.5, 8.0])
 
 
+@pytest.mark.parametrize("nearer", [0, 1])
+def test_of_several_goals_the_one_with_the_least_drift_is_driven_to(nearer):
+    """Each is planned for with drift weighed by the distance to itself, whichever the objective was made for."""
+    goals = [GOAL, (2.0, 8.0)]
+    setup, si = plane()
+    states = ob.GoalStates(si)
+    for x, y in goals:
+        state = si.allocState()
+        state[0], state[1] = x, y
+        states.addState(state)
+    setup.setGoal(states)
+    objective = DriftObjective(si, NOISE, goals[nearer])
+    setup.setOptimizationObjective(objective)
+    planner = RoadmapPlanner(si, objective, WORLD)
+    solve(setup, planner)
+    costs = [plan_on_roadmap(WORLD, START, goal, NOISE, batches=2, time_limit=60).cost for goal in goals]
+    np.testing.assert_array_equal(waypoints(setup)[-1], goals[int(np.argmin(costs))])
+    assert planner._best().search.cost == pytest.approx(min(costs), rel=1e-9)
+
+
+class Disc(ob.GoalRegion):
+    """All within a metre of the goal."""
+
+    def distanceGoal(self, state):
+        return max(0.0, float(np.hypot(state[0] - GOAL[0], state[1] - GOAL[1])) - 1.0)
+
+
+def test_in_a_goal_region_the_path_leads_to_the_place_of_the_objective():
+    inside, outside = (GOAL[0] - 0.5, GOAL[1]), (GOAL[0] - 1.5, GOAL[1])
+    setup, si = plane()
+    setup.setGoal(Disc(si))
+    objective = DriftObjective(si, NOISE, inside)
+    setup.setOptimizationObjective(objective)
+    assert solve(setup, RoadmapPlanner(si, objective, WORLD))
+    np.testing.assert_array_equal(waypoints(setup)[-1], inside)
+    setup.clear()
+    setup.setPlanner(RoadmapPlanner(si, DriftObjective(si, NOISE, outside), WORLD))
+    with pytest.raises(PlannerError, match="which is not in it"):
+        setup.solve(20.0)
+    setup.setPlanner(RoadmapPlanner(si, ob.PathLengthOptimizationObjective(si), WORLD))
+    with pytest.raises(PlannerError, match="expected goal states for the shortest path, got a Disc"):
+        setup.solve(20.0)
+
+
+def test_a_region_with_endlessly_many_goals_does_not_hang_it():
+    setup, si = plane()
+    everywhere = ob.GoalSpace(si)
+    everywhere.setSpace(si.getStateSpace())
+    setup.setGoal(everywhere)
+    objective = DriftObjective(si, NOISE, GOAL)
+    setup.setOptimizationObjective(objective)
+    assert solve(setup, RoadmapPlanner(si, objective, WORLD), batches=1)
+    np.testing.assert_array_equal(waypoints(setup)[-1], GOAL)
+
+
+def test_ompls_mix_of_drift_and_length_is_planned_for_like_the_objectives_own():
+    paths = []
+    for mixed in (False, True):
+        setup, si = plane()
+        objective = DriftObjective(si, NOISE, GOAL, length_weight=0.0 if mixed else 0.5)
+        if mixed:
+            drift, objective = objective, ob.MultiOptimizationObjective(si)
+            objective.addObjective(drift, 2.0)
+            objective.addObjective(ob.PathLengthOptimizationObjective(si), 0.7)
+            objective.addObjective(ob.PathLengthOptimizationObjective(si), 0.3)
+        setup.setOptimizationObjective(objective)
+        planner = RoadmapPlanner(si, world=WORLD)
+        solve(setup, planner)
+        paths.append(waypoints(setup))
+        times = 2.0 if mixed else 1.0
+        cost = setup.getSolutionPath().cost(objective).value()
+        assert times * planner._best().search.additive_cost == pytest.approx(cost, rel=1e-9)
+    np.testing.assert_array_equal(*paths)
+    setup.clear()
+    objective.setCostThreshold(ob.Cost(1.01 * cost))  # of the mix, not of its drift
+    assert setup.solve(60.0)
+    assert setup.getSolutionPath().cost(objective).value() <= 1.01 * cost
+
+
 def test_samples_stay_within_the_bounds_of_the_space():
     setup, si = plane(bounds=(0, 0, 16, 9.5))
     objective = DriftObjective(si, NOISE, GOAL)
@@ -270,10 +349,24 @@ def test_an_allocator_and_the_benchmark_tool_take_it():
 
 
 def test_objectives_that_cannot_be_priced_in_bulk_are_refused():
+    class Own(DriftObjective):
+        def motionCost(self, a, b):
+            return ob.Cost(1.0)
+
     _, si = plane()
-    mixed = ob.MultiOptimizationObjective(si)
-    with pytest.raises(PlannerError, match="got MultiOptimizationObjective"):
-        RoadmapPlanner(si, mixed)
+    drift, length = DriftObjective(si, NOISE, GOAL), ob.PathLengthOptimizationObjective(si)
+    with pytest.raises(PlannerError, match="got StateCostIntegralObjective"):
+        RoadmapPlanner(si, ob.StateCostIntegralObjective(si, True))
+    with pytest.raises(PlannerError, match="got an empty one"):
+        RoadmapPlanner(si, ob.MultiOptimizationObjective(si))
+    for parts in ([(drift, 1.0), (drift, 1.0)], [(drift, -1.0)], [(length, 0.0)], [(Own(si, NOISE, GOAL), 1.0)]):
+        mixed = ob.MultiOptimizationObjective(si)
+        for part, weight in parts:
+            mixed.addObjective(part, weight)
+        with pytest.raises(PlannerError, match=r"of one DriftObjective and path lengths|a motionCost of its own"):
+            RoadmapPlanner(si, mixed)
+    with pytest.raises(PlannerError, match="got Own with a motionCost of its own"):
+        RoadmapPlanner(si, Own(si, NOISE, GOAL))
     correlated = OdometryNoise(heading_var_per_m=1e-3, heading_distance_corr=0.5)
     with pytest.raises(PlannerError, match="length_weight=0"):
         RoadmapPlanner(si, DriftObjective(si, correlated, GOAL, length_weight=1.0))
