@@ -17,6 +17,8 @@ from .moments import Moments, compose, scan
 from .noise import Noises, OdometryNoise, noise_of_legs
 from .paths import Runs, read_path
 
+_SHORT_HOPS = 16  # legs between fixes: up to here on average they are composed one by one
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointDrift:
@@ -273,6 +275,8 @@ def _along(pieces: Moments, start: Moments, fixes: list[tuple[int, Fix]]) -> tup
     due: dict[int, list[Fix]] = {}
     for border, fix in fixes:
         due.setdefault(border, []).append(fix)
+    if last <= _SHORT_HOPS * len(due):
+        return _leg_by_leg(pieces, start, due)
     before = [np.empty(last + 1, complex) for _ in start.arrays()]
     after = [np.empty(last + 1, complex) for _ in start.arrays()]
     _write(before, slice(0, 1), start)
@@ -289,6 +293,30 @@ def _along(pieces: Moments, start: Moments, fixes: list[tuple[int, Fix]]) -> tup
         _write(after, slice(stop, stop + 1), state)
         begin = stop
     return _as_moments(before), _as_moments(after)
+
+
+def _leg_by_leg(pieces: Moments, start: Moments, due: dict[int, list[Fix]]) -> tuple[Moments, Moments]:
+    """`_along` with Python's numbers: where hops are short, numpy's calls would cost ten times as much."""
+    legs = zip(*(x.tolist() for x in pieces.arrays()), strict=True)
+    state = _numbers(start)
+    before, after = [state], []
+    for border, leg in enumerate([*legs, None]):
+        for fix in due.get(border, ()):
+            state = _numbers(apply_fix(state, fix))
+        after.append(state)
+        if leg is not None:
+            state = compose(state, Moments(*leg))
+            before.append(state)
+    return _stacked(before), _stacked(after)
+
+
+def _numbers(moments: Moments) -> Moments:
+    return Moments(*(np.asarray(x).item() for x in moments.arrays()))
+
+
+def _stacked(states: list[Moments]) -> Moments:
+    columns = zip(*((s.u, s.p, s.d1, s.d2, s.D, s.e1, s.N, s.e2, s.a, s.b) for s in states), strict=True)
+    return _as_moments([np.array(column, dtype=complex) for column in columns])
 
 
 def _write(arrays: list[NDArray[Any]], where: slice, values: Moments) -> None:

@@ -125,3 +125,19 @@ def test_bad_fixes_are_refused(arguments, message):
 def test_bad_position_std_is_refused():
     with pytest.raises(ValueError, match="position_std_m finite, got nan"):
         Fix.position(1.0, position_std_m=float("nan"))
+
+
+@pytest.mark.parametrize("chance", [1.0, 0.6])
+def test_leg_by_leg_and_hop_by_hop_find_the_same(chance, monkeypatch):
+    path = np.random.default_rng(2).uniform(0, 30, (12, 2))
+    noise = OdometryNoise(heading_var_per_m=1e-2, distance_var_per_m=1e-3, heading_bias_per_m=0.01)
+    fixes = [
+        Fix.full(0.0, position_std_m=0.1, heading_std=0.05),
+        *(Fix.position(s, position_std_m=0.2, detection_probability=chance) for s in (3.0, 40.0, 40.0, 90.0)),
+        Fix.heading(40.0, heading_std=0.1, detection_probability=chance),
+    ]
+    short = predict_drift(path, noise, fixes=fixes)
+    monkeypatch.setattr("driftplan.model.drift._SHORT_HOPS", 0)
+    long = predict_drift(path, noise, fixes=fixes)
+    for x, y in zip(short.profile().moments.arrays(), long.profile().moments.arrays(), strict=True):
+        np.testing.assert_allclose(x, y, rtol=1e-11, atol=1e-13)
