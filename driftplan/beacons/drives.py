@@ -6,6 +6,7 @@ at all borders between, and inside the pieces where that leaves a doubt.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import combinations
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ Bools = NDArray[np.bool_]
 
 HOLDS = -1
 _NO_LIMIT_M = 1e9
+_AT_ONCE = 200_000  # borders: what more drives than that would take in memory
 
 
 class Layouts(NamedTuple):
@@ -32,7 +34,7 @@ class Layouts(NamedTuple):
     Attributes
     ----------
     route : (drives,)
-    drive, event : (readings,) in driving order within each drive
+    drive, event : (readings,) drive by drive, in driving order within each
     """
 
     route: Ints
@@ -44,6 +46,14 @@ class Layouts(NamedTuple):
         number = np.cumsum(which) - 1
         mine = which[self.drive]
         return Layouts(self.route[which], number[self.drive[mine]], self.event[mine])
+
+    def parts(self, slots: Ints) -> Iterator[Layouts]:
+        """The drives in portions that fit in memory; ``slots`` as in `Tracks`."""
+        size = np.cumsum(slots[self.route] + 1) // _AT_ONCE
+        firsts = np.flatnonzero(np.diff(size, prepend=-1))
+        for begin, end in zip(firsts.tolist(), [*firsts[1:].tolist(), len(self.route)], strict=True):
+            here = slice(*np.searchsorted(self.drive, [begin, end]).tolist())
+            yield Layouts(self.route[begin:end], self.drive[here] - begin, self.event[here])
 
 
 def drives_of(tracks: Tracks, chosen: Bools, routes: Ints, redundancy: int = 1) -> Layouts:
@@ -65,6 +75,11 @@ def drives_of(tracks: Tracks, chosen: Bools, routes: Ints, redundancy: int = 1) 
 
 def worst_squares(spans: Spans, layouts: Layouts) -> Floats:
     """Greatest E|e|² anywhere on each drive, as `driftplan.model.worst.worst_rms` means it, m²."""
+    found = [_worst_squares(spans, part) for part in layouts.parts(spans.tracks.slots)]
+    return np.concatenate(found) if found else np.zeros(0)
+
+
+def _worst_squares(spans: Spans, layouts: Layouts) -> Floats:
     worst = np.zeros(len(layouts.route))
     forgets = spans.forgets[layouts.route]
     if forgets.any():
@@ -97,6 +112,14 @@ def _with_insides(spans: Spans, layouts: Layouts, hops: _Hops, borders: _Borders
 
 def first_breach(spans: Spans, layouts: Layouts, limit: Limit) -> tuple[Ints, Bools]:
     """The first slot of each drive in which the limit breaks (`HOLDS`: none), and whether at the slot's start."""
+    found = [_first_breach(spans, part, limit) for part in layouts.parts(spans.tracks.slots)]
+    if not found:
+        return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
+    slots, early = zip(*found, strict=True)
+    return np.concatenate(slots), np.concatenate(early)
+
+
+def _first_breach(spans: Spans, layouts: Layouts, limit: Limit) -> tuple[Ints, Bools]:
     breach = np.full(len(layouts.route), HOLDS)
     early = np.zeros(len(layouts.route), dtype=bool)
     forgets = spans.forgets[layouts.route]

@@ -12,10 +12,10 @@ import numpy as np
 
 from driftplan.beacons.beacon import Beacon, BeaconColumns, drift_with_beacons
 from driftplan.beacons.covering import Outcome
-from driftplan.beacons.drives import Layouts, worst_squares
+from driftplan.beacons.drives import Layouts, drives_of, worst_squares
 from driftplan.beacons.passes import passes_of
 from driftplan.beacons.spans import Spans
-from driftplan.beacons.tracks import lay_tracks
+from driftplan.beacons.tracks import Tracks, lay_tracks
 from driftplan.model.drift import Drift, PointDrift
 from driftplan.model.fixes import Fix
 from driftplan.model.inputs import Floats
@@ -53,6 +53,24 @@ class Task:
         columns = BeaconColumns.of(beacons)
         found = passes_of(self.routes[route], columns.xy, columns.range_m, columns.must_see, self.world)
         return [beacons[i] for i in np.unique(found.beacon)]
+
+    def tracks(self, beacons: Sequence[Beacon], least_limit_m: float) -> Tracks:
+        """The routes with the readings of these beacons only."""
+        return lay_tracks(
+            self.routes, self.noise, beacons, self.world, start_fix=self.start_fix, least_limit_m=least_limit_m
+        )
+
+    def worst_of_failures(self, beacons: Sequence[Beacon], least_limit_m: float) -> Floats:
+        """Greatest score on every route with the worst set of at most redundancy - 1 dead beacons, metres."""
+        if self.confidence is not None:
+            routes = range(len(self.routes))
+            return np.array([max(self.worst(drift) for _, drift in self.failures(beacons, r)) for r in routes])
+        tracks, worst = self.tracks(beacons, least_limit_m), np.zeros(len(self.routes))
+        spans, everyone = Spans(tracks), np.ones(len(beacons), dtype=bool)
+        for r in range(len(self.routes)):
+            drives = drives_of(tracks, everyone, np.array([r]), self.redundancy)
+            worst[r] = np.sqrt(worst_squares(spans, drives).max())
+        return worst
 
     def failures(self, beacons: Sequence[Beacon], route: int) -> Iterator[tuple[tuple[Beacon, ...], Drift]]:
         """Every set of at most redundancy - 1 dead beacons on a route, and the drift without them."""
@@ -148,15 +166,7 @@ class Layout:
         """Greatest rms on a route without one beacon, for pairs of a beacon and a route that meets it, all at once."""
         if not pairs:
             return []
-        task = self.task
-        tracks = lay_tracks(
-            task.routes,
-            task.noise,
-            everyone,
-            task.world,
-            start_fix=task.start_fix,
-            least_limit_m=min(self.max_drift),
-        )
+        tracks = self.task.tracks(everyone, min(self.max_drift))
         number = {beacon: k for k, beacon in enumerate(everyone)}
         alive = [tracks.events_of(r) for _, r in pairs]
         events = [np.arange(here.start, here.stop) for here in alive]

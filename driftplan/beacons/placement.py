@@ -229,7 +229,7 @@ class _Search:
         tracks: Tracks | None = None,
     ):
         self.problem, self.began, self.progress = problem, began, progress
-        check = _CHECK_S * len(problem.task.routes) * problem.task.redundancy
+        check = _CHECK_S * len(problem.task.routes)
         self.deadline = began + max(time_limit - check, 0.75 * time_limit)
         self.tracks = tracks
         self.spans: Spans | None = None
@@ -320,12 +320,12 @@ class _Search:
     def _worst(self, chosen: NDArray[np.bool_]) -> float:
         """Greatest drift on any route, with the beacons dead that may be."""
         task, everyone = self.problem.task, (*self.problem.existing, *self.problem.chosen(chosen))
-        routes = np.arange(len(task.routes))
-        if task.confidence is None and self.tracks is not None:
-            self.spans = self.spans or Spans(self.tracks)
-            drives = drives_of(self.tracks, chosen, routes, task.redundancy)
-            return float(np.sqrt(worst_squares(self.spans, drives).max()))
-        return max(task.worst(drift) for r in routes.tolist() for _, drift in task.failures(everyone, r))
+        if task.confidence is not None:
+            return float(task.worst_of_failures(everyone, np.inf).max())
+        assert self.tracks is not None
+        self.spans = self.spans or Spans(self.tracks)
+        drives = drives_of(self.tracks, chosen, np.arange(len(task.routes)), task.redundancy)
+        return float(np.sqrt(worst_squares(self.spans, drives).max()))
 
     def _layout(
         self,
@@ -336,20 +336,24 @@ class _Search:
         limits: tuple[float, ...],
         drift_bound: float,
     ) -> Layout:
-        """The layout, once the exact model has agreed that it keeps the limits."""
+        """The layout, once the exact model has agreed that it keeps the limits.
+
+        With all beacons alive that is `drift_with_beacons`; with some dead, drives on tables laid for this layout only.
+        """
         problem, task = self.problem, self.problem.task
         everyone = (*problem.existing, *problem.chosen(chosen))
-        drifts = []
+        drifts = tuple(task.drift(r, everyone) for r in range(len(limits)))
+        worst = np.array([task.worst(drift) for drift in drifts])
+        if task.redundancy > 1:
+            worst = np.maximum(worst, task.worst_of_failures(everyone, min(limits)))
         rounding = _ROUNDING if task.confidence is None else _RADIUS_ROUNDING
-        for r, limit in enumerate(limits):
-            for gone, drift in task.failures(everyone, r):
-                if task.worst(drift) > limit * (1 + rounding):
-                    raise RuntimeError(
-                        f"the search accepted a layout whose drift on route {r} is {task.worst(drift):.9g} m with "
-                        f"{[b.id for b in gone]} dead, above {limit:.9g} m: a bug in driftplan, please report it"
-                    )
-                if not gone:
-                    drifts.append(drift)
+        over = worst / np.array(limits)
+        r = int(np.argmax(over))
+        if over[r] > 1 + rounding:
+            raise RuntimeError(
+                f"the search accepted a layout whose drift on route {r} is {worst[r]:.9g} m, above {limits[r]:.9g} m, "
+                f"with {task.redundancy - 1} of {[b.id for b in everyone]} dead: a bug in driftplan, please report it"
+            )
         return Layout(
             beacons=problem.chosen(chosen),
             existing=problem.existing,
@@ -359,7 +363,7 @@ class _Search:
             status=status,
             max_drift=limits,
             drift_bound=drift_bound,
-            drifts=tuple(drifts),
+            drifts=drifts,
             seconds=time.monotonic() - self.began,
             task=task,
         )

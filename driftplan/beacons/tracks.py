@@ -199,7 +199,9 @@ def _joined(rows: list[_Row], sites: Sequence[Beacon], start_fix: Fix | None) ->
     bends = np.array([bend_rates(noise) for noise in noises])[which]
     spreads = np.array([_translation(noise) for noise in noises])[which]
     site = np.concatenate([row.site for row in rows])
-    stds = np.array([(b.kind.position_std_m, b.kind.heading_std) for b in sites], dtype=float)  # None becomes NaN
+    stds = np.array([(b.kind.position_std_m, b.kind.heading_std) for b in sites], dtype=float).reshape(
+        -1, 2
+    )  # None: NaN
     law = law_moments("gaussian", stds[:, 1] ** 2)
     return Tracks(
         first_piece=np.concatenate([[0], np.cumsum([len(row.length) for row in rows])]).astype(np.intp),

@@ -213,6 +213,18 @@ def test_from_reading_to_reading_and_piece_by_piece_the_same_slot_breaks(noise, 
         np.testing.assert_allclose(worst_squares(spans, layouts), worst_squares(stepwise, layouts), rtol=1e-9)
 
 
+def test_drives_in_portions_are_judged_as_all_at_once(monkeypatch):
+    tracks, _, drives = drives_on_two_routes(NOISE, 0.5)
+    spans, limit = Spans(tracks), Limit(np.full(2, 0.5))
+    together = [(worst_squares(spans, some), *first_breach(spans, some, limit)) for some in drives]
+    monkeypatch.setattr("driftplan.beacons.drives._AT_ONCE", 3 * int(tracks.slots.max()))
+    assert all(len(list(some.parts(tracks.slots))) > 1 for some in drives)
+    for some, expected in zip(drives, together, strict=True):
+        found = worst_squares(spans, some), *first_breach(spans, some, limit)
+        for x, y in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(x, y)
+
+
 def densely(drift, spacing_m=1e-2):
     """The greatest rms by looking everywhere: a profile so dense that nothing hides between its points."""
     return float(drift.profile(spacing_m).rms.max())

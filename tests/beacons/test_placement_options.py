@@ -66,6 +66,12 @@ def test_without_need_no_beacon_is_placed():
     assert (layout.beacons, layout.cost, layout.lower_bound, layout.proven, layout.gap) == ((), 0.0, 0.0, True, 0.0)
 
 
+@pytest.mark.parametrize("confidence", [None, 0.9])
+def test_without_need_no_beacon_is_placed_for_the_others_to_die(confidence):
+    layout = place_beacons(None, ROUTE, NOISE, max_drift=100.0, kind=SIGN, redundancy=3, confidence=confidence)
+    assert (layout.beacons, layout.proven) == ((), True)
+
+
 def test_limits_may_differ_between_routes():
     strict, loose = 0.4, 100.0
     layout = place_beacons(None, ROUTES, NOISE, max_drift=[strict, loose], kind=SIGN, spacing_m=4.0)
