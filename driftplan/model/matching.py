@@ -4,8 +4,9 @@ A `Stretch` is what calibration works on: knots at about equal true distances al
 and the true pose at each. True distance is the odometry's, corrected piece by piece by the truth's chords: jitter of
 the truth then does not lengthen the way, and where a segment ends does not depend on the errors that are to be measured
 (a segment that ends when the *odometry* has counted 10 m hides its distance error in its length, and one that counts a
-wrong turn for a longer one gets less weight). The angle turned is the true heading's where that is known, and counted
-with a play as wide as its jitter, because absolute values of jitter add up.
+wrong turn for a longer one gets less weight). Turns are the true heading's likewise; where that is not measured, the
+odometry's, put right by the angle between its chords and the true ones. The angle turned either way is counted with a
+play as wide as the heading's jitter, because absolute values of jitter add up.
 """
 
 from __future__ import annotations
@@ -79,8 +80,8 @@ class Stretch(NamedTuple):
     truth : complex array, shape (K,)
     truth_heading : array, shape (K,), or None
     turns, angles : arrays, shape (K - 1,)
-        Heading change between knots by the odometry, signed; and the angle turned in either direction, rad: the true
-        one with true headings, else the odometry's.
+        True heading change between knots, signed, and the angle truly turned in either direction, rad. Without true
+        headings: as far as positions tell.
     """
 
     driven: Floats
@@ -168,9 +169,12 @@ def match(
 
     stretches = []
     driven = _true_distance(odometry, travelled, times, positions, _RULER_KNOTS * spacing_m)
-    turned = _angle_turned(odometry, times, headings)
+    if headings is None:
+        turning = _turning_of_course(odometry, driven, times, positions, spacing_m)
+    else:
+        turning = _measured_turning(odometry, times, headings)
     for begin, end in pieces:
-        stretch = _stretch(odometry, driven, turned, begin, end, times, positions, headings, spacing_m)
+        stretch = _stretch(odometry, driven, turning, begin, end, times, positions, headings, spacing_m)
         if stretch is not None:
             stretches.append(stretch)
     if heading_offset is None:
@@ -232,7 +236,7 @@ def _true_distance(
 def _stretch(
     odometry: OdometryLog,
     driven: Floats,
-    turned: tuple[Floats, Floats],
+    turning: _Turning,
     begin: float,
     end: float,
     times: Floats,
@@ -254,25 +258,53 @@ def _stretch(
     at, distances = at[apart], distances[apart]
     if at.size < 2:
         return None
-    heading = np.interp(at, odometry.times, odometry.headings)
     return Stretch(
         distances,
         interpolated(at, odometry.times, odometry.positions),
-        heading,
+        np.interp(at, odometry.times, odometry.headings),
         interpolated(at, times, positions),
         None if headings is None else np.interp(at, times, headings),
-        np.diff(heading),
-        np.diff(np.interp(at, *turned)),
+        np.diff(np.interp(at, turning.times, turning.heading)),
+        np.diff(np.interp(at, turning.times, turning.turned)),
     )
 
 
-def _angle_turned(odometry: OdometryLog, times: Floats, headings: Floats | None) -> tuple[Floats, Floats]:
-    """Times, and the angle turned in either direction until then: of the true heading if there is one."""
-    if headings is None:
-        jitter = _spread(np.diff(odometry.headings, n=2)) / sqrt(6)
-        return odometry.times, _turned(odometry.headings, _PLAY_SAID * jitter)
+class _Turning(NamedTuple):
+    """The true heading (rad, but for a constant), and the angle turned in either direction until then, at times."""
+
+    times: Floats
+    heading: Floats
+    turned: Floats
+
+
+def _measured_turning(odometry: OdometryLog, times: Floats, headings: Floats) -> _Turning:
     jitter = _spread(np.diff(headings - np.interp(times, odometry.times, odometry.headings))) / sqrt(2)
-    return times, _turned(headings, _PLAY_TRUE * jitter)
+    return _Turning(times, headings, _turned(headings, _PLAY_TRUE * jitter))
+
+
+def _turning_of_course(
+    odometry: OdometryLog, driven: Floats, times: Floats, positions: Complexes, spacing_m: float
+) -> _Turning:
+    """The odometry's heading and what is wrong with it: the angle from its chords to the true ones, whatever way the
+    robot drives along them."""
+    marks = np.unique(np.searchsorted(driven, np.arange(driven[0], driven[-1], spacing_m)))
+    seen = (odometry.times[marks] >= times[0]) & (odometry.times[marks] <= times[-1])
+    marks = marks[seen] if seen.any() else marks[:1]
+    half = _RULER_KNOTS // 2
+    k = np.arange(len(marks))
+    low, high = marks[np.maximum(k - half, 0)], marks[np.minimum(k + half, len(marks) - 1)]
+    said = odometry.positions[high] - odometry.positions[low]
+    was = interpolated(odometry.times[high], times, positions) - interpolated(odometry.times[low], times, positions)
+    telling = np.minimum(np.abs(said), np.abs(was)) > 0.5 * (driven[high] - driven[low])
+    if not telling.any():
+        wrong, jitter = np.zeros(len(odometry.times)), 0.0
+    else:
+        angle = np.unwrap(np.angle(was[telling] * np.conj(said[telling])))
+        wrong = np.interp(odometry.times, odometry.times[marks[telling]], angle)
+        jitter = _spread(np.diff(angle, n=2)) / sqrt(6)
+    heading = odometry.headings + wrong
+    own = _spread(np.diff(odometry.headings, n=2)) / sqrt(6)
+    return _Turning(odometry.times, heading, _turned(heading, max(_PLAY_SAID * own, _PLAY_TRUE * jitter)))
 
 
 def _turned(headings: Floats, play_rad: float) -> Floats:

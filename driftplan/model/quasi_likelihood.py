@@ -235,17 +235,18 @@ class RmsSpread(NamedTuple):
 
 
 def rms_spread(ladder: Ladder, solution: Solution, replicates: Floats, confidence: float, where: slice) -> RmsSpread:
-    """Spread of the predicted rms of the observed values ``where``, to first order in the parameters."""
+    """Spread of the predicted rms of the observed values ``where``: its logarithm to first order in the parameters."""
     noise, truth = models(solution.names, solution.theta)
     mean, cov = ladder.expected(ladder.windows(noise), truth)
     m, C = mean[:, where], cov[:, where, where]
     square = ladder.by_rung((m**2).sum(axis=1) + np.trace(C, axis1=1, axis2=2))
     slope = 2 * (m[:, None] * solution.d_mean[:, :, where]).sum(axis=-1)
     slope = ladder.by_rung(slope + np.trace(solution.d_cov[:, :, where, where], axis1=2, axis2=3))
-    squares = square + (replicates - solution.theta) @ slope.T
+    square = np.maximum(square, 1e-300)
+    logs = (replicates - solution.theta) @ slope.T / square  # of the mean square: it is positive, and skew as few slips
     tail = (1 - confidence) / 2
-    low_high = np.sqrt(np.maximum(np.quantile(squares, [tail, 1 - tail], axis=0), 0.0)).T
-    return RmsSpread(low_high, squares.std(axis=0) / (2 * np.sqrt(np.maximum(square, 1e-300))))
+    low_high = np.sqrt(square * np.exp(np.quantile(logs, [tail, 1 - tail], axis=0))).T
+    return RmsSpread(low_high, 0.5 * np.sqrt(square) * logs.std(axis=0))
 
 
 def elsewhere(ladder: Ladder, solution: Solution) -> Solution:

@@ -62,6 +62,8 @@ class SegmentCheck:
     ----------
     lengths : tuple of LengthCheck
         Shortest first.
+    errors_m : tuple of arrays
+        Position errors of all segments, metres, by length.
     has_heading : bool
         Whether segments were aligned by measured headings.
     notes : tuple of str
@@ -69,6 +71,7 @@ class SegmentCheck:
     """
 
     lengths: tuple[LengthCheck, ...]
+    errors_m: tuple[Floats, ...]
     has_heading: bool
     notes: tuple[str, ...]
 
@@ -145,7 +148,12 @@ def check_segments(
             )
         )
     allowed = np.zeros(len(lengths)) if rms_errors_m is None else rms_errors_m
-    return SegmentCheck(lengths=tuple(lengths), has_heading=ladder.has_heading, notes=_verdict(lengths, allowed))
+    return SegmentCheck(
+        lengths=tuple(lengths),
+        errors_m=tuple(np.sqrt(squares[ladder.rung == k]) for k in range(len(lengths))),
+        has_heading=ladder.has_heading,
+        notes=_verdict(lengths, allowed),
+    )
 
 
 def _interval(intervals: Floats | None, k: int, value: float) -> tuple[float, float]:

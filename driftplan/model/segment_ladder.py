@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .inputs import Floats
 from .matching import Match, Stretch, match
-from .moments import Moments
 from .noise import OdometryNoise
 from .recordings import OdometryLog, Trajectory
-from .segments import Observations, TruthNoise, expect, observe, pieces, windows
+from .segments import Observations, TruthNoise, Windows, expect, observe, windows_of
 
 _STRIDES = 4  # segments of a length begin every 1/4 of it
 _KNOTS = 8  # pieces of the shortest segment, or of its half where segments are aligned by their first half
@@ -73,20 +72,18 @@ class Ladder:
         """Which of the observed values are the position error at a segment's end."""
         return slice(0, 2) if self.has_heading else slice(1, 3)
 
-    def windows(self, noise: OdometryNoise) -> dict[int, dict[int, Moments]]:
-        """Moments of all segments under a noise, by stretch and number of pieces."""
+    def windows(self, noise: OdometryNoise) -> dict[int, Windows]:
+        """Moments of all segments under a noise, by stretch."""
         needed: dict[int, list[int]] = {}
         for rung in self.rungs:
             for i, _ in rung.sets:
                 needed.setdefault(i, []).append(rung.steps)
-        return {i: windows(pieces(self.stretches[i], noise), steps) for i, steps in needed.items()}
+        return {i: windows_of(self.stretches[i], noise, steps) for i, steps in needed.items()}
 
-    def expected(self, found: dict[int, dict[int, Moments]], truth: TruthNoise) -> tuple[Floats, Floats]:
+    def expected(self, found: dict[int, Windows], truth: TruthNoise) -> tuple[Floats, Floats]:
         """Mean (n, 3) and covariance (n, 3, 3) of the observations, from what `windows` found."""
         parts = [
-            expect(self.stretches[i], seen, found[i][rung.steps], rung.steps, truth)
-            for rung in self.rungs
-            for i, seen in rung.sets
+            expect(self.stretches[i], seen, found[i], rung.steps, truth) for rung in self.rungs for i, seen in rung.sets
         ]
         return np.concatenate([mean for mean, _ in parts]), np.concatenate([cov for _, cov in parts])
 

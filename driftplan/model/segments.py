@@ -5,8 +5,9 @@ The error of a segment can only be stated once estimate and truth are aligned at
 * With a measured true heading: by it. The observation is (e_x, e_y, sin φ), the position error in metres in the robot's
   true frame at the start, φ the heading error gained. Mean and covariance follow exactly from the moment algebra.
 * With positions alone: by the chord over a first part as long as the rest. The observation is (excess length of the
-  first chord, error of the second chord along and across), in the frame of the first chord. Mean to second order and
-  covariance to first order in the alignment error; the moments that enter are exact.
+  first chord, error of the second chord along and across), in the frame of the first chord. Both chords begin in the
+  middle, one of them driven backwards, so that their errors x and y are independent and as small as can be; mean and
+  covariance are those of the second-order expansion in x and y, whose moments are exact.
 
 Errors of the truth itself (white, of each position coordinate and of the heading) enter as they should: at both ends,
 and through the alignment.
@@ -67,29 +68,49 @@ def observe(stretch: Stretch, steps: int, stride: int) -> Observations:
 
 
 def expect(
-    stretch: Stretch, seen: Observations, window: Moments, steps: int, truth: TruthNoise
+    stretch: Stretch, seen: Observations, found: Windows, steps: int, truth: TruthNoise
 ) -> tuple[Floats, Floats]:
     """Mean (n, 3) and covariance (n, 3, 3) of the observations, from the moments of all windows of ``steps`` pieces."""
-    if stretch.truth_heading is not None:
-        return _expect_with_heading(seen, window, truth)
-    return _expect_positions(seen, window, steps, truth)
+    ahead = found.ahead[steps]
+    if found.back is None:
+        return _expect_with_heading(seen, ahead[seen.starts], truth)
+    middle = seen.starts + steps
+    return _expect_positions(seen, found.back[steps][len(stretch.turns) - middle], ahead[middle], truth)
 
 
-def pieces(stretch: Stretch, noise: OdometryNoise) -> Moments:
+class Windows(NamedTuple):
+    """Moments of runs of consecutive pieces, by their number: driven ahead from every knot, and where segments are
+    aligned by chords also back from every knot, last first."""
+
+    ahead: dict[int, Moments]
+    back: dict[int, Moments] | None
+
+
+def windows_of(stretch: Stretch, noise: OdometryNoise, steps: Sequence[int]) -> Windows:
+    """The moments that `expect` needs for segments of these numbers of pieces."""
+    ahead = windows(pieces(stretch, noise), steps)
+    return Windows(ahead, None if stretch.truth_heading is not None else windows(_back(stretch, noise), steps))
+
+
+def _back(stretch: Stretch, noise: OdometryNoise) -> Moments:
+    """Moments of the odometry from knot to knot when the stretch is driven back: what `pieces` says of it, inverted."""
+    reverse = stretch._replace(
+        driven=-stretch.driven[::-1], truth=stretch.truth[::-1], turns=-stretch.turns[::-1], angles=stretch.angles[::-1]
+    )
+    return pieces(reverse, noise, way=-1)
+
+
+def pieces(stretch: Stretch, noise: OdometryNoise, way: int = 1) -> Moments:
     """Moments of the odometry between knots, in world coordinates: half of the heading error, the move, the other half.
 
     The random errors grow with the true distance between knots and the angle turned. Relative error of E|e|² over n
-    pieces: 1/(2n²).
+    pieces: 1/(2n²). On the ``way`` back (-1), a heading bias per metre turns the other way.
     """
     length = np.diff(stretch.driven)
-    if stretch.truth_heading is not None:
-        turn, angle = np.diff(stretch.truth_heading), stretch.angles
-    else:
-        angle = stretch.angles / (1 + noise.heading_bias_per_rad)
-        turn = (stretch.turns - noise.heading_bias_per_m * length) / (1 + noise.heading_bias_per_rad)
+    turn, angle = stretch.turns, stretch.angles
     move = np.diff(stretch.truth)
     spread = noise.heading_var_per_m * length + noise.heading_var_per_rad * angle
-    mean = noise.heading_bias_per_m * length + noise.heading_bias_per_rad * turn
+    mean = way * noise.heading_bias_per_m * length + noise.heading_bias_per_rad * turn
     half = _heading_error(spread / 2, mean / 2)
     along = noise.distance_var_per_m * length + noise.distance_var_per_rad * angle
     across = noise.lateral_var_per_m * length
@@ -155,8 +176,7 @@ def _observe_with_heading(stretch: Stretch, heading: Floats, steps: int, stride:
     return Observations(starts, np.stack([e.real, e.imag, np.sin(gained)], axis=-1), frame, driven)
 
 
-def _expect_with_heading(seen: Observations, window: Moments, truth: TruthNoise) -> tuple[Floats, Floats]:
-    w = window[seen.starts]
+def _expect_with_heading(seen: Observations, w: Moments, truth: TruthNoise) -> tuple[Floats, Floats]:
     e1, e2 = w.e1 / seen.frame, w.e2 / seen.frame**2
     sine = w.d1.imag
     sine_square = -0.5 * (2 * w.d1 + w.d2).real
@@ -191,43 +211,41 @@ def _observe_positions(stretch: Stretch, steps: int, stride: int) -> Observation
     return Observations(starts, values, frame, np.abs(first).astype(complex))
 
 
-def _expect_positions(seen: Observations, window: Moments, steps: int, truth: TruthNoise) -> tuple[Floats, Floats]:
-    A, B = window[seen.starts], window[seen.starts + steps]
-    first, second = seen.chord.real, B.p / seen.frame
-    # errors x, y of the two chords; y = e_B + δ_A q_B with q_B = p_B + e_B the second estimated chord
-    q1 = B.p + B.e1
-    Q = np.abs(B.p) ** 2 + 2 * (np.conj(B.p) * B.e1).real + B.N
-    q2 = B.p**2 + 2 * B.p * B.e1 + B.e2
-    x1 = A.e1
-    y1 = B.e1 + A.d1 * q1
-    yy_ = B.N + 2 * (np.conj(A.d1) * (np.conj(B.p) * B.e1 + B.N)).real + A.D * Q
-    yy = B.e2 + 2 * A.d1 * (B.p * B.e1 + B.e2) + A.d2 * q2
-    xy_ = A.e1 * np.conj(B.e1) + A.a * np.conj(q1)  # E[x conj(y)]
-    xy = A.e1 * B.e1 + A.b * q1  # E[x y]
-
-    # in the frame of the mean estimated first chord c1, centred; minus the truth's position errors n1 - n0 and n2 - n1
-    mean_first = first + x1 / seen.frame
+def _expect_positions(seen: Observations, back: Moments, ahead: Moments, truth: TruthNoise) -> tuple[Floats, Floats]:
+    # chords as estimated: first + x, second + y, in the heading of the middle; errors of the truth are minus theirs
+    x1, x2, X = -back.e1, back.e2, back.N
+    y1, y2, Y = ahead.e1, ahead.e2, ahead.N
+    mean_first = seen.chord.real + x1 / seen.frame
     c1 = np.abs(mean_first)
-    g = seen.frame * mean_first / c1
-    c2 = seen.frame * (second + y1 / seen.frame) / g
+    g = seen.frame * mean_first / c1  # the frame of the mean estimated first chord
+    second = ahead.p / seen.frame
+    c2 = (ahead.p + y1) / g
     v = truth.position_var
-    cov = np.zeros((len(c1), 4, 4))  # of Re x, Im x, Re y, Im y
-    cov[:, :2, :2] = _planar_cov(A.N - np.abs(x1) ** 2 + 4 * v, (A.e2 - x1**2) / g**2)
-    cov[:, 2:, 2:] = _planar_cov(yy_ - np.abs(y1) ** 2 + 4 * v, (yy - y1**2) / g**2)
-    k_, k = xy_ - x1 * np.conj(y1) - 2 * v, (xy - x1 * y1) / g**2
-    cov[:, 0, 2], cov[:, 0, 3] = (k_ + k).real / 2, (k - k_).imag / 2
-    cov[:, 1, 2], cov[:, 1, 3] = (k_ + k).imag / 2, (k_ - k).real / 2
-    cov[:, 2:, :2] = np.swapaxes(cov[:, :2, 2:], 1, 2)
+    cov = np.zeros((len(c1), 4, 4))  # of Re x, Im x, Re y, Im y there
+    cov[:, :2, :2] = _planar_cov(X - np.abs(x1) ** 2 + 4 * v, (x2 - x1**2) / g**2)
+    cov[:, 2:, 2:] = _planar_cov(Y - np.abs(y1) ** 2 + 4 * v, (y2 - y1**2) / g**2)
+    for k in (0, 1):
+        cov[:, k, 2 + k] = cov[:, 2 + k, k] = -v
 
-    # observed: |c1 + x| - first, and (c2 + y) exp(-jψ) - second with ψ = Im x/c1 - Re x Im x/c1²
-    im_x_square, re_x_im_x = cov[:, 1, 1], cov[:, 0, 1]
-    im_x_y = cov[:, 1, 2] + 1j * cov[:, 1, 3]
-    z = c2 - second - 1j * im_x_y / c1 + (1j * re_x_im_x - 0.5 * im_x_square) * c2 / c1**2
-    mean = np.stack([c1 - first + im_x_square / (2 * c1), z.real, z.imag], axis=-1)
+    # observed: |c1 + x| - first, and z - second with z = (c2 + y) exp(-jψ), ψ = arg(c1 + x) = Im x/c1 - Re x Im x/c1²
+    # up to second order: z = c2 + y - jψ(c2 + y) - ψ² c2/2
     linear = np.zeros((len(c1), 3, 4))
     linear[:, 0, 0] = linear[:, 1, 2] = linear[:, 2, 3] = 1.0
     linear[:, 1, 1], linear[:, 2, 1] = c2.imag / c1, -c2.real / c1
-    return mean, linear @ cov @ np.swapaxes(linear, 1, 2)
+    form = np.zeros((len(c1), 3, 4, 4))  # symmetric: the second order is v' form v, v as in cov
+    form[:, 0, 1, 1] = 0.5 / c1
+    form[:, 1, 1, 1], form[:, 2, 1, 1] = -0.5 * c2.real / c1**2, -0.5 * c2.imag / c1**2
+    form[:, 1, 1, 3] = form[:, 1, 3, 1] = 0.5 / c1
+    form[:, 2, 1, 2] = form[:, 2, 2, 1] = -0.5 / c1
+    form[:, 1, 0, 1] = form[:, 1, 1, 0] = -0.5 * c2.imag / c1**2
+    form[:, 2, 0, 1] = form[:, 2, 1, 0] = 0.5 * c2.real / c1**2
+    spread = form @ cov[:, None]
+    base = np.stack([c1 - seen.chord.real, (c2 - second).real, (c2 - second).imag], axis=-1)
+    mean = base + np.trace(spread, axis1=2, axis2=3)
+    spread[:, 0] = (
+        0.0  # |c1 + x| varies no more than Re x: what the one has of Im x², the other has with the other sign
+    )
+    return mean, linear @ cov @ np.swapaxes(linear, 1, 2) + 2 * np.einsum("niab,njba->nij", spread, spread)
 
 
 def _planar_cov(spread: Floats, skew: Complexes) -> Floats:

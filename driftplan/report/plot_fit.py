@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FITTED = "the drives of the fit"
+_MOST_DOTS = 400  # of single segments, per length
 
 
 def plot_fit(
@@ -59,8 +60,8 @@ def plot_growth(
     heading: bool = False,
     ax: Axes | None = None,
 ) -> list[ErrorbarContainer]:
-    """Draw measured rms errors of segments against their length, with two standard errors, and the fitted curve with
-    its interval.
+    """Draw the errors of segments against their length: all of them as dots, their rms with two standard errors, and
+    the fitted curve with its interval.
 
     Parameters
     ----------
@@ -87,6 +88,8 @@ def plot_growth(
         label=f"{100 * fit.confidence:g} % interval of the fit",
     )
     ax.plot(length, unit * _predicted(fit.check, heading), color="black", linewidth=1.5, zorder=2, label="predicted")
+    if not heading:
+        _dots(fit.check, ax)
     drawn = []
     for (label, check), style in zip({FITTED: fit.check, **(others or {})}.items(), cycle(ROUTE_STYLES)):
         errors = None if heading else [2 * row.measured_rms_error_m for row in check.lengths]
@@ -110,9 +113,20 @@ def plot_growth(
     return drawn
 
 
+def _dots(check: SegmentCheck, ax: Axes) -> None:
+    """Position errors of single segments, moved aside a little so that they do not hide each other; the smallest
+    hundredth, which a logarithmic axis would stretch for, is left out."""
+    rng = np.random.default_rng(0)
+    for row, errors in zip(check.lengths, check.errors_m, strict=True):
+        shown = rng.permutation(errors[errors >= np.quantile(errors, 0.01)])[:_MOST_DOTS]
+        aside = row.length_m * np.exp(rng.uniform(-0.15, 0.15, len(shown)))
+        label = "single segments" if row is check.lengths[0] else None
+        ax.plot(aside, shown, ".", color="0.6", markersize=2, alpha=0.5, zorder=1.5, rasterized=True, label=label)
+
+
 def plot_predicted(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None) -> list[ErrorbarContainer]:
-    """Draw measured against predicted rms position errors, a point per length, with two standard errors; on the line
-    they agree, and between the dotted ones within a quarter.
+    """Draw measured against predicted rms position errors, a point per length, with two standard errors upright and the
+    fit's interval across; on the line they agree, and between the dotted ones within a quarter.
 
     Parameters
     ----------
@@ -125,9 +139,13 @@ def plot_predicted(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None
     for (label, check), style in zip(checks.items(), cycle(ROUTE_STYLES)):
         predicted, measured = _predicted(check, False), _measured(check, False)
         sizes += [*predicted, *measured]
-        errors = [2 * row.measured_rms_error_m for row in check.lengths]
-        look = {"color": style["color"], "marker": style["marker"]}
-        drawn.append(ax.errorbar(predicted, measured, yerr=errors, linestyle="none", capsize=2, label=label, **look))
+        upright = [2 * row.measured_rms_error_m for row in check.lengths]
+        low, high = np.transpose([row.predicted_rms_interval_m for row in check.lengths])
+        across = np.maximum([predicted - low, high - predicted], 0.0)
+        look = {"color": style["color"], "marker": style["marker"], "elinewidth": 0.8}
+        drawn.append(
+            ax.errorbar(predicted, measured, upright, across, linestyle="none", capsize=2, label=label, **look)
+        )
     ends = np.array([0.8 * min(sizes), 1.25 * max(sizes)])
     ax.plot(ends, ends, color="black", linewidth=1.0, zorder=1)
     for factor in (0.8, 1.25):

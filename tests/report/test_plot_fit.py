@@ -45,6 +45,11 @@ def test_growth_shows_measured_errors_and_the_fit_with_its_interval(fit, other):
     low, high = np.transpose([row.predicted_rms_interval_m for row in fit.check.lengths])
     assert (low < predicted).all()
     assert (predicted < high).all()
+    dots = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() == "."])
+    assert set(dots) <= set(np.concatenate(fit.check.errors_m))
+    for row, errors in zip(fit.check.lengths, fit.check.errors_m, strict=True):
+        assert np.sqrt(np.mean(errors**2)) == pytest.approx(row.measured_rms_m)
+        assert len(errors) == row.segments
     (band,) = ax.collections[:1]
     assert band.get_datalim(ax.transData).ymax == pytest.approx(high.max())
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("length of segment (m)", "rms position error (m)")
