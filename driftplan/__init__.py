@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .beacons.placement_problem import SiteGroup as SiteGroup
     from .beacons.plan import plan_route as plan_route
     from .beacons.roadmap_planner import RoadmapPlanner as RoadmapPlanner
+    from .beacons.trip_files import load_trips as load_trips
     from .errors import DriftplanError as DriftplanError
     from .errors import GoalError as GoalError
     from .errors import InfeasibleError as InfeasibleError
@@ -92,6 +93,7 @@ _HOME = {
     "beacons.placement_problem": "SiteGroup",
     "beacons.plan": "plan_route",
     "beacons.roadmap_planner": "RoadmapPlanner",
+    "beacons.trip_files": "load_trips",
     "errors": ("DriftplanError GoalError InfeasibleError MapError NoPathError PlannerError StartError TrajectoryError"),
     "model.calibration": "NoiseFit fit_noise",
     "model.drift": "Drift PointDrift predict_drift",

@@ -15,7 +15,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from driftplan.errors import DriftplanError, InfeasibleError, NoPathError
-from driftplan.report import fit_command, place_command
+from driftplan.report import design_command, fit_command, place_command
 from driftplan.report.cli_options import (
     add_heading_option,
     add_noise_options,
@@ -29,6 +29,7 @@ from driftplan.report.itinerary_options import add_itinerary_options
 DONE, BAD_INPUT, NO_ROUTE, INTERRUPTED = 0, 2, 3, 130
 _MODULES = {
     "place": "place_command",
+    "design": "design_command",
     "fit": "fit_command",
 }  # of the subcommands that fill one; the others are in cli_commands
 CLOSED_PIPE = 141  # what a shell reports of a program that wrote into a closed pipe
@@ -126,6 +127,7 @@ def build_parser() -> Parser:
     add_output_options(compare, "png")
 
     place_command.add_parser(subparsers)
+    design_command.add_parser(subparsers)
     fit_command.add_parser(subparsers)
 
     maps = subparsers.add_parser(
