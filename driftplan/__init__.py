@@ -44,17 +44,23 @@ if TYPE_CHECKING:
     from .model.drift import predict_drift as predict_drift
     from .model.fixes import Fix as Fix
     from .model.noise import OdometryNoise as OdometryNoise
+    from .model.noise_check import check_noise as check_noise
     from .model.paths import Run as Run
     from .model.paths import Runs as Runs
     from .model.presets import PRESETS as PRESETS
     from .model.presets import Preset as Preset
+    from .model.recordings import OdometryLog as OdometryLog
+    from .model.recordings import Trajectory as Trajectory
+    from .model.relative_errors import relative_errors as relative_errors
     from .model.rotations import RotationNoise as RotationNoise
+    from .model.simulated_log import simulate_log as simulate_log
     from .model.simulation import simulate_drift as simulate_drift
     from .model.spatial import SpatialDrift as SpatialDrift
     from .model.spatial import predict_drift_3d as predict_drift_3d
     from .model.spatial import predict_flight_drift as predict_flight_drift
     from .model.spatial_simulation import simulate_drift_3d as simulate_drift_3d
     from .model.spatial_steps import flight_steps as flight_steps
+    from .model.umbmark import umbmark as umbmark
     from .planning.objective import DriftObjective as DriftObjective
     from .planning.ompl_paths import predict_ompl_path as predict_ompl_path
     from .planning.routes import Comparison as Comparison
@@ -65,6 +71,7 @@ if TYPE_CHECKING:
     from .report.plot_beacons import plot_layout as plot_layout
     from .report.plot_beacons import plot_sawtooth as plot_sawtooth
     from .report.plot_beacons import plot_tradeoff as plot_tradeoff
+    from .report.plot_fit import plot_fit as plot_fit
     from .report.plotting import plot_comparison as plot_comparison
     from .report.plotting import plot_drift as plot_drift
     from .report.plotting import plot_route as plot_route
@@ -76,6 +83,7 @@ if TYPE_CHECKING:
     from .world.noise_files import load_noise as load_noise
     from .world.noise_files import save_noise as save_noise
     from .world.odometry_logs import read_odometry as read_odometry
+    from .world.odometry_logs import read_truth as read_truth
     from .world.trajectories import read_path as read_path
     from .world.trajectories import read_trajectory as read_trajectory
     from .world.world import World as World
@@ -99,21 +107,27 @@ _HOME = {
     "model.drift": "Drift PointDrift predict_drift",
     "model.fixes": "Fix",
     "model.noise": "OdometryNoise",
+    "model.noise_check": "check_noise",
     "model.paths": "Run Runs",
     "model.presets": "PRESETS Preset",
+    "model.recordings": "OdometryLog Trajectory",
+    "model.relative_errors": "relative_errors",
     "model.rotations": "RotationNoise",
+    "model.simulated_log": "simulate_log",
     "model.simulation": "simulate_drift",
     "model.spatial": "SpatialDrift predict_drift_3d predict_flight_drift",
     "model.spatial_simulation": "simulate_drift_3d",
     "model.spatial_steps": "flight_steps",
+    "model.umbmark": "umbmark",
     "planning.objective": "DriftObjective",
     "planning.ompl_paths": "predict_ompl_path",
     "planning.routes": "Comparison Route compare_routes",
     "report.plot_beacons": "layout_figure plot_importance plot_layout plot_sawtooth plot_tradeoff",
+    "report.plot_fit": "plot_fit",
     "report.plotting": "plot_comparison plot_drift plot_route plot_world",
     "world.mapfiles": "bundled_map bundled_maps load_world save_world",
     "world.noise_files": "load_noise save_noise",
-    "world.odometry_logs": "read_odometry",
+    "world.odometry_logs": "read_odometry read_truth",
     "world.trajectories": "read_path read_trajectory",
     "world.world": "World Zone",
     "world.zone_files": "load_zones",
