@@ -23,6 +23,8 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.model.worst import worst_radius, worst_rms
 from driftplan.world.world import World
 
+_ROUTES_AT_ONCE = 50  # with all their deaths: more would take in memory
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Task:
@@ -67,9 +69,9 @@ class Task:
             return np.array([max(self.worst(drift) for _, drift in self.failures(beacons, r)) for r in routes])
         tracks, worst = self.tracks(beacons, least_limit_m), np.zeros(len(self.routes))
         spans, everyone = Spans(tracks), np.ones(len(beacons), dtype=bool)
-        for r in range(len(self.routes)):
-            drives = drives_of(tracks, everyone, np.array([r]), self.redundancy)
-            worst[r] = np.sqrt(worst_squares(spans, drives).max())
+        for some in np.array_split(np.arange(len(self.routes)), -(-len(self.routes) // _ROUTES_AT_ONCE)):
+            drives = drives_of(tracks, everyone, some, self.redundancy)
+            np.maximum.at(worst, drives.route, np.sqrt(worst_squares(spans, drives)))
         return worst
 
     def failures(self, beacons: Sequence[Beacon], route: int) -> Iterator[tuple[tuple[Beacon, ...], Drift]]:
