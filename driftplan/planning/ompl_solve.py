@@ -34,25 +34,20 @@ _FEASIBLE_ONLY = "it stops at the first path and never asks what a path costs"
 _DEADLOCK = "it prices paths in a thread that waits for ever for a Python objective"
 _COST_AS_METRIC = "it takes the cost for the metric of its nearest-neighbour search, which drift is not"
 _UNBOUND = "OMPL's Python package cannot create it"
+_ABSENT = "OMPL's Python package does not have it"
 REFUSED = {
-    "prm": _DEADLOCK,
-    "prmstar": _DEADLOCK,
-    "lazyprm": _DEADLOCK,
-    "lazyprmstar": _DEADLOCK,
-    "spars": _DEADLOCK,
-    "spars2": _DEADLOCK,
-    "rrt": _FEASIBLE_ONLY,
-    "rrtconnect": _FEASIBLE_ONLY,
-    "kpiece1": _FEASIBLE_ONLY,
-    "bkpiece1": _FEASIBLE_ONLY,
-    "lbkpiece1": _FEASIBLE_ONLY,
-    "est": _FEASIBLE_ONLY,
-    "fmt": _COST_AS_METRIC,
-    "bfmt": _COST_AS_METRIC,
+    **dict.fromkeys(("prm", "prmstar"), _DEADLOCK),
+    **dict.fromkeys(("rrt", "rrtconnect", "kpiece1", "bkpiece1", "lbkpiece1"), _FEASIBLE_ONLY),
+    **dict.fromkeys(("est", "syclop", "syclopest", "sycloprrt"), _FEASIBLE_ONLY),  # of ompl.control
+    **dict.fromkeys(("fmt", "bfmt"), _COST_AS_METRIC),
     "aorrtc": "it minimises length whatever the objective says",
-    "sst": _UNBOUND,
-    "pdst": _UNBOUND,
+    **dict.fromkeys(("sst", "pdst"), _UNBOUND),
+    **dict.fromkeys(("abitstar", "aitstar", "blitstar", "eitstar", "eirmstar", "cforest", "rrtsharp"), _ABSENT),
+    **dict.fromkeys(("rrtxstatic", "lbtrrt", "lazylbtrrt", "trrt", "bitrrt", "strrtstar", "vfrrt", "tsrrt"), _ABSENT),
+    **dict.fromkeys(("lazyrrt", "prrt", "rlrt", "birlrt", "sbl", "psbl", "stride", "biest", "projest"), _ABSENT),
+    **dict.fromkeys(("lazyprm", "lazyprmstar", "spars", "spars2", "xxl", "anytimepathshortening"), _ABSENT),
 }
+"""Planners of OMPL that cannot minimise drift, by name in small letters, and why."""
 
 
 def check_planner(planner: str, also: tuple[str, ...] = ()) -> None:

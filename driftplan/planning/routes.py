@@ -228,7 +228,8 @@ class _Search:
             within = f"{time_limit:g} s" if self.iterations is None else f"{self.iterations} iterations"
             raise NoPathError(
                 f"{self.planner} found no path from {said(self.ends[0])} to {said(self.ends[1])} within {within}, "
-                f"though free space connects them: allow more, or use planner='{ROADMAP}'"
+                "though free space connects them: allow more"
+                + (f", or use planner={ROADMAP!r}" if self.planner != ROADMAP else "")
             )
         return pool
 
