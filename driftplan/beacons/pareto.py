@@ -47,7 +47,8 @@ def pareto_routes(
     difference : float
         Routes differ by at least this share in length, worst drift or end drift.
     time_limit : float
-        Seconds for all of them.
+        Seconds for all of them. Unless they run out (the `status` of a route says so) the same seed gives the same
+        routes.
     **options :
         ``redundancy``, ``min_capture``, ``initial``, ``start_heading``, ``nodes``, ``seed`` of `plan_itinerary`.
 
@@ -119,8 +120,11 @@ def non_dominated(routes: Sequence[Itinerary]) -> list[Itinerary]:
 
 
 def knee(routes: Sequence[Itinerary]) -> int:
-    """Index of the best compromise between length and worst drift: the route farthest from the straight line between
-    the shortest and the steadiest, on logarithmic scales.
+    """Index of the best compromise between length and worst drift.
+
+    On logarithmic scales, stretched so that the routes span the unit square: the route that lies farthest below the
+    diagonal from least length and greatest drift to greatest length and least drift, and so the one whose two scaled
+    scores have the least sum. Where the routes differ in only one of the two there is no compromise: the first.
 
     Examples
     --------

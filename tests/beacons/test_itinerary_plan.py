@@ -42,7 +42,7 @@ def test_itineraries_take_neither_other_planners_nor_candidates():
 
 
 def test_the_trade_off_is_a_trade_off():
-    found = pareto_routes(HALL, START, GOAL, NOISE, beacons=SIGNS, most=4, nodes=150, time_limit=10.0)
+    found = pareto_routes(HALL, START, GOAL, NOISE, beacons=SIGNS, most=4, nodes=150, time_limit=600.0)
     scores = np.array([(route.length, route.worst_drift, route.rms) for route in found])
     assert 2 <= len(found) <= 4
     assert (np.diff(scores[:, 0]) > 0).all()
@@ -76,6 +76,17 @@ def test_the_knee_is_where_little_length_buys_much():
             self.length, self.worst_if_dead = length, worst
 
     assert knee([Scored(10, 8.0), Scored(10.5, 2.0), Scored(14, 1.0)]) == 1
+    rng = np.random.default_rng(2)
+    for _ in range(50):
+        length, worst = np.sort(rng.uniform(10, 20, 6)), np.sort(rng.uniform(1, 5, 6))[::-1]
+        x, y = np.log(length), np.log(worst)
+        a, b = np.array([x[0], y[0]]), np.array([x[-1], y[-1]])  # the shortest and the steadiest
+        scale = np.abs(b - a)
+        along = (b - a) / scale
+        offset = (np.stack([x, y], axis=1) - a) / scale
+        below = (along[1] * offset[:, 0] - along[0] * offset[:, 1]) / np.hypot(*along)  # distance from their line
+        assert knee([Scored(*row) for row in zip(length, worst, strict=True)]) == below.argmax()
+    assert knee([Scored(10, 2.0), Scored(11, 2.0)]) == 0
     with pytest.raises(ValueError, match="at least one route"):
         knee([])
 
