@@ -198,11 +198,13 @@ def _verdict(lengths: list[LengthCheck], rms_errors_m: Floats) -> tuple[str, ...
     heavy = (centre > 3) & (np.array([row.mean_nees for row in lengths]) > 0.7)
     if heavy.any():
         row = lengths[int(np.argmax(heavy))]
+        outside = 1 - row.coverage[2]
+        tails = f" and {100 * outside:.0f} % outside the 95 % region" if outside > 1 - LEVELS[2] else ""
+        narrow = " and too narrow for the rest" if tails else ""
         notes.append(
-            f"The errors are not Gaussian: {100 * row.coverage[0]:.0f} % lie inside the 50 % region and "
-            f"{100 * (1 - row.coverage[2]):.0f} % outside the 95 % region at {row.length_m:.3g} m. Most of the drift "
-            "comes from a few places (slips?): the rms may hold, the regions are too wide for most segments and too "
-            "narrow for the rest."
+            f"The errors are not Gaussian: {100 * row.coverage[0]:.0f} % lie inside the 50 % region{tails} at "
+            f"{row.length_m:.3g} m. Most of the drift comes from a few places (slips?): the rms may hold, the regions "
+            f"are too wide for most segments{narrow}."
         )
     if (tail < -3).any() and not heavy.any():
         row = lengths[int(np.argmin(tail))]
