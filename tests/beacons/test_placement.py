@@ -335,21 +335,28 @@ def street_routes(rng, number):
     return routes
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_perfect_full_fixes_cost_what_a_flow_formulation_finds(seed):
-    rng = np.random.default_rng(seed)
-    paths = street_routes(rng, 5)
+def check_against_flow(paths, spacing_m, limit):
     point_sign = BeaconKind.landmark(0.05, 0.0, 0.0, line_of_sight=False)
-    sites = [
-        Beacon(point_sign, x, y)
-        for x in np.arange(0, 41, 5.0)
-        for y in np.arange(0, 41, 5.0)
-        if x % 10 == 0 or y % 10 == 0
-    ]
-    limit = 0.5
+    axis = np.arange(0, 41, spacing_m)
+    sites = [Beacon(point_sign, x, y) for x in axis for y in axis if x % 10 == 0 or y % 10 == 0]
     layout = place_beacons(None, paths, NOISE, max_drift=limit, candidates=sites)
     assert layout.proven
     assert len(layout.beacons) == flow_optimum(paths, NOISE, sites, limit)
+    return layout
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_perfect_full_fixes_cost_what_a_flow_formulation_finds(seed):
+    layout = check_against_flow(street_routes(np.random.default_rng(seed), 5), 5.0, 0.5)
+    assert len(layout.beacons) > 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10, 13))
+def test_perfect_full_fixes_cost_what_a_flow_formulation_finds_on_medium_instances(seed):
+    rng = np.random.default_rng(seed)
+    layout = check_against_flow(street_routes(rng, 10), 2.5, float(rng.uniform(0.4, 0.8)))
+    assert len(layout.beacons) > 5
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -374,10 +381,19 @@ def _holds_until(path, fixes, site, limit):
     return drift.at(np.linspace(0, passes(path, site)[0, 0] - 1e-6, 200)).rms.max() <= limit
 
 
-def test_monte_carlo_finds_the_limit_kept_everywhere():
+@pytest.mark.parametrize(
+    "kind",
+    [
+        SIGN,
+        BeaconKind.rfid(range_m=1.5, position_std_m=0.1),
+        BeaconKind.landmark(2.0, 0.05, 0.01, detection_probability=0.8, line_of_sight=False),
+    ],
+    ids=["full fixes", "position fixes", "fixes that may fail"],
+)
+def test_monte_carlo_finds_the_limit_kept_everywhere(kind):
     path = np.array([(0, 0), (25, 0), (25, 15), (5, 15), (5, 5)], dtype=float)
     limit = 0.5
-    layout = place_beacons(None, path, NOISE, max_drift=limit, kind=SIGN, spacing_m=2.0)
+    layout = place_beacons(None, path, NOISE, max_drift=limit, kind=kind, spacing_m=2.0)
     dense = _with_corners(path, 90)
     errors = simulate_drift(dense, NOISE, runs=4000, rng=3, fixes=beacon_fixes(path, layout.beacons), substep_m=0.5)
     square = (errors**2).sum(-1)
