@@ -55,14 +55,16 @@ def why_infeasible(search: ItinerarySearch, limit: float, longest: float) -> str
             "also fix the heading the limit could be kept"
         )
     place, left = search.nearest
-    nearest = _nearest_beacon(search, place)
-    reasons.append(
-        f"the best attempt gets to {said(place)}, {left:.4g} m short of the goal" + (f"; {nearest}" if nearest else "")
-    )
+    if left > 0:  # else the graph had a route, which the exact model found too lost
+        nearest = _nearest_beacon(search, place)
+        reasons.append(
+            f"the best attempt gets to {said(place)}, {left:.4g} m short of the goal"
+            + (f"; {nearest}" if nearest else "")
+        )
     least = _least_limit(search, limit, longest)
     if least is not None:
         reasons.append(f"a limit of {least:.3g} m can be kept")
-    return f"{asked} (roadmap of {search.nodes} nodes): " + "; ".join(reasons)
+    return f"{asked} (roadmap of {search.nodes} nodes)" + (": " + "; ".join(reasons) if reasons else "")
 
 
 def _captures_would_help(search: ItinerarySearch, limit: float, longest: float) -> bool:
