@@ -146,9 +146,26 @@ def add_planning_options(
         "--planner", metavar="NAME", help=f"{', '.join(PLANNERS)}{again} (default: {DEFAULT_PLANNER})", **several
     )
     group.add_argument(
-        "--time-limit", type=float, default=1.0, metavar="S", help="planning time per route, seconds (default: 1)"
+        "--time-limit",
+        type=float,
+        metavar="S",
+        help="planning time per route, seconds (default: 1; 5 with beacons or a limit; none with --iterations)",
+    )
+    group.add_argument(
+        "--iterations",
+        type=int,
+        metavar="N",
+        help="end after N batches of the roadmap, or iterations of another planner: the same seed then gives the same "
+        "route (default: the time decides)",
     )
     group.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the planner's samples (default: 0)")
+
+
+def search_effort(args: argparse.Namespace) -> str:
+    """How long a search may take, in words."""
+    said = [] if args.time_limit is None else [f"at most {args.time_limit:g} s"]
+    said += [] if args.iterations is None else [f"{args.iterations} iterations"]
+    return ", ".join(said) or "as long as is usual"
 
 
 def add_heading_option(parser: argparse._ActionsContainer) -> None:

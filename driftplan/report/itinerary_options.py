@@ -65,6 +65,7 @@ def planned_route(
         planner=args.planner,
         start_heading=start_heading,
         time_limit=args.time_limit,
+        iterations=args.iterations,
         seed=args.seed,
         **options,
     )
