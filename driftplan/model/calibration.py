@@ -141,7 +141,8 @@ class NoiseFit:
             f"{counts.used_m:.1f} m used (the odometry counted {counts.driven_m:.1f} m in all), "
             f"{counts.turned_rad:.1f} rad turned, {counts.standstill_s:.1f} s of standstill",
             f"left out: {counts.outside_truth_s:.1f} s without truth, {counts.repeated_samples} repeated samples, "
-            f"{counts.truth_outliers} outliers; {counts.breaks} breaks",
+            f"{counts.truth_outliers} outliers of the truth and {counts.odometry_outliers} of the odometry; "
+            f"{counts.breaks} breaks",
             "clock offset: " + ", ".join(f"{offset:+.3f} s" for offset in self.time_offsets_s),
         ]
         if any(self.heading_offsets):

@@ -45,10 +45,14 @@ class MatchCounts:
         With a time not later than the one before; left out (motion of odometry increments is kept).
     truth_outliers : int
         Truth samples farther from their neighbours than the robot can have moved; left out.
+    odometry_outliers : int
+        Steps of the odometry that no robot makes (`OdometryLog.without_glitches`); left out, and the drive cut there.
     breaks : int
-        Places where a gap or a jump of the truth, or a gap in odometry velocities, cut a drive in two.
+        Places where a gap, a jump of the truth or an outlier of the odometry cut a drive in two. The truth's gaps count
+        where the robot moved, the odometry's where it reports velocities.
     outside_truth_s, standstill_s : float
-        Seconds of odometry before the first or after the last truth sample; seconds without motion.
+        Seconds of odometry before the first or after the last truth sample; seconds in which the robot stood
+        (`OdometryLog.standing`), whose jitter is no distance.
     driven_m, used_m, turned_rad : float
         Distance by the odometry; true distance on usable stretches, and angle turned there (absolute values added up).
     """
@@ -57,6 +61,7 @@ class MatchCounts:
     truth_samples: int = 0
     repeated_samples: int = 0
     truth_outliers: int = 0
+    odometry_outliers: int = 0
     breaks: int = 0
     outside_truth_s: float = 0.0
     standstill_s: float = 0.0
@@ -139,6 +144,7 @@ def match(
     ValueError
         When the recordings do not overlap in time, or the robot did not move.
     """
+    odometry = odometry.without_glitches()
     if time_offset_s is None:
         time_offset_s = clock_offset(odometry, truth)
     times = truth.times - time_offset_s  # on the odometry's clock
@@ -146,7 +152,8 @@ def match(
     times, positions = times[good], truth.positions[good]
     headings = None if truth.heading is None else truth.heading[good]
 
-    travelled = odometry.travelled
+    standing = odometry.standing
+    travelled = np.concatenate([[0.0], np.cumsum(np.where(standing, 0.0, np.abs(odometry.moves)))])
     first, last = max(times[0], odometry.times[0]), min(times[-1], odometry.times[-1])
     if not last > first:
         raise ValueError(
@@ -165,6 +172,8 @@ def match(
             spacing_m,
         )
     gaps += [(times[k], times[k + 1]) for k in cuts]
+    k = np.searchsorted(odometry.times, odometry.glitches)
+    gaps += list(zip(odometry.times[k].tolist(), odometry.times[k + 1].tolist(), strict=True))
     pieces = _without(first, last, gaps)
 
     stretches = []
@@ -181,17 +190,16 @@ def match(
         heading_offset = _mounting(stretches)
     if heading_offset != 0:
         stretches = [_turned_by(s, -heading_offset) for s in stretches]
-    dt = np.diff(odometry.times)
-    still = (odometry.moves == 0) & (odometry.turns == 0)
     counts = MatchCounts(
         odometry_samples=len(odometry.times) + odometry.repeated,
         truth_samples=len(truth.times) + truth.repeated,
         repeated_samples=odometry.repeated + truth.repeated,
         truth_outliers=len(truth.times) - len(times),
+        odometry_outliers=len(odometry.glitches),
         breaks=len(pieces) - 1,
         outside_truth_s=float(max(first - odometry.times[0], 0.0) + max(odometry.times[-1] - last, 0.0)),
-        standstill_s=float(dt[still].sum()),
-        driven_m=float(travelled[-1]),
+        standstill_s=float(np.diff(odometry.times)[standing].sum()),
+        driven_m=float(odometry.travelled[-1]),
         used_m=float(sum(np.ptp(s.driven) for s in stretches)),
         turned_rad=float(sum(s.angles.sum() for s in stretches)),
     )

@@ -6,13 +6,17 @@ its own origin: only its increments mean something.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .inputs import Complexes, Floats, finite
 from .paths import wrap
+
+_STANDING = 0.02  # of the usual speed and turn rate: slower is standing,
+_STANDING_RAD = 0.01  # or turning by less in a second
+_GLITCH = 20.0  # times the usual speed or turn rate: faster is no motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +35,8 @@ class OdometryLog:
         Whether the increments were integrated from velocities, so that motion in a gap between samples is a guess.
     repeated : int
         Samples whose time was not later than the one before: merged (increments) or left out.
+    glitches : array, shape (m,)
+        When the steps began that `without_glitches` took out, s: what happened in them is unknown.
     """
 
     times: Floats
@@ -38,6 +44,7 @@ class OdometryLog:
     turns: Floats
     holds_velocity: bool = False
     repeated: int = 0
+    glitches: Floats = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def from_increments(
@@ -158,6 +165,36 @@ class OdometryLog:
         """Metres driven up to every sample according to the odometry, (n + 1,)."""
         return np.concatenate([[0.0], np.cumsum(np.abs(self.moves))])
 
+    @property
+    def standing(self) -> NDArray[np.bool_]:
+        """In which steps the robot stood, (n,): nothing moved, or within a second hardly more than jitter does, 2 % of
+        what is usual when it drives and turns (or 0.01 rad)."""
+        half = max(0.5, float(np.median(np.diff(self.times))))
+        at = 0.5 * (self.times[1:] + self.times[:-1])
+        ends = np.clip(np.stack([at - half, at + half]), self.times[0], self.times[-1])
+        positions = self.positions
+        x, y = (np.interp(ends, self.times, part) for part in (positions.real, positions.imag))
+        moved = np.hypot(x[1] - x[0], y[1] - y[0])
+        turned = np.abs(np.diff(np.interp(ends, self.times, self.headings), axis=0)[0])
+        slow = (moved < _STANDING * np.quantile(moved, 0.9)) & (
+            turned < max(_STANDING * float(np.quantile(turned, 0.9)), _STANDING_RAD)
+        )
+        return np.asarray(slow | ((self.moves == 0) & (self.turns == 0)))
+
+    def without_glitches(self) -> OdometryLog:
+        """The log without steps that no robot makes, 20 times as fast as all but one in a hundred: counters that wrap
+        round, poses that jump. Slips are slower, and stay."""
+        dt = np.diff(self.times)
+        wild = np.zeros(len(dt), dtype=bool)
+        for rate in (np.abs(self.moves) / dt, np.abs(self.turns) / dt):
+            usual = float(np.quantile(rate, 0.99))
+            wild |= (rate > _GLITCH * usual) & (usual > 0)
+        if not wild.any():
+            return self
+        glitches = np.union1d(self.glitches, self.times[:-1][wild])
+        moves, turns = np.where(wild, 0, self.moves), np.where(wild, 0.0, self.turns)
+        return OdometryLog(self.times, moves, turns, self.holds_velocity, self.repeated, glitches)
+
     def between(self, first_s: float, last_s: float) -> OdometryLog:
         """The part recorded from ``first_s`` to ``last_s`` seconds: whole steps only."""
         inside = np.flatnonzero((self.times >= first_s) & (self.times <= last_s))
@@ -170,6 +207,7 @@ class OdometryLog:
             self.turns[first:last],
             self.holds_velocity,
             self.repeated,
+            self.glitches[(self.glitches >= self.times[first]) & (self.glitches < self.times[last])],
         )
 
 

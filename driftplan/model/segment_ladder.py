@@ -130,6 +130,7 @@ def ladder_of(
 
     Parameters are those of `driftplan.model.calibration.fit_noise`.
     """
+    drives = [(odometry.without_glitches(), truth) for odometry, truth in drives]
     with_heading = [truth.heading is not None for _, truth in drives]
     if use_heading and not all(with_heading):
         raise ValueError("expected headings in every truth with use_heading=True, got positions only")

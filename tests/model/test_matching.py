@@ -143,6 +143,44 @@ def test_standstill_takes_time_and_no_distance():
     np.testing.assert_allclose(np.abs(np.diff(stretch.estimate)), np.abs(np.diff(stretch.truth)), atol=1e-6)
 
 
+def test_jitter_at_standstill_is_no_distance():
+    """A minute's rest of a visual odometry whose poses shake by a third of a millimetre, 20 times a second."""
+    log, truth = drive()
+    k, pause, rng = 200, 60.0, np.random.default_rng(0)
+    shakes = int(20 * pause)
+    poses = np.column_stack([log.positions.real, log.positions.imag, log.headings])
+    resting = poses[k] + 3e-4 * rng.standard_normal((shakes, 3))
+    poses = np.concatenate([poses[: k + 1], resting, poses[k + 1 :]])
+    times = np.concatenate(
+        [log.times[: k + 1], log.times[k] + np.arange(1, shakes + 1) / 20, log.times[k + 1 :] + pause]
+    )
+    shaken = OdometryLog.from_poses(poses, times)
+    assert shaken.travelled[-1] > 34.5
+    at = truth.times + pause * (truth.times > truth.times[k])
+    found = match(shaken, Trajectory(at, truth.xy, truth.heading), spacing_m=0.5, max_gap_s=90.0)
+    assert found.counts.standstill_s == pytest.approx(pause, abs=1.5)  # told within half a second at either end
+    assert found.counts.used_m == pytest.approx(34.0, abs=0.5)
+    assert match(log, truth, spacing_m=0.5).counts.standstill_s == 0.0  # turning on the spot is no rest
+
+
+@pytest.mark.parametrize("glitch", [500.0, 0.0])
+def test_a_counter_that_wraps_round_cuts_the_drive_and_is_counted(glitch):
+    log, truth = drive(truth_position_std_m=0.005)
+    moves, turns = log.moves.copy(), log.turns.copy()
+    moves[300] += glitch
+    turns[300] += 0.0 if glitch else 300.0
+    found = match(OdometryLog(log.times, moves, turns), truth, spacing_m=0.5)
+    assert (found.counts.odometry_outliers, found.counts.truth_outliers, found.counts.breaks) == (1, 0, 1)
+    assert found.counts.driven_m == pytest.approx(34.0, abs=0.1)
+    for stretch in found.stretches:
+        turn = np.exp(1j * (stretch.truth_heading[0] - stretch.estimate_heading[0]))
+        moved = (stretch.estimate - stretch.estimate[0]) * turn
+        assert np.abs(moved - (stretch.truth - stretch.truth[0])).max() < 0.05
+    slip = log.moves.copy()
+    slip[300:310] *= 5.0
+    assert match(OdometryLog(log.times, slip, log.turns), truth, spacing_m=0.5).counts.odometry_outliers == 0
+
+
 def test_a_gap_of_the_truth_while_moving_cuts_the_drive():
     log, truth = drive()
     seen = (truth.times < 8) | (truth.times > 13)
