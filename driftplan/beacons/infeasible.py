@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -16,6 +17,8 @@ from driftplan.beacons.tracks import Tracks
 Bools = NDArray[np.bool_]
 
 _NEAREST = 3  # candidates that are named
+_NAMED = 6  # beacons of the layout that comes nearest
+_CLOSE = 0.005  # relative: to which the least factor is found
 
 
 class Obstacle(NamedTuple):
@@ -47,9 +50,11 @@ def explain(problem: PlacementProblem, tracks: Tracks, limits: Sequence[float], 
         )
         helped = f"; closest candidates: {named}" if named else "; no candidate's range is met before it"
         spare = "" if problem.task.redundancy == 1 else f" with any {problem.task.redundancy - 1} dead"
+        confidence = problem.task.confidence
+        score, least = ("drift", "least") if confidence is None else (f"{100 * confidence:g} % radius", "least rms")
         return (
-            f"route {found.route}, from {found.start_m:.2f} m to {found.end_m:.2f} m: no candidates keep the drift "
-            f"under {limits[found.route]:g} m there{spare}, the least that can be reached is "
+            f"route {found.route}, from {found.start_m:.2f} m to {found.end_m:.2f} m: no candidates keep the {score} "
+            f"under {limits[found.route]:g} m there{spare}, the {least} that can be reached is "
             f"{found.least_drift:.3g} m{helped}"
         )
     if problem.rules:
@@ -66,7 +71,7 @@ def explain(problem: PlacementProblem, tracks: Tracks, limits: Sequence[float], 
                 f"no layout keeps the limit together with {', '.join(problem.rules)}; without them it takes {number} "
                 f"beacons of cost {free.cost:g} (proven: at least {free.lower_bound:g})"
             )
-    return f"no combination of the candidates keeps the limit; with all of them {_worst_with_all(problem, limits)}"
+    return _said_of(problem, limits, *nearest_layout(problem, tracks, limits, time_limit))
 
 
 def obstacle(problem: PlacementProblem, requirements: DriftRequirements, route: int, slot: int) -> Obstacle:
@@ -97,9 +102,58 @@ def _nearest(requirements: DriftRequirements, route: int, slot: int, redundancy:
     return float(np.sqrt(min(at_start, least))), tuple(site[order][:_NEAREST].tolist())
 
 
-def _worst_with_all(problem: PlacementProblem, limits: Sequence[float]) -> str:
-    task = problem.task
-    worst = [task.worst(task.drift(r, problem.sites)) for r in range(len(task.routes))]
-    over = [w / limit for w, limit in zip(worst, limits, strict=True)]
+def nearest_layout(
+    problem: PlacementProblem, tracks: Tracks, limits: Sequence[float], time_limit: float
+) -> tuple[Bools, bool]:
+    """The layout that exceeds its limits by the least factor, to `_CLOSE`; and whether nothing less will do.
+
+    By bisection over the factor, in at most the given seconds.
+    """
+    ends = time.monotonic() + time_limit
+    best = problem.fixed
+    low, high, proven = 1.0, _excess(problem, limits, best), True
+    while high - low > _CLOSE * high:
+        factor = 0.5 * (low + high)
+        requirements = problem.requirements(tracks, [factor * limit for limit in limits])
+        found = cheapest_cover(
+            problem.cost,
+            requirements,
+            demands=[*problem.demands, *requirements.rows()],
+            caps=problem.caps,
+            fixed=problem.fixed,
+            stop_at_first=True,
+            time_limit=max(ends - time.monotonic(), 0.01),
+        )
+        if found.chosen is not None:
+            best, high = found.chosen, min(_excess(problem, limits, found.chosen), factor)
+        elif found.outcome is Outcome.INFEASIBLE:
+            low = factor
+        else:
+            proven = False
+            break
+    return best, proven
+
+
+def _excess(problem: PlacementProblem, limits: Sequence[float], chosen: Bools) -> float:
+    """The greatest drift over its limit, on any route, with the worst deaths."""
+    worst = problem.task.worst_of_failures([problem.sites[i] for i in np.flatnonzero(chosen)], min(limits))
+    return float((worst / np.array(limits)).max())
+
+
+def _said_of(problem: PlacementProblem, limits: Sequence[float], chosen: Bools, proven: bool) -> str:
+    """The words about the layout that comes nearest: where it breaks, by how much, and on which beacons."""
+    task, beacons = problem.task, [problem.sites[i] for i in np.flatnonzero(chosen)]
+    over = task.worst_of_failures(beacons, min(limits)) / np.array(limits)
     r = int(np.argmax(over))
-    return f"the greatest drift is {worst[r]:.3g} m on route {r}, whose limit is {limits[r]:g} m"
+    dead, drift = max(task.failures(beacons, r), key=lambda pair: task.worst(pair[1]))
+    profile = drift.profile()
+    beyond = task.score(profile) > limits[r]
+    where = profile.distance[beyond] if beyond.any() else profile.distance[[int(np.argmax(task.score(profile)))]]
+    named = ", ".join(f"{b.id} at ({b.x:g}, {b.y:g})" for b in task.met(beacons, r)[:_NAMED])
+    lost = f" with {' and '.join(b.id for b in dead)} dead" if dead else ""
+    helped = f", with {named} on this route" if named else ""
+    return (
+        f"route {r}, from {where[0]:.2f} m to {where[-1]:.2f} m: no combination of the candidates keeps all limits; "
+        f"{'the least that can be reached' if proven else 'the best found'} is {over[r] * limits[r]:.3g} m there{lost} "
+        f"against a limit of {limits[r]:g} m{helped}"
+    )

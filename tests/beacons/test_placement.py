@@ -27,8 +27,8 @@ SIGN = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01, l
 # Brute force
 
 
-def place(instance, **options):
-    """The layout, or None if it is said that there is none."""
+def place(instance, *, words=False, **options):
+    """The layout, or None if it is said that there is none (or the error with its ``words``)."""
     new = [i for i in range(len(instance.sites)) if i not in instance.members(instance.fixed)]
     groups = [SiteGroup([f"b{i}" for i in some], least, most) for some, least, most in instance.groups]
     try:
@@ -48,6 +48,8 @@ def place(instance, **options):
             },
         )
     except InfeasibleError:
+        if words:
+            raise
         return None
 
 
@@ -120,6 +122,28 @@ def test_with_a_confidence_the_optimum_is_that_of_brute_force_for_all_kinds(name
     instance = one_of_them(name, seed, sites=(4, 5))
     instance.confidence = 0.9
     check_against_brute_force(instance)
+
+
+@pytest.mark.parametrize(("name", "seed"), [("with compass", 301), ("with compass", 305), ("with compass", 316)])
+def test_when_only_the_combination_fails_the_least_drift_of_all_combinations_is_told(name, seed, one_of_them):
+    instance = one_of_them(name, seed)
+    assert instance.cheapest() == np.inf
+
+    def with_deaths(subset):
+        members = instance.members(subset)
+        deaths = (dead for size in range(instance.redundancy) for dead in combinations(members, size))
+        return max(instance.worst(subset - sum(1 << i for i in dead)) for dead in deaths)
+
+    layouts = [s for s in range(2 ** len(instance.sites)) if s & instance.fixed == instance.fixed]
+    least = min(with_deaths(s) for s in layouts if instance.allowed(s))
+    with pytest.raises(InfeasibleError, match="no combination of the candidates keeps all limits") as caught:
+        place(instance, words=True)
+    said = str(caught.value)
+    told = float(said.split("the least that can be reached is ")[1].split(" m")[0])
+    assert least * (1 - 5e-3) <= told <= least * (1 + 1e-2)  # bisected to half a per cent, told to three digits
+    route = int(said.split("route ")[1].split(",")[0])
+    start, end = (float(part.split(" m")[0]) for part in said.split("from ")[1].split(" to ")[:2])
+    assert 0 <= start <= end <= shapely.LineString(instance.paths[route]).length
 
 
 @pytest.mark.parametrize(("name", "seed"), [("mixed", 304), ("tags", 309), ("unsure", 301), ("two full", 306)])

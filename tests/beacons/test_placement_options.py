@@ -256,6 +256,11 @@ def test_an_impossible_stretch_is_named_with_what_can_be_reached_and_who_comes_c
     assert "closest candidates: S2 at (5, 0), S1 at (0, 0)" in said
 
 
+def test_a_radius_out_of_reach_is_told_beside_the_least_rms():
+    with pytest.raises(InfeasibleError, match=r"keep the 90 % radius under 0\.2 m there, the least rms that can be"):
+        place_beacons(None, ROUTE, NOISE, max_drift=0.2, kind=SIGN, spacing_m=10.0, confidence=0.9)
+
+
 def test_rules_that_forbid_every_layout_are_named_with_what_it_would_take_without_them():
     with pytest.raises(
         InfeasibleError, match=r"together with max_beacons=1; without them it takes 4 beacons of cost 4"
