@@ -11,7 +11,7 @@ import numpy as np
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.cost import bracket
 from driftplan.planning.exact_cost import Complexes, Prepending, run_maps, turn_maps, turns_matter
-from driftplan.planning.exact_search import SearchGraph, least_exact_cost
+from driftplan.planning.exact_search import MOST_LABELS, SearchGraph, least_exact_cost
 from driftplan.planning.roadmap_graph import GOAL, START, Roadmap, Transitions
 from driftplan.planning.roadmap_pricing import Floats, Ints, Space
 
@@ -165,6 +165,7 @@ def exactly_best(
     heading_std: float,
     stop: Callable[[], bool] = lambda: False,
     known: float = inf,
+    most_labels: int = MOST_LABELS,
 ) -> tuple[Floats | None, Bound, bool]:
     """The simple path of the roadmap with the least E|e|², if below ``path_cost``; a bound; whether that is proven.
 
@@ -179,7 +180,7 @@ def exactly_best(
     bound, finished = _additive_bound(roadmap, least, 0.0, most) if plain else 0.0, False
     anything = np.zeros(0, dtype=np.int64)
     for memory in (anything, None):
-        found = least_exact_cost(graph, upper=path_cost, gap=GAP, memory=memory, stop=stop)
+        found = least_exact_cost(graph, upper=path_cost, gap=GAP, memory=memory, stop=stop, most_labels=most_labels)
         bound, finished = max(bound, found.bound), found.finished
         if found.states is None:
             if finished:

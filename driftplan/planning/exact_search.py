@@ -39,6 +39,7 @@ from driftplan.planning.cost import bracket
 from driftplan.planning.exact_cost import Prepending
 from driftplan.planning.roadmap_pricing import Floats, Ints
 
+MOST_LABELS = 2_000_000  # a label takes a few hundred bytes
 _COMPARED = 64  # labels at one place that later ones are compared with; the others are only extended
 _HUGE = 1e300  # in place of infinity, which times zero is not a number
 _SAFETY = 1 - 1e-9  # additive costs are sums of round-off and tie-breaks
@@ -107,7 +108,7 @@ def least_exact_cost(
     gap: float = 1e-3,
     memory: Ints | None = None,
     stop: Callable[[], bool] = lambda: False,
-    most_labels: int = 2_000_000,
+    most_labels: int = MOST_LABELS,
 ) -> ExactPath:
     """The path of least E|e|² from ``graph.source`` to ``graph.target``.
 

@@ -18,6 +18,7 @@ from driftplan.planning.cost import bracket
 from driftplan.planning.exact_cost import turns_matter
 from driftplan.planning.exact_polish import ExactJudge
 from driftplan.planning.exact_roadmap import GAP, TIMES, Bound, bracketed, exactly_best, is_plain
+from driftplan.planning.exact_search import MOST_LABELS
 from driftplan.planning.path_polish import polished, refined
 from driftplan.planning.roadmap_graph import Roadmap
 from driftplan.planning.roadmap_pricing import Floats, Ints, Pricing, exact_drift
@@ -130,9 +131,10 @@ class RoadmapSearch:
         if done >= len(samples) and not corners:
             self.batches += 1
 
-    def finish(self, stop: Callable[[], bool] = lambda: False) -> tuple[Bound, bool]:
+    def finish(self, stop: Callable[[], bool] = lambda: False, most_labels: int = MOST_LABELS) -> tuple[Bound, bool]:
         """The bound on paths of the roadmap, the best path included, and whether that path is proven to be as good as
-        the best of them. With ``exact``, first the search for a better one, until ``stop`` says so."""
+        the best of them. With ``exact``, first the search for a better one, until ``stop`` says so or
+        it has kept so many labels."""
         noise, roadmap = self.pricing.noise, self.roadmap
         assert self.path is not None, "there is nothing to finish without a path"
         self._joined = None  # it may have been pruned since
@@ -147,7 +149,7 @@ class RoadmapSearch:
             self._offer(refined(judge, self.pricing.space, self.path, stop))
             self._join()
             found, bound, finished = exactly_best(
-                roadmap, noise, self.cost, self.heading_std, stop, self._least_additive
+                roadmap, noise, self.cost, self.heading_std, stop, self._least_additive, most_labels
             )
             if found is None or not self._offer(found) or stop():
                 break

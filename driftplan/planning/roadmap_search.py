@@ -13,11 +13,13 @@ from numpy.typing import ArrayLike
 
 from driftplan.errors import GoalError, NoPathError, StartError
 from driftplan.model.noise import OdometryNoise
+from driftplan.planning.exact_search import MOST_LABELS
 from driftplan.planning.roadmap_growth import RoadmapSearch
 from driftplan.planning.roadmap_pricing import Floats, Ints, Minimise, Pricing
 from driftplan.world.world import World
 
 _BATCHES_TO_FIND_ONE = 4  # are completed in any case while no path is known
+_LABELS_PER_BATCH = 20_000  # of an exact search whose batches are counted: some two seconds
 _EXACT_SHARE = 0.4  # of the time goes into the roadmap that is then searched exactly
 
 
@@ -164,7 +166,8 @@ def plan_on_roadmap(
             f"no path found from {said(ends[0])} to {said(ends[1])} within {time_limit:g} s and {search.batches} "
             "batches, though free space connects them: allow more time"
         )
-    bound, proven = search.finish(lambda: after(time_limit))
+    labels = MOST_LABELS if batches is None else min(MOST_LABELS, _LABELS_PER_BATCH * batches)
+    bound, proven = search.finish(lambda: after(time_limit), labels)
     if search.is_optimal and not search.exact:
         status = Status.OPTIMAL
     elif proven:

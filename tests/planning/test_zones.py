@@ -26,21 +26,21 @@ def crosses(route, polygon):
     return shapely.LineString(route.path).intersection(polygon).length > 0.5
 
 
-@pytest.mark.parametrize("planner", ["roadmap", "bitstar"])
-def test_bad_floor_far_from_the_goal_is_driven_around(planner):
+@pytest.mark.parametrize(("planner", "iterations"), [("roadmap", 3), ("bitstar", 8000), ("rrtstar", 1500)])
+def test_bad_floor_far_from_the_goal_is_driven_around(planner, iterations):
     """Crossing costs 0.05 rad²/m at a lever of 15 m, over 11 m²; the way round 1e-4 rad²/m times 30 m, some 0.5 m²."""
     world, polygon = strip_at(3.0)
-    route = plan_route(world, START, GOAL, NOISE, planner=planner, time_limit=0.5)
+    route = plan_route(world, START, GOAL, NOISE, planner=planner, iterations=iterations)
     assert not crosses(route, polygon)
     assert route.rms < 1.0
     assert exact_drift(world, np.array([START, GOAL]), NOISE).end.rms > 3.0
 
 
-@pytest.mark.parametrize("planner", ["roadmap", "bitstar"])
-def test_the_same_floor_near_the_goal_is_crossed(planner):
+@pytest.mark.parametrize(("planner", "iterations"), [("roadmap", 3), ("bitstar", 8000), ("rrtstar", 1500)])
+def test_the_same_floor_near_the_goal_is_crossed(planner, iterations):
     """There the lever is 1 m, and crossing costs 0.05 m²; the way round costs more in heading kept wrong for longer."""
     world, polygon = strip_at(17.5)
-    route = plan_route(world, START, GOAL, NOISE, planner=planner, time_limit=0.5)
+    route = plan_route(world, START, GOAL, NOISE, planner=planner, iterations=iterations)
     assert crosses(route, polygon)
     round_it = np.array([START, (17.4, 14.1), (18.6, 14.1), GOAL])
     assert route.rms < exact_drift(world, round_it, NOISE).end.rms
