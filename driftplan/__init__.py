@@ -16,6 +16,12 @@ if TYPE_CHECKING:
     from .beacons.co_design import CoDesign as CoDesign
     from .beacons.co_design import Trip as Trip
     from .beacons.co_design import co_design as co_design
+    from .beacons.beacon import passes as passes
+    from .beacons.candidates import grid_sites as grid_sites
+    from .beacons.candidates import route_sites as route_sites
+    from .beacons.candidates import wall_sites as wall_sites
+    from .beacons.capture import Capture as Capture
+    from .beacons.capture import capture as capture
     from .beacons.itinerary import Itinerary as Itinerary
     from .beacons.layout import Layout as Layout
     from .beacons.layout_files import installer_table as installer_table
@@ -91,7 +97,9 @@ if TYPE_CHECKING:
     from .world.zone_files import load_zones as load_zones
 
 _HOME = {
-    "beacons.beacon": "Beacon BeaconKind drift_with_beacons",
+    "beacons.beacon": "Beacon BeaconKind drift_with_beacons passes",
+    "beacons.candidates": "grid_sites route_sites wall_sites",
+    "beacons.capture": "Capture capture",
     "beacons.co_design": "CoDesign Trip co_design",
     "beacons.itinerary": "Itinerary",
     "beacons.layout": "Layout",
