@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from driftplan.model.calibration import PARAMETERS, fit_noise
 from driftplan.model.drift import predict_drift
 from driftplan.model.literature import StepNoise, dead_reckoning
 from driftplan.model.presets import PRESETS
+from driftplan.world.odometry_logs import read_odometry, read_truth
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -36,6 +40,52 @@ def test_the_camera_presets_have_the_moments_of_the_stated_laws(name, mean):
     here = predict_drift([(0, 0), (steps * d, 0)], PRESETS[name].noise).end
     np.testing.assert_allclose(here.bias, there.bias[-1], rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(here.cov, there.cov[-1], rtol=1e-9, atol=1e-12)
+
+
+def test_fitted_presets_lie_within_their_intervals():
+    fitted = [preset for preset in PRESETS.values() if preset.intervals]
+    assert len(fitted) == 3
+    for preset in fitted:
+        assert set(preset.intervals) == set(PARAMETERS)
+        for name, (low, high) in preset.intervals.items():
+            assert low <= getattr(preset.noise, name) <= high, name
+        shortest, longest = preset.lengths_m
+        assert 0 < shortest < longest
+
+
+DATA = Path(__file__).resolve().parents[2] / "../shared/data"
+
+
+def recorded_drives(name):
+    """The recordings that a preset was fitted to: estimates and truths."""
+    if name == "mower_wheels_and_gyro":
+        file = DATA / "plaza1/Plaza1_.mat"
+        return read_odometry(file, kind="increments", variable="DR"), read_truth(file, variable="GT")
+    if name == "visual_inertial_drone":
+        folder = DATA / "euroc_v1_02"
+        estimates = [read_odometry(folder / f"stamped_traj_estimate{k}.txt.gz") for k in range(6)]
+        return estimates, 6 * [read_truth(folder / "stamped_groundtruth.txt.gz")]
+    files = [DATA / f"mrclam7/Robot{k}" for k in (1, 2, 3)]
+    return (
+        [read_odometry(f"{file}_Odometry.dat.gz") for file in files],
+        [read_truth(f"{file}_Groundtruth.dat.gz") for file in files],
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not DATA.is_dir(), reason="the recorded drives are not here")
+@pytest.mark.parametrize("name", [name for name, preset in PRESETS.items() if preset.intervals])
+def test_fitted_presets_are_what_the_recordings_say(name):
+    preset = PRESETS[name]
+    fit = fit_noise(*recorded_drives(name))
+    assert (fit.check.lengths[0].length_m, fit.check.lengths[-1].length_m) == pytest.approx(preset.lengths_m, rel=0.02)
+    for parameter, (low, high) in preset.intervals.items():
+        # stated to two digits; two of a hundred of what is unsure
+        width = high - low
+        assert getattr(preset.noise, parameter) == pytest.approx(
+            getattr(fit.noise, parameter), rel=0.03, abs=0.02 * width
+        )
+        assert (low, high) == pytest.approx(fit.intervals[parameter], rel=0.05, abs=0.05 * width)
 
 
 def test_presets_cannot_be_changed():
