@@ -48,10 +48,13 @@ def test_the_first_half_of_a_mowers_drive_predicts_the_second(mower):
     _, second, truth, fit = mower
     check = fit.check_on(second, truth, lengths_m=np.geomspace(4, 100, FIGURE_LENGTHS))
     assert len(check.lengths) == FIGURE_LENGTHS
-    # From 4 to 100 m the rms grows fivefold; it is predicted within a factor of two (measured: 0.57 to 0.75, the second
-    # half has fewer slips), and nothing falls outside the 95 % region more often than it should.
-    assert ratios(check).min() > 0.5
+    # From 4 to 100 m the rms grows fivefold; up to 40 m it is predicted within 30 % (measured: 0.73 to 0.91), beyond,
+    # where ten segments have to do, within a factor of two (0.54): the second half has fewer slips. Nothing falls
+    # outside the 95 % region more often than it should.
+    assert ratios(check)[:6].min() > 0.7
+    assert ratios(check).min() > 0.45
     assert ratios(check).max() < 1.1
+    assert check.lengths[0].predicted_rms_interval_m[0] > 0
     assert shares(check, 2).min() > 0.9
     # its gyro turns so little astray that two degrees in 50 m are ruled out; its truth heading is that gyro's own
     assert not fit.check.has_heading
@@ -117,7 +120,7 @@ def test_a_mowers_drift_with_and_without_beacons_is_as_predicted(mower):
         drift = predict_drift(path, fit.noise, fixes=fixes).at(s * stretch)
         error = np.interp(s, second.travelled, np.abs(measured - true))
         # one drive is one sample of a random walk: its rms along the way is within a factor of two of the expected one
-        # with probability above 0.9 (measured: 0.95 without fixes, 1.03 with them)
+        # with probability above 0.9 (measured: 0.81 without fixes, 0.90 with them)
         ratio = np.sqrt(np.mean(error**2) / np.mean(drift.rms**2))
         assert 0.5 < ratio < 1.5
         assert np.mean(error < drift.radius(0.95)) > 0.9
