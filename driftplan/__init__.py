@@ -13,15 +13,15 @@ if TYPE_CHECKING:
     from .beacons.beacon import Beacon as Beacon
     from .beacons.beacon import BeaconKind as BeaconKind
     from .beacons.beacon import drift_with_beacons as drift_with_beacons
-    from .beacons.co_design import CoDesign as CoDesign
-    from .beacons.co_design import Trip as Trip
-    from .beacons.co_design import co_design as co_design
     from .beacons.beacon import passes as passes
     from .beacons.candidates import grid_sites as grid_sites
     from .beacons.candidates import route_sites as route_sites
     from .beacons.candidates import wall_sites as wall_sites
     from .beacons.capture import Capture as Capture
     from .beacons.capture import capture as capture
+    from .beacons.co_design import CoDesign as CoDesign
+    from .beacons.co_design import Trip as Trip
+    from .beacons.co_design import co_design as co_design
     from .beacons.itinerary import Itinerary as Itinerary
     from .beacons.layout import Layout as Layout
     from .beacons.layout_files import installer_table as installer_table
