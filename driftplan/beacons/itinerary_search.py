@@ -43,8 +43,8 @@ _LABELS_BY_END = 6_000  # and of one for the least drift at the end, which seldo
 _SHRINK = 0.97  # of the limit that the graph is held to, when the exact model finds it broken
 _WIDEN = 1.4  # the margin within ranges, when beacons would be missed
 _ATTEMPTS = 12
-_BISECTIONS, _FINE_BISECTIONS = 8, 4
-_MISSED = 0.9  # of the least limit kept so far, a coarse search may have missed a way to keep
+_BISECTIONS = 8
+_STEP_DOWN = 0.93  # of the least limit kept so far, a finer search tries until it finds no way to keep it
 _LOOSER = (1.05, 1.5, 3.0, math.inf)  # than the least limit on the way, when the least end drift is sought
 _TRIALS = 400  # of shorter paths
 _BATCHES, _BATCHES_TO_FIND_ONE = 2, 4  # of the roadmap for the shortest path
@@ -181,16 +181,18 @@ class ItinerarySearch:
         if best is None:
             return None
         high = self.check.verdict(best).worst
-        least = low = least_worst_drift(self.ends, self.kinds, self.beacons, high)
-        for slack, steps in ((_COARSE, _BISECTIONS), (_FINE, _FINE_BISECTIONS)):
-            low = max(least, min(low, _MISSED * high))
-            for _ in range(steps):
+        least = least_worst_drift(self.ends, self.kinds, self.beacons, high)
+        for slack, step in ((_COARSE, 0.5), (_FINE, _STEP_DOWN)):
+            low, missed = least, False
+            for _ in range(_BISECTIONS):
                 if high - low <= WORST_TOLERANCE * high or self.late():
                     break
-                middle = min(0.5 * (low + high), max(self._widest, 1.01 * low))  # who drifts farther finds no beacon
+                middle = max(0.5 * (low + high), step * high) if not missed else 0.5 * (low + high)
+                if low < self._widest < middle:  # who drifts farther than that finds no beacon
+                    middle = self._widest
                 found = self.any_within(middle, longest, slack)
                 if found is None:
-                    low = middle
+                    low, missed = middle, True
                 else:
                     best, high = found, self.check.verdict(found).worst
         if not shorten:

@@ -8,7 +8,7 @@ import pytest
 
 from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons
 from driftplan.beacons.beacon_roadmap import BeaconRoadmap, N
-from driftplan.beacons.labels import LabelTask, least_drift_walk, shortest_walk
+from driftplan.beacons.labels import LabelTask, _scores, _Search, least_drift_walk, shortest_walk
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.world import World, Zone
@@ -217,3 +217,56 @@ def test_a_search_that_is_stopped_says_so():
     found = shortest_walk(task_of(graph, 0.4, 200.0), stop=lambda: True)
     assert not found.finished
     assert found.nodes is None
+
+
+# Dominance, as the docstring of labels states it
+
+
+@pytest.mark.parametrize("kinds", [*KINDS.values(), [UNSURE, SIGN]], ids=[*KINDS, "unsure"])
+@pytest.mark.parametrize("noise", [NOISE, TURNING], ids=["plain", "turning"])
+def test_a_label_that_dominates_another_drifts_no_more_whatever_follows(noise, kinds):
+    rng = np.random.default_rng(11)
+    compared = 0
+    for seed in range(2):
+        graph = small_graph(seed, noise, kinds)
+        rule = _Search(task_of(graph, math.inf), 0.0, lambda: False, 10)
+        ways = [nodes for nodes, _ in walks_to_anywhere(graph, 3)]
+        ended = {}
+        for nodes in ways:
+            ended.setdefault(nodes[-1], []).append((nodes, walk_states(graph, nodes)[1]))
+        for node, labels in ended.items():
+            for _ in range(20):
+                (first, x), (second, y) = (labels[k] for k in rng.integers(len(labels), size=2))
+                turn = rule.turn_rates != (0.0, 0.0) and first[-2:] != second[-2:]
+                better, worse = _scores(np.stack([x, y])[..., None])
+                if turn or not rule.dominates(better, worse, 0.0):
+                    continue
+                compared += 1
+                tail = [node]
+                for _ in range(5):
+                    tail.append(int(rng.choice(graph.head[graph.first[tail[-1]] : graph.first[tail[-1] + 1]])))
+                after = [walk_states(graph, (*way, *tail[1:]))[1][N] for way in (first, second)]
+                # terms of the fourth order in the heading error, which is at most 0.2 rad here, are left out of it
+                assert after[0] <= after[1] * (1 + 0.2**4)
+    assert compared > 15
+
+
+def walks_to_anywhere(graph, most_edges):
+    """Every walk from node 0 of one to so many edges."""
+    stack = [(0,)]
+    while stack:
+        nodes = stack.pop()
+        if len(nodes) > 1:
+            yield nodes, None
+        if len(nodes) <= most_edges:
+            stack += [(*nodes, int(head)) for head in graph.head[graph.first[nodes[-1]] : graph.first[nodes[-1] + 1]]]
+
+
+def test_a_label_with_less_heading_error_is_kept_beside_one_with_less_drift():
+    rule = _Search(task_of(small_graph(0, NOISE, KINDS["full"]), 1.0), 0.0, lambda: False, 10)
+    lost, turned = [(0.09, 0.0001, 0j)], [(0.01, 0.01, 0j)]
+    assert not rule.dominates(lost, turned, 0.0)
+    assert not rule.dominates(turned, lost, 0.0)
+    # equal drift and heading error, but one's errors are correlated: driving on may undo them
+    assert not rule.dominates([(0.04, 0.01, 0j)], [(0.04, 0.01, 0.005 + 0j)], 0.0)
+    assert rule.dominates([(0.03, 0.01, 0j)], [(0.04, 0.0101, 0j)], 0.0)

@@ -29,7 +29,7 @@ def asked(*words):
 def test_beacons_from_a_file_hold_the_limit_that_is_asked_for(tmp_path):
     file = tmp_path / "layout.geojson"
     file.write_bytes(beacons_geojson(BEACONS))
-    words = ("--beacons", str(file), "--max-drift", "1.8", "--minimise", "length", "--time-limit", "5")
+    words = ("--beacons", str(file), "--max-drift", "1.8", "--minimise", "length", "--time-limit", "600")
     route = planned_route(asked(*words), HALL, NOISE)
     assert isinstance(route, Itinerary)
     assert route.worst_drift <= route.max_drift == 1.8
