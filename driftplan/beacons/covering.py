@@ -18,18 +18,18 @@ In the meantime every rejected layout is completed greedily to an acceptable one
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from math import ceil, inf
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from driftplan.beacons.cut_pool import EPS, Cut, CutPool
+from driftplan.beacons.highs import solve
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -269,25 +269,19 @@ class _Search:
 
         Confined to some ``sites`` it is no relaxation: then the bound is none.
         """
-        from scipy.optimize import Bounds, LinearConstraint, milp
         from scipy.sparse import vstack
 
         rows, least = self.rows.active_rows
         caps, _, cap_least = self.caps.matrix
-        constraints = LinearConstraint(vstack([rows, caps], format="csr"), lb=np.concatenate([least, cap_least]))
         most = np.ones(self.n) if sites is None else sites.astype(float)
-        left = max(0.05, min(self.deadline, until) - time.monotonic())
-        found = _interruptible(
-            lambda: milp(
-                self.cost,
-                integrality=np.full(self.n, int(whole), dtype=np.intp),
-                bounds=Bounds(self.fixed.astype(float), most),
-                constraints=constraints if len(least) + len(cap_least) else (),
-                options={"time_limit": left, "mip_rel_gap": 0.0},
-            )
+        found = solve(
+            self.cost,
+            vstack([rows, caps], format="csr"),
+            np.concatenate([least, cap_least]),
+            (self.fixed.astype(float), most),
+            whole=whole,
+            time_limit=max(0.05, min(self.deadline, until) - time.monotonic()),
         )
-        if found.status not in (0, 1, 2):
-            raise RuntimeError(f"HiGHS could not solve the covering problem: {found.message}")
         y = None if found.x is None else np.asarray(found.x, dtype=float)
         if sites is not None:
             return y, 0.0, False
@@ -388,23 +382,3 @@ def _common_step(cost: Floats) -> float:
     if not (len(cost) and np.array_equal(whole, cost) and cost.max() < 1e9):
         return 0.0
     return float(np.gcd.reduce(whole.astype(np.int64)))
-
-
-def _interruptible(work: Callable[[], Any]) -> Any:
-    """The result of ``work``, computed beside the main thread so that Ctrl-C is heard at once."""
-    outcome: list[Any] = []
-
-    def run() -> None:
-        try:
-            outcome.append((work(), None))
-        except BaseException as err:
-            outcome.append((None, err))
-
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    while thread.is_alive():
-        thread.join(0.1)
-    result, err = outcome[0]
-    if err is not None:
-        raise err
-    return result

@@ -78,9 +78,14 @@ def layout_csv(layout: Layout) -> bytes:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(InstallerRow._fields)
     for row in installer_table(layout):
-        plain = row._replace(routes=" ".join(map(str, row.routes)))  # type: ignore[arg-type]
-        writer.writerow(["" if isinstance(v, float) and not isfinite(v) else v for v in plain])
+        writer.writerow([_cell(value) for value in row])
     return text.getvalue().encode()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return " ".join(map(str, value))
+    return "" if isinstance(value, float) and not isfinite(value) else value
 
 
 def layout_geojson(layout: Layout) -> bytes:
