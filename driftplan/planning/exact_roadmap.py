@@ -11,6 +11,7 @@ import numpy as np
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.cost import bracket
 from driftplan.planning.exact_cost import Complexes, Prepending, run_maps, turn_maps, turns_matter
+from driftplan.planning.exact_greedy import greedily_best
 from driftplan.planning.exact_search import MOST_LABELS, SearchGraph, least_exact_cost
 from driftplan.planning.roadmap_graph import GOAL, START, Roadmap, Transitions
 from driftplan.planning.roadmap_pricing import Floats, Ints, Space
@@ -158,6 +159,13 @@ def bracketed(roadmap: Roadmap, noise: OdometryNoise, heading_std: float, known:
     return _beyond(roadmap, least, most, _additive_bound(roadmap, least, 0.0, most))
 
 
+def probably_best(roadmap: Roadmap, noise: OdometryNoise) -> Floats | None:
+    """A simple path of the roadmap with little E|e|², found quickly; see `driftplan.planning.exact_greedy`."""
+    graph = search_graph(roadmap, noise, inf)
+    states = greedily_best(graph)
+    return None if states is None else _path(roadmap, graph, states)
+
+
 def exactly_best(
     roadmap: Roadmap,
     noise: OdometryNoise,
@@ -186,15 +194,21 @@ def exactly_best(
             if finished:
                 break
             continue
-        nodes = found.states if graph.source == START else graph.node[found.states]
-        nodes[[0, -1]] = START, GOAL
-        if len(np.unique(nodes)) == len(nodes):
-            best, path_cost = roadmap.xy[nodes], found.cost
+        path = _path(roadmap, graph, found.states)
+        if path is not None:
+            best, path_cost = path, found.cost
             if finished:
                 break
     if not plain:
         return best, Bound(bound, inf), finished
     return best, _beyond(roadmap, least, most, bound), finished
+
+
+def _path(roadmap: Roadmap, graph: SearchGraph, states: Ints) -> Floats | None:
+    """The waypoints of a path of the graph, if it is simple."""
+    nodes = states.copy() if graph.source == START else graph.node[states]
+    nodes[[0, -1]] = START, GOAL
+    return roadmap.xy[nodes] if len(np.unique(nodes)) == len(nodes) else None
 
 
 def _beyond(roadmap: Roadmap, least: float, most_var: float, bound: float) -> Bound:

@@ -17,7 +17,7 @@ import numpy as np
 from driftplan.planning.cost import bracket
 from driftplan.planning.exact_cost import turns_matter
 from driftplan.planning.exact_polish import ExactJudge
-from driftplan.planning.exact_roadmap import GAP, TIMES, Bound, bracketed, exactly_best, is_plain
+from driftplan.planning.exact_roadmap import GAP, TIMES, Bound, bracketed, exactly_best, is_plain, probably_best
 from driftplan.planning.exact_search import MOST_LABELS
 from driftplan.planning.path_polish import polished, refined
 from driftplan.planning.roadmap_graph import Roadmap
@@ -145,6 +145,8 @@ class RoadmapSearch:
             bound = bracketed(roadmap, noise, self.heading_std, self._least_additive)
             return bound._replace(mean_square=min(bound.mean_square, self.cost)), False
         judge = ExactJudge(self.pricing.space, noise, self.pricing.goal, self.start_heading)
+        if not stop() and (path := probably_best(roadmap, noise)) is not None:
+            self._offer(path)
         for _ in range(_EXACT_ROUNDS):
             self._offer(refined(judge, self.pricing.space, self.path, stop))
             self._join()

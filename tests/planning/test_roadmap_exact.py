@@ -13,7 +13,7 @@ import pytest
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.exact_cost import identity, run_maps, turn_maps
 from driftplan.planning.exact_polish import ExactJudge
-from driftplan.planning.exact_roadmap import additive_bound, bracketed, exactly_best, search_graph
+from driftplan.planning.exact_roadmap import additive_bound, bracketed, exactly_best, probably_best, search_graph
 from driftplan.planning.exact_search import _Search, least_exact_cost
 from driftplan.planning.path_polish import AdditiveJudge, polished, refined
 from driftplan.planning.roadmap_graph import GOAL, START, Roadmap
@@ -301,10 +301,25 @@ def test_the_additive_cost_misleads_where_headings_are_lost_and_the_exact_search
     assert additive[0] > 1.5 * additive[1]  # by the additive cost the detour is far better,
     assert exact[0] < 0.8 * exact[1]  # in truth far worse
     assert roadmap.shortest().nodes.tolist() == round_about
+    np.testing.assert_array_equal(probably_best(roadmap, noise), roadmap.xy[direct])
     path, bound, finished = exactly_best(roadmap, noise, exact[1], float(ends[1].heading_std))
     np.testing.assert_array_equal(path, roadmap.xy[direct])
     assert finished
     assert bound.mean_square == pytest.approx(exact[0], rel=1e-2)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(6))
+def test_the_quick_path_by_the_exact_cost_is_a_path_and_near_the_best(kind, seed):
+    case = random_case(kind, seed)
+    path = probably_best(case.roadmap, case.noise)
+    assert path is not None
+    np.testing.assert_array_equal(path[[0, -1]], case.roadmap.xy[[START, GOAL]])
+    assert len(np.unique(path, axis=0)) == len(path)
+    pairs = {frozenset(map(tuple, case.roadmap.xy[edge].tolist())) for edge in case.roadmap.edges}
+    assert all(frozenset(map(tuple, leg.tolist())) in pairs for leg in np.stack([path[:-1], path[1:]], axis=1))
+    cost = float(exact_drift(case.roadmap.pricing.space, path, case.noise, case.roadmap.start_heading).end.rms) ** 2
+    assert case.exact.min() * (1 - 1e-9) <= cost <= 1.5 * case.exact.min()
 
 
 # Polishing

@@ -4,6 +4,7 @@ from itertools import count
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -189,6 +190,32 @@ def test_the_exact_search_does_not_do_worse_and_proves_more_when_headings_are_lo
     assert exact.cost < plain.cost
     assert 1.2 * plain_bound.mean_square < exact_bound.mean_square <= exact.cost
     assert ROOM.segments_free(exact.path[:-1], exact.path[1:]).all()
+
+
+def test_of_two_corridors_the_additive_cost_takes_the_wrong_one_and_the_exact_search_the_right_one():
+    """One corridor has a metre of floor on which all heading is lost: J grows without end there, E|e|² cannot exceed
+    twice the square of the lever. The other is noisy all along."""
+    strip = Zone(box(11, -3, 12, 0), OdometryNoise(heading_var_per_m=12.0))
+    floor = Zone(box(-1, 0, 21, 3), OdometryNoise(heading_var_per_m=0.12))
+    world = World.from_polygons([box(2, -1, 18, 1)], bounds=(-1, -3, 21, 3), robot_radius=0.6, zones=[strip, floor])
+    noise = OdometryNoise(heading_var_per_m=1e-3)
+    additive, exact = (
+        plan_on_roadmap(world, (0, -0.1), (20, -0.1), noise, batches=1, time_limit=600, exact=exact)
+        for exact in (False, True)
+    )
+    middle = shapely.box(9, -3, 11, 3)
+    side = [
+        float(np.sign(shapely.intersection(shapely.LineString(found.path), middle).centroid.y))
+        for found in (additive, exact)
+    ]
+    assert side == [1.0, -1.0]
+    assert exact.additive_cost > 1.5 * additive.additive_cost
+    assert exact.cost < 0.75 * additive.cost
+    for found in (additive, exact):
+        end = exact_drift(world, found.path, noise).end
+        assert end.heading_std > 1.0
+        assert found.cost == pytest.approx(float(end.rms) ** 2, rel=1e-12)
+        assert 0 < found.bound <= found.cost
 
 
 def test_the_exact_search_takes_noise_that_the_additive_cost_cannot_price():
