@@ -327,7 +327,7 @@ def _mounting_notes(matches: Sequence[Match]) -> list[str]:
 
 def _relative_errors(
     ladder: Ladder, drives: list[tuple[OdometryLog, Trajectory]], matches: Sequence[Match], max_gap_s: float | None
-) -> RelativeErrors:
+) -> RelativeErrors | None:
     """Errors by KITTI's definition, whose frames are the samples of the sparser recording, not the segments' knots."""
     lengths = [rung.length_m for rung in ladder.rungs]
     found = []
@@ -345,7 +345,7 @@ def _relative_errors(
                 estimate = np.column_stack([s.estimate.real, s.estimate.imag, s.estimate_heading])
                 true = np.column_stack([s.truth.real, s.truth.imag, s.truth_heading])
                 found.append(relative_errors(estimate, true, lengths, step=_FRAMES // 4))
-    return pooled(found)
+    return pooled(found) if found else None
 
 
 def _drive_notes(ladder: Ladder, solution: Solution, error: Floats) -> list[str]:
