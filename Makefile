@@ -21,6 +21,7 @@ check: lint test
 	$(BIN)/python -m pytest -n auto -m slow
 
 bench: $(VENV)/.installed-test
+	-$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	$(BIN)/python -m tests.benchmarks
 
 clean:
