@@ -106,7 +106,7 @@ def plan_itinerary(
     max_drift : float, optional
         Greatest rms drift, in metres, anywhere on the way.
     minimise : {"length", "drift", "worst_drift"}
-        Length, rms drift at the goal, or the greatest rms drift on the way (to within 1 %).
+        Length, rms drift at the goal, or the greatest rms drift on the way (to within about 2 %).
     max_detour : float, optional
         Greatest length as a multiple of the shortest route's, >= 1. Default: none for "length", else 1.5.
     redundancy : int

@@ -34,9 +34,13 @@ from driftplan.planning.roadmap_pricing import Pricing, Space
 from driftplan.planning.roadmap_search import said
 from driftplan.world.world import World
 
-WORST_TOLERANCE = 0.01
+WORST_TOLERANCE = 0.02  # of the least worst drift, and of end drifts that dead beacons change
 ROUNDING = 1e-9
-_COARSE, _FINE = 0.15, 0.015  # slack of labels as a share of the limit squared: for a path soon, then for a good one
+_COARSE, _MEDIUM, _FINE = (
+    0.15,
+    0.05,
+    0.015,
+)  # slack of labels as a share of the limit squared: for a path soon, then for a good one
 _LABELS = 100_000  # of one search at most,
 _LABELS_OF_BISECTION = 8_000  # of one that need only find any path,
 _LABELS_BY_END = 6_000  # and of one for the least drift at the end, which seldom comes to an end of its own
@@ -182,10 +186,10 @@ class ItinerarySearch:
             return None
         high = self.check.verdict(best).worst
         least = least_worst_drift(self.ends, self.kinds, self.beacons, high)
-        for slack, step in ((_COARSE, 0.5), (_FINE, _STEP_DOWN)):
+        for slack, step, tolerance in ((_COARSE, 0.5, 0.05), (_MEDIUM, _STEP_DOWN, WORST_TOLERANCE)):
             low, missed = least, False
             for _ in range(_BISECTIONS):
-                if high - low <= WORST_TOLERANCE * high or self.late():
+                if high - low <= tolerance * high or self.late():
                     break
                 middle = max(0.5 * (low + high), step * high) if not missed else 0.5 * (low + high)
                 if low < self._widest < middle:  # who drifts farther than that finds no beacon
