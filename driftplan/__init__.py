@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from .model.spatial_simulation import simulate_drift_3d as simulate_drift_3d
     from .model.spatial_steps import flight_steps as flight_steps
     from .model.umbmark import umbmark as umbmark
+    from .planning.collision import use_world as use_world
     from .planning.objective import DriftObjective as DriftObjective
     from .planning.ompl_paths import predict_ompl_path as predict_ompl_path
     from .planning.routes import Comparison as Comparison
@@ -127,6 +128,7 @@ _HOME = {
     "model.spatial_simulation": "simulate_drift_3d",
     "model.spatial_steps": "flight_steps",
     "model.umbmark": "umbmark",
+    "planning.collision": "use_world",
     "planning.objective": "DriftObjective",
     "planning.ompl_paths": "predict_ompl_path",
     "planning.routes": "Comparison Route compare_routes",

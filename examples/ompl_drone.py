@@ -8,8 +8,7 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from driftplan import DriftObjective, OdometryNoise
-from driftplan.planning.ompl_paths import predict_ompl_path
+from driftplan import DriftObjective, OdometryNoise, predict_ompl_path
 
 START, GOAL = (1.0, 1.0, 1.0), (19.0, 19.0, 6.0)
 PILLARS = [(6.0, 6.0), (10.0, 14.0), (14.0, 8.0), (10.0, 10.0)]  # of radius 2 m, as high as the hall

@@ -6,9 +6,7 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from driftplan import DriftObjective, OdometryNoise, bundled_map, load_world
-from driftplan.planning.collision import use_world
-from driftplan.planning.ompl_paths import predict_ompl_path
+from driftplan import DriftObjective, OdometryNoise, bundled_map, load_world, predict_ompl_path, use_world
 
 
 def plan(space: ob.SE2StateSpace, seconds: float) -> tuple[float, float]:
