@@ -242,6 +242,11 @@ def fit_noise(
         heading_offset=heading_offset,
         max_gap_s=max_gap_s,
     )
+    if len(ladder.values) < len(names):
+        raise ValueError(
+            f"expected drives with at least as many segments as there are rates to fit, {len(names)}, got "
+            f"{len(ladder.values)}: record longer drives, or fit fewer parameters"
+        )
     solution, notes = _solved(ladder, names)
     replicates, blocks = bootstrap(ladder, solution, resamples, np.random.default_rng(seed))
     error = standard_errors(replicates, blocks)

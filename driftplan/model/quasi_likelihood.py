@@ -53,6 +53,7 @@ _DERIVATIVE_STEP = 1e-3
 _DAMPED_AFTER = 10  # steps are halved, after as many again halved again
 _SETTLED = 1.0  # standard errors: steps below leave the derivatives as they are
 _CONVERGED = 0.01  # standard errors
+_MOST_LOG = 50.0  # of a mean square over its prediction: beyond, nothing is known, and exp would overflow
 _BLOCK_SPANS = 2  # length of a bootstrap block, in longest segments
 _HELD_OUT_STEPS = 4  # from the estimate of all drives to that of some
 _PARTS = 5  # of the drives, each predicted from the others
@@ -245,7 +246,8 @@ def rms_spread(ladder: Ladder, solution: Solution, replicates: Floats, confidenc
     square = np.maximum(square, 1e-300)
     logs = (replicates - solution.theta) @ slope.T / square  # of the mean square: it is positive, and skew as few slips
     tail = (1 - confidence) / 2
-    low_high = np.sqrt(square * np.exp(np.quantile(logs, [tail, 1 - tail], axis=0))).T
+    bounds = np.clip(np.quantile(logs, [tail, 1 - tail], axis=0), -_MOST_LOG, _MOST_LOG)
+    low_high = np.sqrt(square * np.exp(bounds)).T
     return RmsSpread(low_high, 0.5 * np.sqrt(square) * logs.std(axis=0))
 
 

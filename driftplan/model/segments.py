@@ -29,6 +29,7 @@ from .matching import Stretch
 from .moments import Moments, compose
 from .noise import OdometryNoise
 
+_LEAST_CHORD = 1e-3  # of the true chord
 _SHORTEST_CHORD = 0.25  # of its path: below, the chord's direction says too little to align by
 
 
@@ -216,6 +217,8 @@ def _expect_positions(seen: Observations, back: Moments, ahead: Moments, truth: 
     x1, x2, X = -back.e1, back.e2, back.N
     y1, y2, Y = ahead.e1, ahead.e2, ahead.N
     mean_first = seen.chord.real + x1 / seen.frame
+    # where so much noise is tried that nothing is left of the mean chord, the expansion only has to stay finite
+    mean_first = np.where(np.abs(mean_first) > _LEAST_CHORD * seen.chord.real, mean_first, _LEAST_CHORD * seen.chord)
     c1 = np.abs(mean_first)
     g = seen.frame * mean_first / c1  # the frame of the mean estimated first chord
     second = ahead.p / seen.frame

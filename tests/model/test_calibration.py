@@ -239,6 +239,17 @@ def test_errors_that_do_not_add_up_are_said_to_be_no_random_walk():
     assert any("errors grow slower with length" in note for note in fit.notes)
 
 
+@pytest.mark.parametrize("heading", [True, False])
+def test_a_truth_that_has_nothing_to_do_with_the_odometry_is_said_not_to_fit(heading):
+    log, _ = recorded(length_m=80)
+    rng = np.random.default_rng(0)
+    n = len(log.times)
+    random = Trajectory(log.times, 100 * rng.standard_normal((n, 2)), rng.standard_normal(n) if heading else None)
+    fit = fit_noise(log, random, parameters=FITTED, resamples=100)
+    assert not fit.check.fits
+    assert np.isfinite([row.predicted_rms_m for row in fit.check.lengths]).all()
+
+
 def test_odometry_that_drives_the_wrong_way_is_said_not_to_fit():
     log, truth = recorded(length_m=80)
     fit = fit_noise(OdometryLog(log.times, -log.moves, log.turns), truth, parameters=FITTED, resamples=100)
@@ -358,6 +369,8 @@ def test_arguments_out_of_range_are_refused():
         fit_noise(log, np.zeros((5, 2)))
     with pytest.raises(ValueError, match="expected OdometryLog, an array or a sequence of these, got int"):
         fit_noise(7, truth)
+    with pytest.raises(ValueError, match="at least as many segments as there are rates to fit, 8, got 1"):
+        fit_noise([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [(0, 0), (1, 0), (2, 0.1)])
     with pytest.raises(ValueError, match="robot moves"):
         fit_noise(OdometryLog(log.times, 0 * log.moves, log.turns), truth)
     with pytest.raises(ValueError, match="expected a noise of the continuous model"):
