@@ -19,9 +19,8 @@ if TYPE_CHECKING:
     from .beacons.candidates import wall_sites as wall_sites
     from .beacons.capture import Capture as Capture
     from .beacons.capture import capture as capture
-    from .beacons.co_design import CoDesign as CoDesign
-    from .beacons.co_design import Trip as Trip
     from .beacons.co_design import co_design as co_design
+    from .beacons.design import CoDesign as CoDesign
     from .beacons.itinerary import Itinerary as Itinerary
     from .beacons.layout import Layout as Layout
     from .beacons.layout_files import installer_table as installer_table
@@ -34,7 +33,8 @@ if TYPE_CHECKING:
     from .beacons.placement_problem import SiteGroup as SiteGroup
     from .beacons.plan import plan_route as plan_route
     from .beacons.roadmap_planner import RoadmapPlanner as RoadmapPlanner
-    from .beacons.trip_files import load_trips as load_trips
+    from .beacons.trips import Trip as Trip
+    from .beacons.trips import load_trips as load_trips
     from .errors import DriftplanError as DriftplanError
     from .errors import GoalError as GoalError
     from .errors import InfeasibleError as InfeasibleError
@@ -101,7 +101,8 @@ _HOME = {
     "beacons.beacon": "Beacon BeaconKind drift_with_beacons passes",
     "beacons.candidates": "grid_sites route_sites wall_sites",
     "beacons.capture": "Capture capture",
-    "beacons.co_design": "CoDesign Trip co_design",
+    "beacons.co_design": "co_design",
+    "beacons.design": "CoDesign",
     "beacons.itinerary": "Itinerary",
     "beacons.layout": "Layout",
     "beacons.layout_files": "installer_table layout_csv layout_geojson load_beacons",
@@ -110,7 +111,7 @@ _HOME = {
     "beacons.placement_problem": "SiteGroup",
     "beacons.plan": "plan_route",
     "beacons.roadmap_planner": "RoadmapPlanner",
-    "beacons.trip_files": "load_trips",
+    "beacons.trips": "Trip load_trips",
     "errors": ("DriftplanError GoalError InfeasibleError MapError NoPathError PlannerError StartError TrajectoryError"),
     "model.calibration": "NoiseFit fit_noise",
     "model.drift": "Drift PointDrift predict_drift",

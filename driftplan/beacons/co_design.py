@@ -19,148 +19,29 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from enum import Enum
 from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.beacons.beacon import Beacon, BeaconColumns, BeaconKind
-from driftplan.beacons.candidates import allowed, grid_sites
-from driftplan.beacons.covering import Outcome
-from driftplan.beacons.itinerary import DEFAULT_DETOUR, Itinerary, answer, check_options
-from driftplan.beacons.itinerary_search import ROUNDING, ItinerarySearch, length_of
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.design import CoDesign, Design, DesignStatus
+from driftplan.beacons.design_problem import DesignProblem, sites_of
+from driftplan.beacons.itinerary import DEFAULT_DETOUR, answer, check_options
+from driftplan.beacons.itinerary_search import ROUNDING, length_of
 from driftplan.beacons.layout import Layout
-from driftplan.beacons.passes import passes_of
-from driftplan.beacons.placement import place_beacons
-from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
+from driftplan.beacons.trips import Trip, trips_of
+from driftplan.errors import InfeasibleError
 from driftplan.model.fixes import Fix
-from driftplan.model.inputs import finite, positive, whole
+from driftplan.model.inputs import positive, whole
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Floats
-from driftplan.planning.roadmap_search import check_connected, checked_ends
 from driftplan.world.world import World
 
 _WORTH = 1e-6  # least relative gain that counts
 _HOPE = 2.0  # detours may cost so many times what the missing beacons cost: placing again may save more of them
 _PLACE_SHARE = 0.25  # of the time limit, for one placement at most
-
-
-@dataclass(frozen=True, slots=True)
-class Trip:
-    """A drive from start to goal, metres, and how often it is driven.
-
-    Examples
-    --------
-    >>> Trip((2, 5), (58, 5), weight=20, name="dock to press").weight
-    20.0
-    """
-
-    start: tuple[float, float]
-    goal: tuple[float, float]
-    weight: float = 1.0
-    name: str = ""
-
-    def __post_init__(self) -> None:
-        for end in ("start", "goal"):
-            place = np.asarray(getattr(self, end), dtype=float)
-            if place.shape != (2,) or not np.isfinite(place).all():
-                raise ValueError(f"expected {end} (x, y) in metres, finite, got {getattr(self, end)!r}")
-            object.__setattr__(self, end, (float(place[0]), float(place[1])))
-        object.__setattr__(self, "weight", positive("weight", self.weight))
-
-
-class DesignStatus(Enum):
-    """Why the search ended."""
-
-    LOCAL_OPTIMUM = "No neighbour leads to a cheaper design: neither other routes nor fewer beacons pay."
-    ROUNDS_DONE = "All rounds done: the best design so far."
-    TIME_LIMIT = "Time limit reached: the best design so far."
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Design:
-    """Beacons and routes, and what they cost.
-
-    Attributes
-    ----------
-    layout : Layout
-        Of the beacons on the routes; the limit holds on each.
-    paths : tuple of (n, 2) arrays
-        One per trip, metres.
-    beacon_cost : float
-        Of the new beacons.
-    driving_cost : float
-        Weights times lengths times the price of a metre.
-    """
-
-    layout: Layout
-    paths: tuple[Floats, ...]
-    beacon_cost: float
-    driving_cost: float
-
-    @property
-    def beacons(self) -> tuple[Beacon, ...]:
-        """The new ones."""
-        return self.layout.beacons
-
-    @property
-    def cost(self) -> float:
-        return self.beacon_cost + self.driving_cost
-
-    @property
-    def lengths(self) -> tuple[float, ...]:
-        """Metres, one per trip."""
-        return tuple(length_of(path) for path in self.paths)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class CoDesign(Design):
-    """Result of `co_design`.
-
-    Attributes
-    ----------
-    trips : tuple of Trip
-    routes : tuple of Itinerary
-        The same paths with their drift, the beacons they count on and the probability of every pass.
-    baseline : Design or None
-        Shortest routes, then beacons; None where no beacons hold the limit on the shortest routes.
-    status : DesignStatus
-    rounds : int
-        Passes over all neighbours, the last one without a gain unless ``status`` says otherwise.
-    tried : int
-        Neighbours looked at.
-    history : tuple of float
-        Cost of the best design, after every improvement.
-    seconds : float
-    """
-
-    trips: tuple[Trip, ...]
-    routes: tuple[Itinerary, ...]
-    baseline: Design | None
-    status: DesignStatus
-    rounds: int
-    tried: int
-    history: tuple[float, ...]
-    seconds: float
-
-    @property
-    def gain(self) -> float:
-        """How much cheaper than `baseline`, never negative; infinite where there is no baseline."""
-        return math.inf if self.baseline is None else self.baseline.cost - self.cost
-
-    def __str__(self) -> str:
-        rows = [("shortest routes, then beacons", self.baseline), ("chosen together", self)]
-        lines = [f"{'':30s} {'beacons':>7s} {'their cost':>11s} {'driving':>11s} {'together':>11s}"]
-        for name, design in rows:
-            if design is None:
-                lines.append(f"{name:30s} no layout keeps the limit on the shortest routes")
-            else:
-                numbers = (design.beacon_cost, design.driving_cost, design.cost)
-                lines.append(f"{name:30s} {len(design.beacons):7d} " + " ".join(f"{x:11.2f}" for x in numbers))
-        return "\n".join([*lines, self.status.value])
 
 
 def co_design(
@@ -259,9 +140,9 @@ def co_design(
     began = time.monotonic()
     if not isinstance(world, World):
         raise ValueError(f"expected a World, got {world!r}")
-    problem = _Problem(
+    problem = DesignProblem(
         world=world,
-        trips=tuple(_trip(k, trip) for k, trip in enumerate(_listed(trips))),
+        trips=trips_of(trips),
         noise=noise,
         limit=positive("max_drift", max_drift),
         price_per_m=positive("price_per_m", price_per_m),
@@ -285,7 +166,7 @@ def co_design(
         noises=(noise, *(zone.noise for zone in world.zones)),
     )
     whole("rounds", rounds, least=0)
-    problem.sites = _sites(world, kind, candidates, spacing_m, forbidden, {b.id for b in existing})
+    problem.sites = sites_of(world, kind, candidates, spacing_m, forbidden, {b.id for b in existing})
     problem.shortest = [problem.shortest_path(k) for k in range(len(problem.trips))]
     problem.longest = [max_detour * length_of(path) * (1 + ROUNDING) for path in problem.shortest]
     search = _Search(problem, began, progress)
@@ -301,110 +182,10 @@ class _State(NamedTuple):
     cost: float
 
 
-@dataclass(kw_only=True)
-class _Problem:
-    """What is asked, and the two halves of the answer: beacons for routes, routes for beacons."""
-
-    world: World
-    trips: tuple[Trip, ...]
-    noise: OdometryNoise
-    limit: float
-    price_per_m: float
-    existing: tuple[Beacon, ...]
-    redundancy: int
-    start_fix: Fix | None
-    nodes: int
-    seed: int
-    deadline: float
-    place_s: float
-    sites: tuple[Beacon, ...] = ()
-    shortest: list[Floats] = None  # type: ignore[assignment]  # filled once the trips are known to be possible
-    longest: list[float] = None  # type: ignore[assignment]
-    cut_short: bool = False  # by the clock
-
-    def late(self) -> bool:
-        self.cut_short = self.cut_short or time.monotonic() > self.deadline
-        return self.cut_short
-
-    def price(self, trip: int) -> float:
-        """Of one metre of a trip's route."""
-        return self.price_per_m * self.trips[trip].weight
-
-    def driving(self, paths: Sequence[Floats]) -> float:
-        return sum(self.price(k) * length_of(path) for k, path in enumerate(paths))
-
-    def cost(self, paths: Sequence[Floats], layout: Layout) -> float:
-        return layout.cost + self.driving(paths)
-
-    def shortest_path(self, trip: int) -> Floats:
-        asked = self.trips[trip]
-        try:
-            ends = checked_ends(self.world, asked.start, asked.goal, self.noise, "length", 1.0, None, None)
-            if asked.start == asked.goal:
-                raise ValueError(f"expected start and goal apart, got {asked.start} for both")
-            check_connected(self.world, ends)
-            return self._search(trip, (), None).shortest
-        except (StartError, GoalError, NoPathError, ValueError) as err:
-            raise type(err)(f"{self.name(trip)}: {err}") from None
-
-    def name(self, trip: int) -> str:
-        asked = self.trips[trip]
-        return f"trip {trip}" + (f" ({asked.name})" if asked.name else "")
-
-    def search(self, trip: int, beacons: Sequence[Beacon]) -> ItinerarySearch:
-        """The search for a route of a trip among beacons."""
-        return self._search(trip, tuple(beacons), self.shortest[trip])
-
-    def _search(self, trip: int, beacons: tuple[Beacon, ...], known: Floats | None) -> ItinerarySearch:
-        return ItinerarySearch(
-            self.world,
-            self.world,
-            np.array([self.trips[trip].start, self.trips[trip].goal]),
-            self.noise,
-            beacons,
-            redundancy=self.redundancy,
-            min_capture=0.0,
-            initial=self.start_fix,
-            nodes=self.nodes,
-            seed=self.seed,
-            stop=self.late,
-            shortest=known,
-        )
-
-    def route(self, trip: int, beacons: Sequence[Beacon], longest: float) -> Floats | None:
-        """The shortest route of a trip among beacons that keeps the limit and is no longer than this."""
-        return self.search(trip, beacons).shortest_within(self.limit, min(longest, self.longest[trip]))
-
-    def met(self, paths: Sequence[Floats]) -> list[Beacon]:
-        """Sites of which at least one path comes within range."""
-        columns = BeaconColumns.of(self.sites)
-        met = np.zeros(len(self.sites), dtype=bool)
-        for path in paths:
-            met[passes_of(path, columns.xy, columns.range_m, columns.must_see, self.world).beacon] = True
-        return [site for site, useful in zip(self.sites, met.tolist(), strict=True) if useful]
-
-    def place(self, paths: Sequence[Floats]) -> Layout:
-        """The cheapest beacons for routes."""
-        candidates = self.met(paths)
-        layout = place_beacons(
-            self.world,
-            list(paths),
-            self.noise,
-            max_drift=self.limit,
-            candidates=candidates or list(self.sites[:1]),
-            existing=self.existing,
-            redundancy=self.redundancy,
-            start_fix=self.start_fix,
-            time_limit=max(min(self.deadline - time.monotonic(), self.place_s), 1.0),
-        )
-        self.cut_short |= layout.status is Outcome.STOPPED_EARLY
-        return layout
-
-
 class _Search:
     """Alternation with restarts; the best design so far."""
 
-    def __init__(self, problem: _Problem, began: float, progress: Callable[[float, float], None] | None) -> None:
+    def __init__(self, problem: DesignProblem, began: float, progress: Callable[[float, float], None] | None) -> None:
         self.problem, self.began, self.progress = problem, began, progress
         self.baseline: Design | None = None
         self.best: _State | None = None
@@ -586,50 +367,3 @@ class _Search:
         self.history.append(state.cost)
         if self.progress is not None:
             self.progress(time.monotonic() - self.began, state.cost)
-
-
-def _listed(trips: Any) -> list[Any]:
-    if isinstance(trips, Trip) or not isinstance(trips, Sequence) or isinstance(trips, str) or not len(trips):
-        raise ValueError(f"expected trips to be a sequence of Trip or (start, goal, weight), got {trips!r}")
-    return list(trips)
-
-
-def _trip(number: int, trip: Any) -> Trip:
-    if isinstance(trip, Trip):
-        return trip
-    try:
-        start, goal, *weight = trip
-        return Trip(start, goal, *weight)
-    except (TypeError, ValueError) as err:
-        raise ValueError(f"trip {number}: expected a Trip or (start, goal) or (start, goal, weight): {err}") from None
-
-
-def _sites(
-    world: World,
-    kind: Any,
-    candidates: ArrayLike | None,
-    spacing_m: float | None,
-    forbidden: Sequence[Any],
-    taken: set[str],
-) -> tuple[Beacon, ...]:
-    """Every kind at every place where a beacon may be, with ids."""
-    kinds = [kind] if isinstance(kind, BeaconKind) else list(kind)
-    if not kinds or not all(isinstance(one, BeaconKind) for one in kinds):
-        raise ValueError(f"expected kind to be a BeaconKind or several, got {kind!r}")
-    if candidates is None:
-        points = grid_sites(world, min(k.range_m for k in kinds) if spacing_m is None else spacing_m)
-    elif spacing_m is not None:
-        raise ValueError("expected spacing_m only for generated candidates, got both candidates and spacing_m")
-    else:
-        points = finite("candidates", candidates)
-        if points.ndim != 2 or points.shape[1] != 2:
-            raise ValueError(f"expected candidates (n, 2) in metres, got shape {points.shape}")
-    points = allowed(points, forbidden)
-    if not len(points):
-        raise ValueError("expected at least one candidate, got none")
-    sites = []
-    for number, (x, y) in enumerate(points.tolist(), start=1):
-        for which, one in enumerate(kinds, start=1):
-            name = f"S{number}" if len(kinds) == 1 else f"S{number}-{which}"
-            sites.append(Beacon(one, x, y, id=name if name not in taken else f"{name}+"))
-    return tuple(sites)

@@ -22,7 +22,7 @@ from driftplan.report.place_command import add_kind_options, kind_from
 from driftplan.world.files import write_files
 
 if TYPE_CHECKING:
-    from driftplan.beacons.co_design import CoDesign, Design
+    from driftplan.beacons.design import CoDesign, Design
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -88,7 +88,7 @@ def design(args: argparse.Namespace) -> None:
     """The design that the arguments ask for."""
     from driftplan.beacons.co_design import co_design
     from driftplan.beacons.layout_files import layout_csv, layout_geojson, load_beacons
-    from driftplan.beacons.trip_files import load_trips
+    from driftplan.beacons.trips import load_trips
     from driftplan.report.plot_design import plot_design
     from driftplan.world.trajectories import read_path
 

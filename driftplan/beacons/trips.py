@@ -1,16 +1,45 @@
-"""Trips as a text file: a line each, from where to where and how often."""
+"""Trips: drives that are made again and again, in Python or from a text file."""
 
 from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from driftplan.beacons.co_design import Trip
+import numpy as np
+
 from driftplan.errors import TrajectoryError
+from driftplan.model.inputs import positive
 
 _COLUMNS = ("start_x", "start_y", "goal_x", "goal_y", "weight")
 _NAMED = "start_x, start_y, goal_x, goal_y and perhaps weight"
+
+
+@dataclass(frozen=True, slots=True)
+class Trip:
+    """A drive from start to goal, metres, and how often it is driven.
+
+    Examples
+    --------
+    >>> Trip((2, 5), (58, 5), weight=20, name="dock to press").weight
+    20.0
+    """
+
+    start: tuple[float, float]
+    goal: tuple[float, float]
+    weight: float = 1.0
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        for end in ("start", "goal"):
+            place = np.asarray(getattr(self, end), dtype=float)
+            if place.shape != (2,) or not np.isfinite(place).all():
+                raise ValueError(f"expected {end} (x, y) in metres, finite, got {getattr(self, end)!r}")
+            object.__setattr__(self, end, (float(place[0]), float(place[1])))
+        object.__setattr__(self, "weight", positive("weight", self.weight))
 
 
 def load_trips(path: str | os.PathLike[str]) -> tuple[Trip, ...]:
@@ -60,3 +89,20 @@ def load_trips(path: str | os.PathLike[str]) -> tuple[Trip, ...]:
     if not trips:
         raise TrajectoryError(f"{file}: expected at least one trip, a line of {_NAMED}; got none")
     return tuple(trips)
+
+
+def trips_of(trips: Any) -> tuple[Trip, ...]:
+    """A sequence of Trip, (start, goal) or (start, goal, weight) as trips; other things are refused."""
+    if isinstance(trips, (Trip, str)) or not isinstance(trips, Sequence) or not len(trips):
+        raise ValueError(f"expected trips to be a sequence of Trip or (start, goal, weight), got {trips!r}")
+    return tuple(_trip(k, trip) for k, trip in enumerate(trips))
+
+
+def _trip(number: int, trip: Any) -> Trip:
+    if isinstance(trip, Trip):
+        return trip
+    try:
+        start, goal, *weight = trip
+        return Trip(start, goal, *weight)
+    except (TypeError, ValueError) as err:
+        raise ValueError(f"trip {number}: expected a Trip or (start, goal) or (start, goal, weight): {err}") from None
