@@ -18,6 +18,7 @@ from driftplan.report.cli_options import (
     output_file,
     world_from,
 )
+from driftplan.report.itinerary_options import add_start_options, start_fix_from
 from driftplan.report.place_command import add_kind_options, kind_from
 from driftplan.world.files import write_files
 
@@ -64,6 +65,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         metavar="TIMES",
         help="greatest length of a route, as a multiple of that of the shortest (default: 1.5)",
     )
+    add_start_options(wanted)
     wanted.add_argument("--time-limit", type=float, default=120.0, metavar="S", help="seconds to search (default: 120)")
     wanted.add_argument("--seed", type=int, default=0, metavar="N", help="seed of samples and restarts (default: 0)")
     add_kind_options(parser)
@@ -106,6 +108,7 @@ def design(args: argparse.Namespace) -> None:
         existing=load_beacons(args.existing) if args.existing else (),
         redundancy=args.redundancy,
         max_detour=args.max_detour,
+        start_fix=start_fix_from(args),
         time_limit=args.time_limit,
         seed=args.seed,
         progress=lambda seconds, cost: _talk(f"{seconds:.1f} s: a design of cost {cost:.6g}"),

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from math import radians
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from driftplan.beacons.itinerary import Itinerary
+    from driftplan.model.fixes import Fix
     from driftplan.model.noise import OdometryNoise
     from driftplan.planning.routes import Route
     from driftplan.world.world import World
@@ -38,6 +40,33 @@ def add_itinerary_options(parser: argparse.ArgumentParser) -> None:
         help="passes of beacons that the drifting robot makes with less than this probability (a ratio) do not count "
         "(default: 0.9)",
     )
+    add_start_options(group)
+
+
+def add_start_options(parser: argparse._ActionsContainer) -> None:
+    """How well the start is known; `start_fix_from` makes a fix of it."""
+    parser.add_argument(
+        "--start-position-std-m",
+        type=float,
+        metavar="M",
+        help="uncertainty of the position at the start, per axis (default: 0, it is known)",
+    )
+    parser.add_argument(
+        "--start-heading-std-deg",
+        type=float,
+        metavar="DEG",
+        help="uncertainty of the heading at the start (default: 0, it is known)",
+    )
+
+
+def start_fix_from(args: argparse.Namespace) -> Fix | None:
+    """The uncertainty at the start that the options describe; None where it is known."""
+    from driftplan.model.fixes import Fix
+
+    if args.start_position_std_m is None and args.start_heading_std_deg is None:
+        return None
+    position, heading = args.start_position_std_m or 0.0, args.start_heading_std_deg or 0.0
+    return Fix.full(0.0, position_std_m=position, heading_std=radians(heading))
 
 
 def planned_route(
@@ -48,9 +77,13 @@ def planned_route(
     from driftplan.beacons.plan import plan_route
 
     beacons = load_beacons(args.beacons) if args.beacons else ()
-    options = {
+    options: dict[str, Any] = {
         name: value
-        for name, value in (("redundancy", args.redundancy), ("min_capture", args.min_capture))
+        for name, value in (
+            ("redundancy", args.redundancy),
+            ("min_capture", args.min_capture),
+            ("initial", start_fix_from(args)),
+        )
         if value is not None
     }
     return plan_route(

@@ -89,6 +89,14 @@ def test_json_says_the_same_as_the_files(run):
     assert files[2].read_bytes().startswith(b"\x89PNG")
 
 
+def test_an_uncertain_start_costs_beacons(run):
+    known, unsure = (
+        json.loads(run("--json", *words).out)["design"]
+        for words in ((), ("--start-position-std-m", 0.3, "--start-heading-std-deg", 7))
+    )
+    assert unsure["beacon_cost"] > known["beacon_cost"]
+
+
 def test_what_cannot_be_done_is_said_and_nothing_written(run):
     file = run.folder / "beacons.geojson"
     with pytest.raises(InfeasibleError, match="trip 0: "):

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 
 import pytest
 
@@ -48,3 +49,16 @@ def test_without_beacons_and_limit_a_plain_route_is_planned():
 def test_options_that_need_beacons_say_so():
     with pytest.raises(ValueError, match="expected beacons or max_drift together with"):
         planned_route(asked("--redundancy", "2"), HALL, NOISE)
+
+
+def test_a_start_that_is_not_known_well_is_said_in_metres_and_degrees(tmp_path):
+    file = tmp_path / "layout.geojson"
+    file.write_bytes(beacons_geojson(BEACONS))
+    words = ("--beacons", str(file), "--minimise", "length", "--time-limit", "600")
+    known = planned_route(asked(*words), HALL, NOISE)
+    unsure = planned_route(asked(*words, "--start-position-std-m", "0.3", "--start-heading-std-deg", "2"), HALL, NOISE)
+    assert float(known.drift.rms[0]) == 0
+    assert float(unsure.drift.rms[0]) == pytest.approx(0.3 * 2**0.5)
+    assert float(unsure.drift.at(0.0).heading_std) == pytest.approx(math.radians(2), rel=1e-3)
+    with pytest.raises(ValueError, match="initial"):
+        planned_route(asked("--start-position-std-m", "0.3"), HALL, NOISE)
