@@ -210,12 +210,13 @@ def _tell_layout(args: argparse.Namespace, layout: Layout) -> None:
         }
         _print_json(args, noise=noise_as_json(noise_from(args)), layout=said)
         return
+    what = "drift" if args.confidence is None else f"{100 * args.confidence:g} % radius"
     if len(routes) <= _MOST_ROUTES:
         lines = [
             [str(r), route["file"], *(f"{route[key]:.{d}f}" for key, d in (("length_m", 2), ("worst_drift_m", 3)))]
             for r, route in enumerate(routes)
         ]
-        print(output.table(("route", "file", "length m", "worst drift m"), lines), end="\n\n")
+        print(output.table(("route", "file", "length m", f"worst {what} m"), lines), end="\n\n")
     shown = [
         [
             row.id,
@@ -229,7 +230,7 @@ def _tell_layout(args: argparse.Namespace, layout: Layout) -> None:
         ]
         for row in rows
     ]
-    header = ("id", "kind", "x m", "y m", "nearest wall m", "routes served", "drift if dead m", "on route")
+    header = ("id", "kind", "x m", "y m", "nearest wall m", "routes served", f"{what} if dead m", "on route")
     if shown:
         print(output.table(header, shown), end="\n\n")
     new = len(layout.beacons)
@@ -237,7 +238,7 @@ def _tell_layout(args: argparse.Namespace, layout: Layout) -> None:
     if rows and rows[0].routes:
         hurts = f"The failure that hurts most is that of {rows[0].id}: {rows[0].worst_drift_if_dead_m:.3g} m. "
     print(
-        f"{new} new beacon{'' if new == 1 else 's'} of cost {layout.cost:g}; worst drift {layout.worst_drift:.3g} m. "
+        f"{new} new beacon{'' if new == 1 else 's'} of cost {layout.cost:g}; worst {what} {layout.worst_drift:.3g} m. "
         f"{hurts}{_proof(layout)}"
     )
 

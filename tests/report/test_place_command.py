@@ -57,6 +57,13 @@ def test_a_table_and_a_sentence_on_stdout_and_talk_on_stderr(run):
     assert "placing" not in said.out
 
 
+def test_with_a_confidence_it_is_the_radius_that_is_told(run):
+    said = run("--max-drift", 1.0, "--confidence", 0.9, "--kind", "landmark", "--spacing-m", 3).out
+    assert "worst 90 % radius m" in said
+    assert "90 % radius if dead m" in said
+    assert "drift" not in said
+
+
 def test_json_says_the_same_as_the_files(run):
     csv, geojson, png = (run.folder / f"layout.{kind}" for kind in ("csv", "geojson", "png"))
     said = json.loads(
