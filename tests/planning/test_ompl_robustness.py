@@ -26,6 +26,7 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.planning.collision import use_world
 from driftplan.planning.objective import DriftObjective
 from driftplan.planning.ompl_paths import predict_ompl_path
+from driftplan.planning.roadmap import RoadmapPlanner
 from driftplan.world.world import World, Zone
 
 ou.setLogLevel(ou.LOG_NONE)
@@ -78,7 +79,7 @@ def solve(name, planner, seconds, first=False):
     if first:
         objective.setCostThreshold(ob.Cost(float("inf")))  # satisfied with any path
     ss.setOptimizationObjective(objective)
-    ss.setPlanner(getattr(og, planner)(si))
+    ss.setPlanner(RoadmapPlanner(si, objective, wall) if planner == "Roadmap" else getattr(og, planner)(si))
     if ss.solve(float(seconds)) and ss.haveExactSolutionPath():
         path = ss.getProblemDefinition().getSolutionPath()
         return float(predict_ompl_path(path, si, noise, None if spatial else wall).end.rms)
@@ -101,23 +102,40 @@ def test_every_planner_ends_in_every_space():
         for name in SPACES:
             for planner in ("RRTstar", "InformedRRTstar", "SORRTstar", "BITstar"):
                 print(name, planner, solve(name, planner, 0.1))
+        for name in ("plane", "se2"):
+            print(name, "Roadmap", solve(name, "Roadmap", 0.1))
+        for name in ("plane", "space", "se3"):  # until there is a path, however long that takes
+            print(name, "BITstar", solve(name, "BITstar", 60.0, first=True))
         """,
-        timeout=120,
+        timeout=240,
     )
     found = [line.split() for line in out.splitlines()]
-    assert len(found) == 28
-    # In a tenth of a second not all of them find a way round the wall, but all do where nothing is in the way.
-    assert all(rms != "None" for name, _, rms in found if name in ("space", "se3"))
-    assert any(rms != "None" for name, _, rms in found if name == "plane")
+    assert len(found) == 33
+    assert all(rms != "None" for _, _, rms in found[-3:])
+
+
+NAMES = ("plane", "se2", "dubins", "symmetric_dubins", "reeds_shepp", "space", "se3")
+ANYTIME = ("RRTstar", "InformedRRTstar", "SORRTstar", "BITstar")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["plane", "se2", "dubins", "symmetric_dubins", "reeds_shepp", "space", "se3"])
-def test_every_planner_finds_a_way_in_every_space(name):
-    planners = ("RRTstar", "InformedRRTstar", "SORRTstar", "BITstar")
-    out = run(f"for p in {planners}: print(p, solve({name!r}, p, 60.0, first=True))", timeout=300)
-    assert "None" not in out
-    assert len(out.splitlines()) == 4
+@pytest.mark.parametrize(
+    ("name", "planner"), [*((n, p) for n in NAMES for p in ANYTIME), ("plane", "Roadmap"), ("se2", "Roadmap")]
+)
+def test_every_planner_finds_a_way_in_every_space(name, planner):
+    assert float(run(f"print(solve({name!r}, {planner!r}, 60.0, first=True))", timeout=120)) > 0
+
+
+# They do not minimise drift, but a script may try. PRM and PRM*, which hang, and AORRTC, which may crash in spaces of
+# curves, are OMPL's to mend; plan_route refuses all of these by name.
+OTHERS = ("RRT", "RRTConnect", "KPIECE1", "BKPIECE1", "LBKPIECE1", "FMT", "BFMT")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_the_other_planners_end_in_every_space(name):
+    out = run(f"for p in {OTHERS}: print(p, solve({name!r}, p, 1.0), flush=True)", timeout=400)
+    assert len(out.splitlines()) == len(OTHERS)
 
 
 @pytest.mark.parametrize(
@@ -134,6 +152,7 @@ def test_ctrl_c_ends_a_search(planner, minimise):
     out = run(
         f"""
         import os, signal, threading, time
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may have it ignored in the background
         from driftplan.planning.routes import plan_route
         noise = OdometryNoise(heading_var_per_m=1e-3)
         plan_route(wall, (2, 2), (8, 2), noise, time_limit=0.1)  # imports done
@@ -188,16 +207,18 @@ def test_memory_does_not_grow_over_a_thousand_plans():
     out = run(
         """
         import gc, resource
-        def peak_mb():
+        def resident_mb():
             gc.collect()
             return int(open("/proc/self/statm").read().split()[1]) * resource.getpagesize() / 1e6
-        for k in range(1000):
-            solve(("plane", "se2", "dubins", "reeds_shepp")[k % 4], ("RRTstar", "BITstar")[k // 4 % 2], 0.01)
-            if k == 199:
-                before = peak_mb()
-        print(peak_mb() - before)
-        """,
-        timeout=300,
+        kinds = [(name, planner) for name in ("plane", "se2", "dubins", "reeds_shepp") for planner in PLANNERS]
+        kinds += [("plane", "Roadmap"), ("se2", "Roadmap")]
+        for k in range(1000 + WARM):
+            solve(*kinds[k % len(kinds)], 0.01)
+            if k + 1 == WARM:
+                before = resident_mb()
+        print(resident_mb() - before)
+        """.replace("PLANNERS", repr(ANYTIME)).replace("WARM", "300"),
+        timeout=600,
     )
     # The allocator keeps some of what the largest search took; a leak of a search of 10 ms is some 10 kB, 8 MB in all.
     assert float(out) < 6
