@@ -105,7 +105,7 @@ def co_design(
     rounds : int
         Passes over all neighbours, at most; 0: only the baseline, with its routes as short as its beacons allow.
     time_limit : float
-        Seconds; it only stops the search, and ``status`` then says so.
+        Seconds; it only stops the search, and ``status`` then says so. The baseline is found in any case.
     seed : int
         Same seed, same design, unless the time limit was reached.
     progress : callable

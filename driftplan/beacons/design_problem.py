@@ -26,6 +26,8 @@ from driftplan.model.paths import Floats
 from driftplan.planning.roadmap_search import check_connected, checked_ends
 from driftplan.world.world import World
 
+_LEAST_PLACE_S = 5.0  # however little time is left
+
 
 @dataclass(kw_only=True)
 class DesignProblem:
@@ -131,7 +133,7 @@ class DesignProblem:
             existing=self.existing,
             redundancy=self.redundancy,
             start_fix=self.start_fix,
-            time_limit=max(min(self.deadline - time.monotonic(), self.place_s), 1.0),
+            time_limit=max(min(self.deadline - time.monotonic(), self.place_s), _LEAST_PLACE_S),
         )
         self.cut_short |= layout.status is Outcome.STOPPED_EARLY
         return layout

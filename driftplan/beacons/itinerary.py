@@ -147,7 +147,8 @@ def plan_itinerary(
     >>> world = World.from_polygons([], bounds=(0, 0, 60, 30), robot_radius=0.5)
     >>> noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
     >>> sign = BeaconKind.landmark(range_m=3.0, position_std_m=0.05, heading_std=0.01)
-    >>> found = plan_itinerary(world, (2, 5), (58, 5), noise, beacons=[Beacon(sign, 30, 11)], max_drift=1.8, nodes=200)
+    >>> asked = {"max_drift": 1.8, "nodes": 200, "time_limit": 60}
+    >>> found = plan_itinerary(world, (2, 5), (58, 5), noise, beacons=[Beacon(sign, 30, 11)], **asked)
     >>> len(found.beacons), 56 < found.length < 62, found.worst_drift <= 1.8
     (1, True, True)
     """
