@@ -46,6 +46,7 @@ _LABELS_OF_BISECTION = 8_000  # of one that need only find any path,
 _LABELS_BY_END = 6_000  # and of one for the least drift at the end, which seldom comes to an end of its own
 _SHRINK = 0.97  # of the limit that the graph is held to, when the exact model finds it broken
 _WIDEN = 1.4  # the margin within ranges, when beacons would be missed
+_MARGIN_STEP = 0.03  # of the widest range
 _ATTEMPTS = 12
 _BISECTIONS = 8
 _STEP_DOWN = 0.93  # of the least limit kept so far, a finer search tries until it finds no way to keep it
@@ -333,7 +334,9 @@ class ItinerarySearch:
         from scipy.special import ndtri
 
         drift = min(limit, self.check.verdict(self.shortest).worst, 0.5 * self._widest)
-        return float(max(ndtri(self.check.min_capture), 0.0)) * drift / math.sqrt(2)
+        margin = float(max(ndtri(self.check.min_capture), 0.0)) * drift / math.sqrt(2)
+        step = _MARGIN_STEP * self._widest  # so that similar limits share a graph
+        return math.ceil(margin / step) * step
 
     @property
     def _widest(self) -> float:
