@@ -38,6 +38,7 @@ from .recordings import OdometryLog, Trajectory
 from .relative_errors import RelativeErrors, pooled, relative_errors
 from .segment_check import SegmentCheck, check_segments
 from .segment_ladder import Ladder, drives_of, ladder_of
+from .segments import TruthNoise
 
 PARAMETERS = SYSTEMATIC + RANDOM
 
@@ -273,7 +274,13 @@ def fit_noise(
         counts=_summed(matches),
         time_offsets_s=tuple(m.time_offset_s for m in matches),
         heading_offsets=tuple(m.heading_offset for m in matches),
-        notes=(*notes, *_mounting_notes(matches), *_drive_notes(ladder, solution, error), *check.notes),
+        notes=(
+            *notes,
+            *_mounting_notes(matches),
+            *_reference_notes(ladder, truth, check),
+            *_drive_notes(ladder, solution, error),
+            *check.notes,
+        ),
         _solution=solution.estimate_only(),
         _replicates=replicates,
     )
@@ -327,6 +334,21 @@ def _mounting_notes(matches: Sequence[Match]) -> list[str]:
     return [
         f"The truth's headings are turned by {degrees(worst):.0f} deg against the direction in which the odometry "
         "drives, and were turned back: check axes and signs."
+    ]
+
+
+def _reference_notes(ladder: Ladder, truth: TruthNoise, check: SegmentCheck) -> list[str]:
+    """Whether the reference is too coarse to see the odometry drift, or another drive's."""
+    if all(row.measured_rms_m > row.length_m for row in check.lengths):
+        return ["The errors are larger than the segments are long: are odometry and truth of the same drive?"]
+    _, cov = ladder.expected(ladder.windows(OdometryNoise()), truth)
+    white = float(np.trace(ladder.by_rung(cov[:, ladder.position, ladder.position])[-1]))
+    longest = check.lengths[-1]
+    if white < 0.5 * longest.predicted_rms_m**2:
+        return []
+    return [
+        f"Even over {longest.length_m:.3g} m most of the error does not grow with the distance (white, "
+        f"{sqrt(truth.position_var):.2g} m): a better reference or longer segments would tell more about the odometry."
     ]
 
 
