@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .fit_notes import drive_notes, mounting_notes, reference_notes
 from .inputs import Floats
 from .matching import Match, MatchCounts, match
 from .noise import OdometryNoise
@@ -38,7 +39,6 @@ from .recordings import OdometryLog, Trajectory
 from .relative_errors import RelativeErrors, pooled, relative_errors
 from .segment_check import SegmentCheck, check_segments
 from .segment_ladder import Ladder, drives_of, ladder_of
-from .segments import TruthNoise
 
 PARAMETERS = SYSTEMATIC + RANDOM
 
@@ -46,9 +46,7 @@ _MOST_STEPS = 50
 _FIRST_LOOK = 4  # steps after which collinear rates are told
 _COLLINEAR = 20.0  # variance inflation above which a rate per radian cannot be told from one per metre
 _STRAIGHT_RAD = 0.2  # turned per longest segment: below, nothing is learnt about turning
-_ODD_MOUNTING_RAD = 0.2  # a reference's heading turned by more is no matter of a millimetre
 _FRAMES = 40  # frames in the shortest segment when relative errors are counted: its length is overshot by half a frame
-_CHANCE = 0.01  # that drives are said to differ when they do not
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -276,9 +274,9 @@ def fit_noise(
         heading_offsets=tuple(m.heading_offset for m in matches),
         notes=(
             *notes,
-            *_mounting_notes(matches),
-            *_reference_notes(ladder, truth, check),
-            *_drive_notes(ladder, solution, error),
+            *mounting_notes(matches),
+            *reference_notes(ladder, truth, check),
+            *drive_notes(ladder, solution, error),
             *check.notes,
         ),
         _solution=solution.estimate_only(),
@@ -327,31 +325,6 @@ def _summed(matches: Sequence[Match]) -> MatchCounts:
     return total
 
 
-def _mounting_notes(matches: Sequence[Match]) -> list[str]:
-    worst = max((m.heading_offset for m in matches), key=abs)
-    if abs(worst) < _ODD_MOUNTING_RAD:
-        return []
-    return [
-        f"The truth's headings are turned by {degrees(worst):.0f} deg against the direction in which the odometry "
-        "drives, and were turned back: check axes and signs."
-    ]
-
-
-def _reference_notes(ladder: Ladder, truth: TruthNoise, check: SegmentCheck) -> list[str]:
-    """Whether the reference is too coarse to see the odometry drift, or another drive's."""
-    if all(row.measured_rms_m > row.length_m for row in check.lengths):
-        return ["The errors are larger than the segments are long: are odometry and truth of the same drive?"]
-    _, cov = ladder.expected(ladder.windows(OdometryNoise()), truth)
-    white = float(np.trace(ladder.by_rung(cov[:, ladder.position, ladder.position])[-1]))
-    longest = check.lengths[-1]
-    if white < 0.5 * longest.predicted_rms_m**2:
-        return []
-    return [
-        f"Even over {longest.length_m:.3g} m most of the error does not grow with the distance (white, "
-        f"{sqrt(truth.position_var):.2g} m): a better reference or longer segments would tell more about the odometry."
-    ]
-
-
 def _relative_errors(
     ladder: Ladder, drives: list[tuple[OdometryLog, Trajectory]], matches: Sequence[Match], max_gap_s: float | None
 ) -> RelativeErrors | None:
@@ -373,29 +346,3 @@ def _relative_errors(
                 true = np.column_stack([s.truth.real, s.truth.imag, s.truth_heading])
                 found.append(relative_errors(estimate, true, lengths, step=_FRAMES // 4))
     return pooled(found) if found else None
-
-
-def _drive_notes(ladder: Ladder, solution: Solution, error: Floats) -> list[str]:
-    """Whether systematic errors differ from drive to drive by more than the fit's standard errors explain."""
-    from scipy.special import chdtri
-
-    drives = np.unique(ladder.drive)
-    if drives.size < 2:
-        return []
-    systematic = [k for k, name in enumerate(solution.names) if name in SYSTEMATIC]
-    own = []
-    for drive in drives:
-        mine = ladder.drive == drive
-        information = solution.information[mine].sum(axis=0)[np.ix_(systematic, systematic)]
-        own.append(np.linalg.solve(information, solution.score[mine].sum(axis=0)[systematic]))
-    notes = []
-    for k, values in zip(systematic, np.transpose(own), strict=True):
-        spread = float(np.std(values, ddof=1))
-        chance = float(error[k]) * sqrt(drives.size)  # standard error of one drive's value
-        if spread**2 * (drives.size - 1) > chance**2 * float(chdtri(drives.size - 1, _CHANCE)):
-            notes.append(
-                f"The drives differ: {solution.names[k]} varies by {spread:.2g} (standard deviation) from one to the "
-                "next, more than chance explains. Another drive or robot may be as far off as that from the fitted "
-                f"{solution.theta[k]:.2g}."
-            )
-    return notes
