@@ -361,7 +361,8 @@ class Comparison:
     Attributes
     ----------
     rows : tuple of dict
-        One per route: name, length_m, rms_m, bias_m (its norm), radius95_m, all at the goal, and planner.
+        One per route: name, length_m, rms_m, bias_m (its norm), radius95_m, all at the goal, and planner; with routes
+        that count on beacons among them also how many beacons each does.
     """
 
     rows: tuple[dict[str, Any], ...]
@@ -371,9 +372,15 @@ class Comparison:
         return [dict(row) for row in self.rows]
 
     def __str__(self) -> str:
-        header = ("route", "length m", "rms m", "bias m", "radius95 m", "planner")
+        counted = all("beacons" in row for row in self.rows)
+        header = ("route", "length m", "rms m", "bias m", "radius95 m", *(["beacons"] if counted else []), "planner")
         lines = [
-            [row["name"], *(f"{row[key]:.3f}" for key in ("length_m", "rms_m", "bias_m", "radius95_m")), row["planner"]]
+            [
+                row["name"],
+                *(f"{row[key]:.3f}" for key in ("length_m", "rms_m", "bias_m", "radius95_m")),
+                *([str(row["beacons"])] if counted else []),
+                row["planner"],
+            ]
             for row in self.rows
         ]
         widths = [max(len(line[k]) for line in (header, *lines)) for k in range(len(header))]
@@ -411,7 +418,7 @@ def compare_routes(routes: Sequence[Route], names: Sequence[str] | None = None) 
         raise ValueError("expected at least one Route, as plan_route returns it")
     if names is not None and len(names) != len(routes):
         raise ValueError(f"expected a name for each of {len(routes)} routes, got {len(names)}")
-    rows = []
+    rows: list[dict[str, Any]] = []
     for k, route in enumerate(routes):
         end = route.drift.end
         rows.append(
@@ -424,6 +431,10 @@ def compare_routes(routes: Sequence[Route], names: Sequence[str] | None = None) 
                 "planner": route.planner,
             }
         )
+    beacons = [getattr(route, "beacons", None) for route in routes]  # of an Itinerary
+    if any(some is not None for some in beacons):
+        for row, some in zip(rows, beacons, strict=True):
+            row["beacons"] = len(some or ())
     return Comparison(rows=tuple(rows))
 
 
