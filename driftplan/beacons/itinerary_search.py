@@ -46,6 +46,7 @@ _LABELS_OF_BISECTION = 8_000  # of one that need only find any path,
 _LABELS_BY_END = 6_000  # and of one for the least drift at the end, which seldom comes to an end of its own
 _SHRINK = 0.97  # of the limit that the graph is held to, when the exact model finds it broken
 _WIDEN = 1.4  # the margin within ranges, when beacons would be missed
+_SPARE = 1.2  # of the limit, for a graph that may be too strict
 _MARGIN_STEP = 0.03  # of the widest range
 _ATTEMPTS = 12
 _BISECTIONS = 8
@@ -140,9 +141,13 @@ class ItinerarySearch:
         if self._is_good(self.shortest, limit, longest):
             return self.shortest
         found = self._search(limit, longest, slack=_COARSE, most_labels=self.most_labels)
-        within = longest if found is None else min(longest, length_of(found))
-        finer = self._search(limit, within, slack=_FINE, most_labels=self.most_labels)
+        within, arrival = longest, limit
+        if found is not None:  # beacons need not be passed closer by than the drift of such a path asks for
+            within, arrival = min(longest, length_of(found)), self.check.verdict(found).worst
+        finer = self._search(limit, within, slack=_FINE, most_labels=self.most_labels, arrival=arrival)
         found = found if finer is None else finer
+        if found is None:  # ranges with a margin make the graph's drift a little greater than the exact one
+            found = self._search(limit, longest, slack=_FINE, most_labels=self.most_labels, held=_SPARE * limit)
         return None if found is None else self.shorter(found, limit)
 
     def any_within(self, limit: float, longest: float, slack: float) -> Floats | None:
@@ -291,10 +296,22 @@ class ItinerarySearch:
         return found
 
     def _search(
-        self, limit: float, longest: float, *, slack: float, most_labels: int, by_end: bool = False
+        self,
+        limit: float,
+        longest: float,
+        *,
+        slack: float,
+        most_labels: int,
+        by_end: bool = False,
+        arrival: float | None = None,
+        held: float | None = None,
     ) -> Floats | None:
-        """The best walk that the exact model agrees with."""
-        held, margin, dead = limit, self._margin(limit), list[int]()
+        """The best walk that the exact model agrees with.
+
+        Robots are taken to arrive at beacons with a drift of ``arrival`` and the graph is held to ``held`` to begin
+        with; both are the limit by default.
+        """
+        held, margin, dead = held or limit, self._margin(arrival or limit), list[int]()
         best: tuple[float, Floats] | None = None
         for _ in range(_ATTEMPTS):
             graph = self.graph(margin, longest)
