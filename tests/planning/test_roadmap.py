@@ -49,7 +49,8 @@ class Batches:
 
     def __call__(self):
         queries = self.planner._queries
-        return bool(queries) and all(query.search.batches >= self.count for query in queries)
+        searches = [query.search for query in queries]
+        return bool(searches) and all(search.is_done or search.batches >= self.count for search in searches)
 
 
 def plane(world=WORLD, start=START, goal=GOAL, bounds=None):

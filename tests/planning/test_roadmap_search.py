@@ -199,23 +199,26 @@ def test_of_two_corridors_the_additive_cost_takes_the_wrong_one_and_the_exact_se
     floor = Zone(box(-1, 0, 21, 3), OdometryNoise(heading_var_per_m=0.12))
     world = World.from_polygons([box(2, -1, 18, 1)], bounds=(-1, -3, 21, 3), robot_radius=0.6, zones=[strip, floor])
     noise = OdometryNoise(heading_var_per_m=1e-3)
-    additive, exact = (
-        plan_on_roadmap(world, (0, -0.1), (20, -0.1), noise, batches=1, time_limit=600, exact=exact)
-        for exact in (False, True)
-    )
+    pricing = Pricing(world, np.array([20.0, -0.1]), noise)
+    found = []
+    for exact in (False, True):
+        search = RoadmapSearch(pricing, np.array([0.0, -0.1]), exact=exact)
+        search.grow()
+        bound, _ = search.finish(most_labels=2000)
+        assert 0 < bound.mean_square <= search.cost
+        found.append(search)
+    additive, exact = found
     middle = shapely.box(9, -3, 11, 3)
     side = [
-        float(np.sign(shapely.intersection(shapely.LineString(found.path), middle).centroid.y))
-        for found in (additive, exact)
+        float(np.sign(shapely.intersection(shapely.LineString(search.path), middle).centroid.y)) for search in found
     ]
     assert side == [1.0, -1.0]
     assert exact.additive_cost > 1.5 * additive.additive_cost
     assert exact.cost < 0.75 * additive.cost
-    for found in (additive, exact):
-        end = exact_drift(world, found.path, noise).end
+    for search in found:
+        end = exact_drift(world, search.path, noise).end
         assert end.heading_std > 1.0
-        assert found.cost == pytest.approx(float(end.rms) ** 2, rel=1e-12)
-        assert 0 < found.bound <= found.cost
+        assert search.cost == pytest.approx(float(end.rms) ** 2, rel=1e-12)
 
 
 def test_the_exact_search_takes_noise_that_the_additive_cost_cannot_price():
