@@ -19,7 +19,7 @@ def test_the_readmes_python_runs_from_top_to_bottom(capsys, monkeypatch, tmp_pat
         exec(compile(block, str(README), "exec"), names)
     assert names["drift"].rms.round(3).tolist() == [0.0, 0.531, 0.621]
     assert float(names["drift"].at(15.0).rms) == pytest.approx(0.195, abs=5e-4)
-    assert names["route"].rms <= names["shortest"].rms
+    assert names["route"].rms <= names["route"].shortest.rms
     assert "radius95 m" in capsys.readouterr().out
 
 
