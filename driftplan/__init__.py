@@ -94,8 +94,8 @@ if TYPE_CHECKING:
     from .world.trajectories import read_path as read_path
     from .world.trajectories import read_trajectory as read_trajectory
     from .world.world import World as World
-    from .world.world import Zone as Zone
     from .world.zone_files import load_zones as load_zones
+    from .world.zones import Zone as Zone
 
 _HOME = {
     "beacons.beacon": "Beacon BeaconKind drift_with_beacons passes",
@@ -140,8 +140,9 @@ _HOME = {
     "world.noise_files": "load_noise save_noise",
     "world.odometry_logs": "read_odometry read_truth",
     "world.trajectories": "read_path read_trajectory",
-    "world.world": "World Zone",
+    "world.world": "World",
     "world.zone_files": "load_zones",
+    "world.zones": "Zone",
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
 

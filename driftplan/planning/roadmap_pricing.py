@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.cost import CostRates, edge_cost, geodesic_cost, turn_cost
-from driftplan.world.world import Zone, ZonePieces
+from driftplan.world.zones import Zone, ZonePieces
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

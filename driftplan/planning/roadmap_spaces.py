@@ -8,7 +8,8 @@ import numpy as np
 
 from driftplan.errors import PlannerError
 from driftplan.planning.roadmap_pricing import Bools, Floats
-from driftplan.world.world import World, Zone, ZonePieces
+from driftplan.world.world import World
+from driftplan.world.zones import Zone, ZonePieces
 
 
 def box_of(space: Any) -> tuple[float, float, float, float]:

@@ -11,7 +11,8 @@ from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.objective import DriftObjective
 from driftplan.planning.roadmap_pricing import Minimise
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 
 class Target(NamedTuple):

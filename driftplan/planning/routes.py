@@ -19,7 +19,8 @@ from driftplan.planning.cost import CostRates, bracket
 from driftplan.planning.path_polish import polished
 from driftplan.planning.roadmap_pricing import Floats, Pricing, exact_drift
 from driftplan.planning.roadmap_search import Status, check_connected, checked_ends, plan_on_roadmap, said
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 Minimise = Literal["drift", "length"]
 ROADMAP = "roadmap"

@@ -15,7 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from driftplan.planning.curves import after_arc
-from driftplan.world.world import Zone
+from driftplan.world.zones import Zone
 
 T = TypeVar("T")  # of what each zone has its own: rates, or noise
 

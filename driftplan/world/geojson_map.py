@@ -19,7 +19,8 @@ from shapely import MultiPolygon, Polygon
 
 from driftplan.errors import MapError
 from driftplan.model.noise import OdometryNoise
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 _KINDS = ("boundary", "obstacle", "zone")
 _NOISE_KEYS = tuple(field.name for field in fields(OdometryNoise))

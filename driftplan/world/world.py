@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import shapely
@@ -18,6 +18,8 @@ from shapely import MultiPolygon, Polygon
 
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.inflation import Inflation
+from driftplan.world.inputs import bounds_of, point_of, points_of, polygon_of
+from driftplan.world.zones import Zone, ZonePieces, pieces_in_zones, zone_at
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -25,40 +27,6 @@ Ints = NDArray[np.int64]
 
 _WALL_DEPTH = 1e-6  # m: a line of sight may graze a wall this deep, so that a beacon mounted on a wall can be seen
 _STEP_IN = 1e-6  # m: a point moved into free space is moved this far past its boundary
-
-
-@dataclass(frozen=True, eq=False)
-class Zone:
-    """A polygon in which odometry is noisier or better: wet floor, carpet, gravel, a featureless corridor.
-
-    Parameters
-    ----------
-    polygon : shapely Polygon or MultiPolygon, or (n, 2) array of its corners in metres
-    noise : OdometryNoise
-        Replaces, inside the polygon, the noise that holds elsewhere.
-
-    Examples
-    --------
-    >>> Zone([(0, 0), (4, 0), (4, 3)], OdometryNoise(heading_var_per_m=1e-3)).polygon.area
-    6.0
-    """
-
-    polygon: Polygon | MultiPolygon
-    noise: OdometryNoise
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "polygon", _polygon("zone polygon", self.polygon))
-        if not isinstance(self.noise, OdometryNoise):
-            raise ValueError(f"expected the noise of a zone to be an OdometryNoise, got {self.noise!r}")
-
-
-class ZonePieces(NamedTuple):
-    """Straight segments cut where they enter or leave zones: ``n`` pieces, in order along each segment."""
-
-    segment: Ints  # (n,) which segment the piece belongs to
-    start: Floats  # (n,) where on it the piece starts and
-    end: Floats  # (n,) ends, as fractions of the segment's length
-    zone: Ints  # (n,) index of the zone in `World.zones`, -1 outside all
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -100,7 +68,7 @@ class World:
     zones: tuple[Zone, ...] = ()
 
     def __post_init__(self) -> None:
-        parts = shapely.get_parts(_polygon("obstacles", self.obstacles)) if not self.obstacles.is_empty else []
+        parts = shapely.get_parts(polygon_of("obstacles", self.obstacles)) if not self.obstacles.is_empty else []
         radius = float(self.robot_radius)
         if not (isfinite(radius) and radius >= 0):
             raise ValueError(f"expected robot_radius finite and >= 0 m, got {self.robot_radius!r}")
@@ -109,7 +77,7 @@ class World:
             if not isinstance(zone, Zone):
                 raise ValueError(f"expected zones to be Zone(polygon, noise), got {zone!r}")
         object.__setattr__(self, "obstacles", MultiPolygon(list(parts)))
-        object.__setattr__(self, "bounds", _bounds(self.bounds))
+        object.__setattr__(self, "bounds", bounds_of(self.bounds))
         object.__setattr__(self, "robot_radius", radius)
         object.__setattr__(self, "zones", zones)
 
@@ -129,9 +97,9 @@ class World:
         >>> World.from_polygons([], bounds=(0, 0, 4, 3), robot_radius=0.5).free.area
         6.0
         """
-        drawn = [_polygon(f"obstacle {i}", obstacle) for i, obstacle in enumerate(obstacles)]
+        drawn = [polygon_of(f"obstacle {i}", obstacle) for i, obstacle in enumerate(obstacles)]
         merged = MultiPolygon(list(shapely.get_parts(shapely.union_all(drawn)))) if drawn else MultiPolygon()
-        return cls(obstacles=merged, bounds=_bounds(bounds), robot_radius=robot_radius, zones=tuple(zones))
+        return cls(obstacles=merged, bounds=bounds_of(bounds), robot_radius=robot_radius, zones=tuple(zones))
 
     # Driving
 
@@ -151,14 +119,14 @@ class World:
 
     def is_free(self, xy: ArrayLike) -> Bools:
         """Whether the robot's centre may be at each of the points ``(..., 2)``; shape ``(...)``."""
-        return self._inflation.points_free(_points("xy", xy))
+        return self._inflation.points_free(points_of("xy", xy))
 
     def segments_free(self, a: ArrayLike, b: ArrayLike) -> Bools:
         """Whether the robot can drive straight from ``a`` to ``b``, ``(..., 2)`` each, broadcast; shape ``(...)``.
 
         The one test that decides whether a straight motion is free of collisions.
         """
-        return self._inflation.segments_free(*np.broadcast_arrays(_points("a", a), _points("b", b)))
+        return self._inflation.segments_free(*np.broadcast_arrays(points_of("a", a), points_of("b", b)))
 
     def point_free(self, x: float, y: float) -> bool:
         """The answer of `is_free` for one point, at the least cost per call."""
@@ -178,7 +146,7 @@ class World:
         >>> world.free_part([[2, 5], [9, 5], [5, 5]]).tolist(), round(world.free_parts[0].area, 1)
         ([1, 0, -1], 45.0)
         """
-        xy = _points("xy", xy)
+        xy = points_of("xy", xy)
         part = np.full(xy.shape[:-1], -1, dtype=np.int64)
         to_place = np.asarray(self.is_free(xy))
         for i, polygon in enumerate(self.free_parts):
@@ -201,7 +169,7 @@ class World:
         ValueError
             If no place of the map is free for this robot.
         """
-        x, y = _point("xy", xy)
+        x, y = point_of("xy", xy)
         if self.point_free(x, y):
             return np.array([x, y])
         here = shapely.Point(x, y)
@@ -267,23 +235,18 @@ class World:
 
         A ray may graze a wall and end on one, so that a beacon mounted on a wall can be seen.
         """
-        a, b = np.broadcast_arrays(_points("a", a), _points("b", b))
+        a, b = np.broadcast_arrays(points_of("a", a), points_of("b", b))
         return np.asarray(~shapely.intersects(self.opaque, shapely.linestrings(np.stack([a, b], axis=-2))))
 
     # Zones
 
     def zone_at(self, xy: ArrayLike) -> Ints:
         """Index into `zones` of the zone that holds at each of the points ``(..., 2)``; -1 outside all of them."""
-        xy = _points("xy", xy)
-        index = np.full(xy.shape[:-1], -1, dtype=np.int64)
-        for i, zone in enumerate(self.zones):
-            shapely.prepare(zone.polygon)
-            index[shapely.intersects_xy(zone.polygon, xy[..., 0], xy[..., 1])] = i
-        return index
+        return zone_at(self.zones, points_of("xy", xy))
 
     def noise_at(self, xy: ArrayLike, elsewhere: OdometryNoise) -> OdometryNoise:
         """The noise that holds at one point (2,): its zone's, or ``elsewhere``."""
-        index = int(self.zone_at(_point("xy", xy)))
+        index = int(self.zone_at(point_of("xy", xy)))
         return elsewhere if index < 0 else self.zones[index].noise
 
     def zone_pieces(self, a: ArrayLike, b: ArrayLike) -> ZonePieces:
@@ -297,32 +260,10 @@ class World:
         >>> pieces.start.tolist(), pieces.end.tolist(), pieces.zone.tolist()
         ([0.0, 0.25, 0.5], [0.25, 0.5, 1.0], [-1, 0, -1])
         """
-        a, b = np.broadcast_arrays(_points("a", a), _points("b", b))
+        a, b = np.broadcast_arrays(points_of("a", a), points_of("b", b))
         if a.ndim != 2:
             raise ValueError(f"expected segments (n, 2), got ends of shape {a.shape}")
-        every = np.arange(len(a))
-        segment, fraction = [every, every], [np.zeros(len(a)), np.ones(len(a))]
-        lines = shapely.linestrings(np.stack([a, b], axis=-2))
-        along = b - a
-        length2 = np.einsum("ij,ij->i", along, along)
-        for zone in self.zones:
-            near = np.flatnonzero((length2 > 0) & shapely.intersects(zone.polygon, lines))
-            cut, which = shapely.get_coordinates(
-                shapely.intersection(lines[near], zone.polygon.boundary), return_index=True
-            )
-            segment.append(near[which])
-            fraction.append(np.einsum("ij,ij->i", cut - a[near[which]], along[near[which]]) / length2[near[which]])
-        cut_segment, cut_fraction = np.concatenate(segment), np.clip(np.concatenate(fraction), 0.0, 1.0)
-        order = np.lexsort((cut_fraction, cut_segment))
-        which, at = cut_segment[order], cut_fraction[order]
-        # Cuts closer than 1e-12 of the segment's length bound no piece; a segment of no length is one piece.
-        keep = (which[1:] == which[:-1]) & ((at[1:] - at[:-1] > 1e-12) | (length2[which[1:]] == 0))
-        which, start, end = which[1:][keep], at[:-1][keep], at[1:][keep]
-        zone_of = self.zone_at(a[which] + (0.5 * (start + end))[:, None] * along[which])
-        merge = np.concatenate([[True], (which[1:] != which[:-1]) | (zone_of[1:] != zone_of[:-1])])[: len(which)]
-        first = np.flatnonzero(merge)
-        last = np.append(first[1:], len(which)) - 1 if len(first) else first
-        return ZonePieces(which[first], start[first], end[last], zone_of[first])
+        return pieces_in_zones(self.zones, a, b)
 
     def cut_at_zones(self, path: ArrayLike) -> tuple[Floats, Ints]:
         """The same path (n, 2) with waypoints added where the zone changes, and the zone of each of its legs.
@@ -341,7 +282,7 @@ class World:
         >>> path.tolist(), zone.tolist()
         ([[0.0, 0.0], [2.0, 0.0], [3.0, 0.0], [3.0, 1.0], [3.0, 5.0]], [-1, 0, 0, -1])
         """
-        path = _points("path", path)
+        path = points_of("path", path)
         if path.ndim != 2 or len(path) < 2:
             raise ValueError(f"expected a path (n, 2) of 2 or more waypoints, got an array of shape {path.shape}")
         pieces = self.zone_pieces(path[:-1], path[1:])
@@ -400,43 +341,3 @@ def _thin_out(ring: Floats, *, bulge_m: float, dent_m: float) -> Floats:
             keep[middle] = True
             chords += [(first, middle), (middle, last)]
     return ring[keep]
-
-
-def _points(name: str, value: ArrayLike) -> Floats:
-    try:
-        points = np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as err:
-        raise ValueError(f"expected {name} to be an array of points (..., 2) in metres, got {value!r}") from err
-    if points.ndim < 1 or points.shape[-1] != 2:
-        raise ValueError(f"expected {name} to be points (..., 2) in metres, got an array of shape {points.shape}")
-    if not np.isfinite(points).all():
-        raise ValueError(f"expected {name} finite, got NaN or infinite coordinates")
-    return points
-
-
-def _point(name: str, value: ArrayLike) -> tuple[float, float]:
-    point = _points(name, value)
-    if point.shape != (2,):
-        raise ValueError(f"expected {name} to be one point (2,), got an array of shape {point.shape}")
-    return float(point[0]), float(point[1])
-
-
-def _bounds(value: Sequence[float]) -> tuple[float, float, float, float]:
-    bounds = tuple(float(v) for v in value)
-    if len(bounds) != 4 or not all(isfinite(v) for v in bounds) or bounds[0] >= bounds[2] or bounds[1] >= bounds[3]:
-        raise ValueError(f"expected bounds (xmin, ymin, xmax, ymax), finite and not empty, got {bounds!r}")
-    return bounds
-
-
-def _polygon(name: str, value: Any) -> Polygon | MultiPolygon:
-    """A valid polygon or multipolygon of finite coordinates."""
-    if not isinstance(value, (Polygon, MultiPolygon)):
-        corners = _points(name, value)
-        if corners.ndim != 2 or len(corners) < 3:
-            raise ValueError(f"expected {name} to have 3 or more corners (n, 2), got an array of shape {corners.shape}")
-        value = Polygon(corners)
-    if value.is_empty or not np.isfinite(shapely.get_coordinates(value)).all():
-        raise ValueError(f"expected {name} to be finite and not empty, got {value.wkt[:80]}")
-    if not value.is_valid:
-        raise ValueError(f"expected {name} to be a valid polygon, got {shapely.is_valid_reason(value)}")
-    return value

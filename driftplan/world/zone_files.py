@@ -23,7 +23,7 @@ from driftplan.errors import MapError
 from driftplan.world.cell_pictures import read_header, read_pixels
 from driftplan.world.cells import area_of_cells
 from driftplan.world.geojson_map import read_geojson_map, zone_noise
-from driftplan.world.world import Zone
+from driftplan.world.zones import Zone
 
 _MOST_ZONES = 64  # each is cut out of every path
 

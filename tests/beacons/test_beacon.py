@@ -14,7 +14,8 @@ from driftplan.model.drift import predict_drift
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 NOISE = OdometryNoise(heading_var_per_m=4e-4, distance_var_per_m=1e-3)
 TAG = BeaconKind.rfid(range_m=1.5, position_std_m=0.1)

@@ -18,7 +18,8 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
 from driftplan.planning.routes import Route, compare_routes
 from driftplan.world.mapfiles import bundled_map, load_world
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.1, after_m=10.0)
 BETTER = NOISE.scaled(0.6)

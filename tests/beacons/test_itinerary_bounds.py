@@ -15,7 +15,8 @@ from driftplan.beacons.itinerary_search import ItinerarySearch, length_of
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.roadmap_graph import Roadmap
 from driftplan.planning.roadmap_pricing import Pricing
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 HALL = World.from_polygons([], bounds=(0, 0, 40, 40), robot_radius=0.1)
 TAG = BeaconKind.rfid(range_m=2.0, position_std_m=0.1)

@@ -11,7 +11,8 @@ from driftplan.beacons.beacon_roadmap import BeaconRoadmap, N
 from driftplan.beacons.labels import LabelTask, _scores, _Search, least_drift_walk, shortest_walk
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 NOISE = OdometryNoise(heading_var_per_m=2e-4, distance_var_per_m=1e-3)
 TURNING = OdometryNoise(heading_var_per_m=2e-4, distance_var_per_m=1e-3, heading_var_per_rad=3e-4)

@@ -14,7 +14,8 @@ from driftplan.errors import InfeasibleError
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.worst import worst_radius, worst_rms
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
 TAG = BeaconKind.rfid(range_m=1.5, position_std_m=0.1)

@@ -20,7 +20,8 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.planning import roadmap as plain
 from driftplan.planning.collision import use_world
 from driftplan.planning.objective import DriftObjective
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.1, after_m=10.0)
 SIGN = BeaconKind.landmark(range_m=3.0, position_std_m=0.05, heading_std=0.01)

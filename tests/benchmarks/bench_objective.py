@@ -20,7 +20,8 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.planning.collision import use_world
 from driftplan.planning.objective import DriftObjective
 from driftplan.world.mapfiles import bundled_map, load_world
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 NOISE = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0, heading_deg_per_full_turn=2.0)
 MOTIONS = 1000

@@ -17,7 +17,8 @@ from driftplan.planning.collision import use_world
 from driftplan.planning.cost import CostRates, bracket, edge_cost, geodesic_cost, turn_cost
 from driftplan.planning.objective import DriftObjective
 from driftplan.planning.roadmap_pricing import Pricing
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 NOISE = OdometryNoise(
     heading_var_per_m=1e-3,

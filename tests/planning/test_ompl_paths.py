@@ -17,7 +17,8 @@ from driftplan.planning.cost import CostRates, bracket
 from driftplan.planning.objective import DriftObjective
 from driftplan.planning.ompl_paths import predict_ompl_path
 from driftplan.planning.roadmap_pricing import exact_drift
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 NOISE = OdometryNoise(heading_var_per_m=4e-3, distance_var_per_m=1e-3, heading_var_per_rad=6e-3)
 WET = Zone([(-2, -9), (2, -9), (2, 9), (-2, 9)], OdometryNoise(heading_var_per_m=3e-2))

@@ -27,7 +27,8 @@ from driftplan.planning.collision import use_world
 from driftplan.planning.objective import DriftObjective
 from driftplan.planning.ompl_paths import predict_ompl_path
 from driftplan.planning.roadmap import RoadmapPlanner
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 ou.setLogLevel(ou.LOG_NONE)
 noise = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3)

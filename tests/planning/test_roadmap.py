@@ -21,7 +21,8 @@ from driftplan.planning.objective import DriftObjective
 from driftplan.planning.ompl_paths import predict_ompl_path
 from driftplan.planning.roadmap import RoadmapPlanner
 from driftplan.planning.roadmap_search import plan_on_roadmap
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 NOISE = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3)
 WALLS = [[(4, 2), (5, 2), (5, 9), (4, 9)], [(8, 0), (9, 0), (9, 6), (8, 6)], [(12, 4), (13, 4), (13, 10), (12, 10)]]

@@ -18,7 +18,8 @@ from driftplan.planning.exact_search import _Search, least_exact_cost
 from driftplan.planning.path_polish import AdditiveJudge, polished, refined
 from driftplan.planning.roadmap_graph import GOAL, START, Roadmap
 from driftplan.planning.roadmap_pricing import Pricing, exact_drift, turn_angles
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 KINDS = ("heading", "turning", "systematic", "steps")
 PLAIN = KINDS[:2]

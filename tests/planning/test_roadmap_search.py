@@ -15,7 +15,8 @@ from driftplan.planning.cost import path_cost
 from driftplan.planning.roadmap_growth import RoadmapSearch
 from driftplan.planning.roadmap_pricing import Pricing, exact_drift
 from driftplan.planning.roadmap_search import Status, plan_on_roadmap
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 NOISE = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3)
 TURNING = OdometryNoise(heading_var_per_m=1e-4, heading_var_per_rad=5e-3, distance_var_per_rad=1e-4)

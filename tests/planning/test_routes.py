@@ -22,7 +22,8 @@ from driftplan.planning.ompl_solve import PLANNERS, REFUSED
 from driftplan.planning.roadmap_search import Status
 from driftplan.planning.routes import compare_routes, plan_route
 from driftplan.world.mapfiles import load_world
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 DATA = Path(__file__).resolve().parents[3] / "shared/data"
 NOISE = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)

@@ -9,7 +9,8 @@ import shapely
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.roadmap_pricing import exact_drift
 from driftplan.planning.routes import plan_route
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 NOISE = OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-4)
 WET = OdometryNoise(heading_var_per_m=5e-2, distance_var_per_m=1e-4)

@@ -21,7 +21,8 @@ from driftplan.report.plotting import (
     plot_route,
     plot_world,
 )
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.1, after_m=10.0)
 PATH = [(3, 3), (3, 19), (37, 19), (37, 27)]

@@ -13,7 +13,8 @@ import shapely
 from driftplan.errors import MapError
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.mapfiles import bundled_map, bundled_maps, load_world, save_world
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 MAPS = Path(__file__).resolve().parents[2] / "maps"
 ROOM = World.from_polygons(

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.mapfiles import load_world
-from driftplan.world.world import World, Zone
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 DATA = Path(__file__).resolve().parents[2] / "../shared/data"
 WET = OdometryNoise(heading_var_per_m=1e-3)
@@ -286,6 +287,22 @@ def test_pieces_cover_every_segment_once_and_lie_in_one_zone_each(seed):
         at = start + rng.uniform(1e-6, 1 - 1e-6, (20, 1)) * (end - start)
         here = a[i] + at[..., None] * (b[i] - a[i])
         assert (world.zone_at(here) == pieces.zone[mine]).mean() > 0.99  # a point may round across an edge
+
+
+@some
+@given(seed=seeds)
+def test_zones_of_few_sides_are_cut_where_those_of_many_are(seed):
+    world, rng = random_world(seed, zones=3)
+    a, b = random_segments(world, rng, 60)
+    found = []
+    for sides in (10**9, 0):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("driftplan.world.zones._FEW_SIDES", sides)
+            found.append(world.zone_pieces(a, b))
+    few, many = found
+    assert few.segment.tolist() == many.segment.tolist()
+    assert few.zone.tolist() == many.zone.tolist()
+    np.testing.assert_allclose([few.start, few.end], [many.start, many.end], atol=1e-9)
 
 
 @some

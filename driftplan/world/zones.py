@@ -1,0 +1,120 @@
+"""Zones: floors on which odometry is noisier or better, and where straight segments enter and leave them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
+
+from driftplan.model.noise import OdometryNoise
+from driftplan.world.inputs import polygon_of
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_FEW_SIDES = 32  # of a zone: then arithmetic on all pairs of sides and segments beats searching
+_PAST_CORNER = 1e-9  # of a side's length: rounding must not let a segment slip through a corner
+
+
+@dataclass(frozen=True, eq=False)
+class Zone:
+    """A polygon in which odometry is noisier or better: wet floor, carpet, gravel, a featureless corridor.
+
+    Parameters
+    ----------
+    polygon : shapely Polygon or MultiPolygon, or (n, 2) array of its corners in metres
+    noise : OdometryNoise
+        Replaces, inside the polygon, the noise that holds elsewhere.
+
+    Examples
+    --------
+    >>> Zone([(0, 0), (4, 0), (4, 3)], OdometryNoise(heading_var_per_m=1e-3)).polygon.area
+    6.0
+    """
+
+    polygon: Polygon | MultiPolygon
+    noise: OdometryNoise
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "polygon", polygon_of("zone polygon", self.polygon))
+        if not isinstance(self.noise, OdometryNoise):
+            raise ValueError(f"expected the noise of a zone to be an OdometryNoise, got {self.noise!r}")
+
+    @cached_property
+    def sides(self) -> Floats:
+        """The sides of the outline, holes included, (m, 2, 2): from, to."""
+        rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(self.polygon))]
+        return np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in rings])
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"polygon": self.polygon, "noise": self.noise}
+
+
+class ZonePieces(NamedTuple):
+    """Straight segments cut where they enter or leave zones: ``n`` pieces, in order along each segment."""
+
+    segment: Ints  # (n,) which segment the piece belongs to
+    start: Floats  # (n,) where on it the piece starts and
+    end: Floats  # (n,) ends, as fractions of the segment's length
+    zone: Ints  # (n,) index of the zone in `World.zones`, -1 outside all
+
+
+def zone_at(zones: Sequence[Zone], xy: Floats) -> Ints:
+    """Index of the zone that holds at each of the points (..., 2): the last of those it is in; -1 outside all."""
+    index = np.full(xy.shape[:-1], -1, dtype=np.int64)
+    for i, zone in enumerate(zones):
+        shapely.prepare(zone.polygon)
+        index[shapely.intersects_xy(zone.polygon, xy[..., 0], xy[..., 1])] = i
+    return index
+
+
+def pieces_in_zones(zones: Sequence[Zone], a: Floats, b: Floats) -> ZonePieces:
+    """The segments from ``a`` to ``b``, (n, 2) each, cut where the zone that holds changes."""
+    every = np.arange(len(a))
+    segment, fraction = [every, every], [np.zeros(len(a)), np.ones(len(a))]
+    along = b - a
+    length2 = np.einsum("ij,ij->i", along, along)
+    for zone in zones:
+        if len(zone.sides) <= _FEW_SIDES:
+            which, at = _crossings(a, along, zone.sides)
+        else:
+            lines = shapely.linestrings(np.stack([a, b], axis=-2))
+            near = np.flatnonzero((length2 > 0) & shapely.intersects(zone.polygon, lines))
+            border = shapely.intersection(lines[near], zone.polygon.boundary)
+            cut, which = shapely.get_coordinates(border, return_index=True)
+            which = near[which]
+            at = np.einsum("ij,ij->i", cut - a[which], along[which]) / length2[which]
+        segment.append(which)
+        fraction.append(at)
+    cut_segment, cut_fraction = np.concatenate(segment), np.clip(np.concatenate(fraction), 0.0, 1.0)
+    order = np.lexsort((cut_fraction, cut_segment))
+    which, at = cut_segment[order], cut_fraction[order]
+    # Cuts closer than 1e-12 of the segment's length bound no piece; a segment of no length is one piece.
+    keep = (which[1:] == which[:-1]) & ((at[1:] - at[:-1] > 1e-12) | (length2[which[1:]] == 0))
+    which, start, end = which[1:][keep], at[:-1][keep], at[1:][keep]
+    zone_of = zone_at(zones, a[which] + (0.5 * (start + end))[:, None] * along[which])
+    merge = np.concatenate([[True], (which[1:] != which[:-1]) | (zone_of[1:] != zone_of[:-1])])[: len(which)]
+    first = np.flatnonzero(merge)
+    last = np.append(first[1:], len(which)) - 1 if len(first) else first
+    return ZonePieces(which[first], start[first], end[last], zone_of[first])
+
+
+def _crossings(a: Floats, along: Floats, sides: Floats) -> tuple[Ints, Floats]:
+    """Which segments from ``a`` (n, 2) cross which sides (m, 2, 2), and where, as fractions of the segment.
+
+    A segment along a side crosses the side's neighbours, and one through a corner both that meet there.
+    """
+    side = sides[:, 1] - sides[:, 0]
+    to = sides[:, 0] - a[:, None]
+    slant = along[:, None, 0] * side[:, 1] - along[:, None, 1] * side[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):  # parallel: never a crossing
+        at = (to[..., 0] * side[:, 1] - to[..., 1] * side[:, 0]) / slant
+        on_side = (to[..., 0] * along[:, None, 1] - to[..., 1] * along[:, None, 0]) / slant
+        which, crossed = np.nonzero((at > 0) & (at < 1) & (np.abs(on_side - 0.5) <= 0.5 + _PAST_CORNER))
+    return which, at[which, crossed]
