@@ -14,27 +14,27 @@ if TYPE_CHECKING:
     from .beacons.beacon import BeaconKind as BeaconKind
     from .beacons.beacon import drift_with_beacons as drift_with_beacons
     from .beacons.beacon import passes as passes
-    from .beacons.candidates import grid_sites as grid_sites
-    from .beacons.candidates import route_sites as route_sites
-    from .beacons.candidates import wall_sites as wall_sites
     from .beacons.capture import Capture as Capture
     from .beacons.capture import capture as capture
-    from .beacons.co_design import co_design as co_design
-    from .beacons.design import CoDesign as CoDesign
-    from .beacons.itinerary import Itinerary as Itinerary
+    from .beacons.co_design.co_design import co_design as co_design
+    from .beacons.co_design.design import CoDesign as CoDesign
+    from .beacons.co_design.trips import Trip as Trip
+    from .beacons.co_design.trips import load_trips as load_trips
+    from .beacons.itinerary.itinerary import Itinerary as Itinerary
+    from .beacons.itinerary.pareto import pareto_routes as pareto_routes
+    from .beacons.itinerary.roadmap_planner import RoadmapPlanner as RoadmapPlanner
     from .beacons.layout import Layout as Layout
     from .beacons.layout_files import installer_table as installer_table
     from .beacons.layout_files import layout_csv as layout_csv
     from .beacons.layout_files import layout_geojson as layout_geojson
     from .beacons.layout_files import load_beacons as load_beacons
-    from .beacons.pareto import pareto_routes as pareto_routes
-    from .beacons.placement import beacon_tradeoff as beacon_tradeoff
-    from .beacons.placement import place_beacons as place_beacons
-    from .beacons.placement_problem import SiteGroup as SiteGroup
+    from .beacons.placement.candidates import grid_sites as grid_sites
+    from .beacons.placement.candidates import route_sites as route_sites
+    from .beacons.placement.candidates import wall_sites as wall_sites
+    from .beacons.placement.place import beacon_tradeoff as beacon_tradeoff
+    from .beacons.placement.place import place_beacons as place_beacons
+    from .beacons.placement.problem import SiteGroup as SiteGroup
     from .beacons.plan import plan_route as plan_route
-    from .beacons.roadmap_planner import RoadmapPlanner as RoadmapPlanner
-    from .beacons.trips import Trip as Trip
-    from .beacons.trips import load_trips as load_trips
     from .errors import DriftplanError as DriftplanError
     from .errors import GoalError as GoalError
     from .errors import InfeasibleError as InfeasibleError
@@ -43,30 +43,30 @@ if TYPE_CHECKING:
     from .errors import PlannerError as PlannerError
     from .errors import StartError as StartError
     from .errors import TrajectoryError as TrajectoryError
-    from .model.calibration import NoiseFit as NoiseFit
-    from .model.calibration import fit_noise as fit_noise
+    from .model.calibration.fit import NoiseFit as NoiseFit
+    from .model.calibration.fit import fit_noise as fit_noise
+    from .model.calibration.noise_check import check_noise as check_noise
+    from .model.calibration.recordings import OdometryLog as OdometryLog
+    from .model.calibration.recordings import Trajectory as Trajectory
+    from .model.calibration.relative_errors import relative_errors as relative_errors
+    from .model.calibration.simulated_log import simulate_log as simulate_log
+    from .model.calibration.umbmark import umbmark as umbmark
     from .model.drift import Drift as Drift
     from .model.drift import PointDrift as PointDrift
     from .model.drift import predict_drift as predict_drift
     from .model.fixes import Fix as Fix
     from .model.noise import OdometryNoise as OdometryNoise
-    from .model.noise_check import check_noise as check_noise
     from .model.paths import Run as Run
     from .model.paths import Runs as Runs
     from .model.presets import PRESETS as PRESETS
     from .model.presets import Preset as Preset
-    from .model.recordings import OdometryLog as OdometryLog
-    from .model.recordings import Trajectory as Trajectory
-    from .model.relative_errors import relative_errors as relative_errors
-    from .model.rotations import RotationNoise as RotationNoise
-    from .model.simulated_log import simulate_log as simulate_log
     from .model.simulation import simulate_drift as simulate_drift
-    from .model.spatial import SpatialDrift as SpatialDrift
-    from .model.spatial import predict_drift_3d as predict_drift_3d
-    from .model.spatial import predict_flight_drift as predict_flight_drift
-    from .model.spatial_simulation import simulate_drift_3d as simulate_drift_3d
-    from .model.spatial_steps import flight_steps as flight_steps
-    from .model.umbmark import umbmark as umbmark
+    from .model.spatial.drift import SpatialDrift as SpatialDrift
+    from .model.spatial.drift import predict_drift_3d as predict_drift_3d
+    from .model.spatial.drift import predict_flight_drift as predict_flight_drift
+    from .model.spatial.rotations import RotationNoise as RotationNoise
+    from .model.spatial.simulation import simulate_drift_3d as simulate_drift_3d
+    from .model.spatial.steps import flight_steps as flight_steps
     from .planning.collision import use_world as use_world
     from .planning.objective import DriftObjective as DriftObjective
     from .planning.ompl_paths import predict_ompl_path as predict_ompl_path
@@ -99,36 +99,36 @@ if TYPE_CHECKING:
 
 _HOME = {
     "beacons.beacon": "Beacon BeaconKind drift_with_beacons passes",
-    "beacons.candidates": "grid_sites route_sites wall_sites",
+    "beacons.placement.candidates": "grid_sites route_sites wall_sites",
     "beacons.capture": "Capture capture",
-    "beacons.co_design": "co_design",
-    "beacons.design": "CoDesign",
-    "beacons.itinerary": "Itinerary",
+    "beacons.co_design.co_design": "co_design",
+    "beacons.co_design.design": "CoDesign",
+    "beacons.itinerary.itinerary": "Itinerary",
     "beacons.layout": "Layout",
     "beacons.layout_files": "installer_table layout_csv layout_geojson load_beacons",
-    "beacons.pareto": "pareto_routes",
-    "beacons.placement": "beacon_tradeoff place_beacons",
-    "beacons.placement_problem": "SiteGroup",
+    "beacons.itinerary.pareto": "pareto_routes",
+    "beacons.placement.place": "beacon_tradeoff place_beacons",
+    "beacons.placement.problem": "SiteGroup",
     "beacons.plan": "plan_route",
-    "beacons.roadmap_planner": "RoadmapPlanner",
-    "beacons.trips": "Trip load_trips",
+    "beacons.itinerary.roadmap_planner": "RoadmapPlanner",
+    "beacons.co_design.trips": "Trip load_trips",
     "errors": ("DriftplanError GoalError InfeasibleError MapError NoPathError PlannerError StartError TrajectoryError"),
-    "model.calibration": "NoiseFit fit_noise",
+    "model.calibration.fit": "NoiseFit fit_noise",
     "model.drift": "Drift PointDrift predict_drift",
     "model.fixes": "Fix",
     "model.noise": "OdometryNoise",
-    "model.noise_check": "check_noise",
+    "model.calibration.noise_check": "check_noise",
     "model.paths": "Run Runs",
     "model.presets": "PRESETS Preset",
-    "model.recordings": "OdometryLog Trajectory",
-    "model.relative_errors": "relative_errors",
-    "model.rotations": "RotationNoise",
-    "model.simulated_log": "simulate_log",
+    "model.calibration.recordings": "OdometryLog Trajectory",
+    "model.calibration.relative_errors": "relative_errors",
+    "model.spatial.rotations": "RotationNoise",
+    "model.calibration.simulated_log": "simulate_log",
     "model.simulation": "simulate_drift",
-    "model.spatial": "SpatialDrift predict_drift_3d predict_flight_drift",
-    "model.spatial_simulation": "simulate_drift_3d",
-    "model.spatial_steps": "flight_steps",
-    "model.umbmark": "umbmark",
+    "model.spatial.drift": "SpatialDrift predict_drift_3d predict_flight_drift",
+    "model.spatial.simulation": "simulate_drift_3d",
+    "model.spatial.steps": "flight_steps",
+    "model.calibration.umbmark": "umbmark",
     "planning.collision": "use_world",
     "planning.objective": "DriftObjective",
     "planning.ompl_paths": "predict_ompl_path",

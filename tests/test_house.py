@@ -74,3 +74,12 @@ def test_predicting_drift_needs_neither_ompl_nor_matplotlib_nor_shapely():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("package", sorted(PACKAGE.rglob("*/__init__.py")), ids=lambda f: str(f.parent.name))
+def test_every_package_says_where_everything_is(package):
+    said = set(re.findall(r"\w+", ast.get_docstring(ast.parse(package.read_text())) or ""))
+    there = {p.stem for p in package.parent.glob("*.py")} | {
+        p.parent.name for p in package.parent.glob("*/__init__.py")
+    }
+    assert there - {"__init__"} <= said

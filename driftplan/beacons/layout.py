@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from driftplan.beacons.beacon import Beacon, BeaconColumns, drift_with_beacons
-from driftplan.beacons.covering import Outcome
-from driftplan.beacons.drives import Layouts, drives_of, worst_squares
 from driftplan.beacons.passes import passes_of
-from driftplan.beacons.spans import Spans
-from driftplan.beacons.tracks import Tracks, lay_tracks
+from driftplan.beacons.placement.covering import Outcome
+from driftplan.beacons.placement.drives import Layouts, drives_of, worst_squares
+from driftplan.beacons.placement.spans import Spans
+from driftplan.beacons.placement.tracks import Tracks, lay_tracks
 from driftplan.model.drift import Drift, PointDrift
 from driftplan.model.fixes import Fix
 from driftplan.model.inputs import Floats
@@ -93,7 +93,7 @@ class Importance(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layout:
-    """Result of `driftplan.beacons.placement.place_beacons`.
+    """Result of `driftplan.beacons.placement.place.place_beacons`.
 
     Attributes
     ----------

@@ -8,7 +8,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from driftplan.beacons.beacon import Beacon
-from driftplan.beacons.itinerary import Objective, plan_itinerary
+from driftplan.beacons.itinerary.itinerary import Objective, plan_itinerary
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning import routes
@@ -39,7 +39,7 @@ def plan_route(
 
     Without beacons, without ``max_drift`` and unless the worst drift is to be least this is
     `driftplan.planning.routes.plan_route`, whose parameters and errors hold; otherwise
-    `driftplan.beacons.itinerary.plan_itinerary`.
+    `driftplan.beacons.itinerary.itinerary.plan_itinerary`.
 
     Parameters
     ----------

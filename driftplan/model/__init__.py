@@ -1,1 +1,12 @@
-"""Numbers only: noise, error moments, drift. No maps, no OMPL, no beacons."""
+"""Numbers only: noise, error moments, drift. No maps, no OMPL, no beacons.
+
+noise, presets, heading_laws    how one metre and one radian of odometry go wrong
+paths                           what the robot drives: turns on the spot and runs
+moments, elements, fixes        the error-moment algebra, and what a run, a turn and a fix are in it
+drift, worst, scores            predict_drift; the greatest drift on the way; radii and probabilities
+simulation                      Monte Carlo dead reckoning, the oracle
+spatial                         the same in space
+calibration                     noise from recorded drives
+literature                      the published formulas, corrected
+inputs                          what public functions accept
+"""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Runs
-from driftplan.model.spatial import SpatialDrift, predict_flight_drift
+from driftplan.model.spatial.drift import SpatialDrift, predict_flight_drift
 from driftplan.planning.curves import after_arc
 from driftplan.planning.motion_prices import attitude_step
 from driftplan.planning.spaces import CurveFinder, SpaceKind, position_reader, space_kind
@@ -107,7 +107,7 @@ def _flight(positions: NDArray[np.float64], turns: NDArray[np.float64] | None, n
     if noise.is_systematic or noise.step_m is not None or noise.heading_distance_corr != 0:
         raise ValueError(
             f"expected white noise in three dimensions, got {noise!r}: for other noise build the steps and use "
-            "driftplan.model.spatial.predict_drift_3d"
+            "driftplan.model.spatial.drift.predict_drift_3d"
         )
     lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     rate = np.zeros(len(lengths))

@@ -20,7 +20,7 @@ from driftplan.report.itinerary_options import itinerary_as_json, itinerary_text
 from driftplan.world.files import write_files
 
 if TYPE_CHECKING:
-    from driftplan.beacons.itinerary import Itinerary
+    from driftplan.beacons.itinerary.itinerary import Itinerary
     from driftplan.planning.routes import Route
     from driftplan.world.world import World
 
@@ -73,7 +73,7 @@ def maps(args: argparse.Namespace) -> None:
 
 def plan(args: argparse.Namespace) -> None:
     """One route."""
-    from driftplan.beacons.itinerary import Itinerary
+    from driftplan.beacons.itinerary.itinerary import Itinerary
 
     noise, world = noise_from(args), world_from(args)
     _talk(f"planning on {args.map} with {args.planner}, {search_effort(args)}")

@@ -23,7 +23,7 @@ from driftplan.report.place_command import add_kind_options, kind_from
 from driftplan.world.files import write_files
 
 if TYPE_CHECKING:
-    from driftplan.beacons.design import CoDesign, Design
+    from driftplan.beacons.co_design.design import CoDesign, Design
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -71,7 +71,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     add_kind_options(parser)
     sites = parser.add_argument_group("where beacons may go")
     sites.add_argument("--candidates", metavar="FILE.csv", help="sites x,y in metres, one per line; default: a grid")
-    sites.add_argument("--spacing-m", type=float, metavar="M", help="spacing of the grid (default: the range)")
+    sites.add_argument("--spacing-m", type=float, metavar="M", help="spacing of the grid, metres (default: the range)")
     sites.add_argument("--existing", metavar="FILE.geojson", help="beacons that are there already")
     add_world_options(parser)
     add_noise_options(parser)
@@ -88,9 +88,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def design(args: argparse.Namespace) -> None:
     """The design that the arguments ask for."""
-    from driftplan.beacons.co_design import co_design
+    from driftplan.beacons.co_design.co_design import co_design
+    from driftplan.beacons.co_design.trips import load_trips
     from driftplan.beacons.layout_files import layout_csv, layout_geojson, load_beacons
-    from driftplan.beacons.trips import load_trips
     from driftplan.report.plot_design import plot_design
     from driftplan.world.trajectories import read_path
 

@@ -13,10 +13,10 @@ from driftplan.report.cli_options import noise_as_json, output_file
 from driftplan.world.files import write_files
 
 if TYPE_CHECKING:
-    from driftplan.model.calibration import NoiseFit
-    from driftplan.model.recordings import OdometryLog, Trajectory
-    from driftplan.model.relative_errors import RelativeErrors
-    from driftplan.model.segment_check import SegmentCheck
+    from driftplan.model.calibration.fit import NoiseFit
+    from driftplan.model.calibration.recordings import OdometryLog, Trajectory
+    from driftplan.model.calibration.relative_errors import RelativeErrors
+    from driftplan.model.calibration.segment_check import SegmentCheck
 
     Drive = tuple[OdometryLog, Trajectory]
 
@@ -92,7 +92,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         help="measured true heading minus the robot's, by mounting, degrees (default: estimated)",
     )
     fitting.add_argument("--max-gap-s", type=float, metavar="S", help="longest gap of the truth to bridge, seconds")
-    fitting.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the intervals (default: 0.95)")
+    fitting.add_argument(
+        "--confidence", type=float, default=0.95, metavar="P", help="confidence of the intervals (default: 0.95)"
+    )
     fitting.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the bootstrap (default: 0)")
     files = parser.add_argument_group("files")
     files.add_argument("--yaml", type=output_file, metavar="FILE", help="write the fitted noise, with its intervals")
@@ -105,7 +107,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def fit(args: argparse.Namespace) -> None:
     """The noise of the drives that the arguments name."""
-    from driftplan.model.calibration import PARAMETERS, fit_noise
+    from driftplan.model.calibration.fit import PARAMETERS, fit_noise
     from driftplan.world.noise_files import noise_yaml
 
     drives = list(_recorded(args, args.files).values())

@@ -7,7 +7,7 @@ from math import radians
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from driftplan.beacons.itinerary import Itinerary
+    from driftplan.beacons.itinerary.itinerary import Itinerary
     from driftplan.model.fixes import Fix
     from driftplan.model.noise import OdometryNoise
     from driftplan.planning.routes import Route
@@ -49,13 +49,13 @@ def add_start_options(parser: argparse._ActionsContainer) -> None:
         "--start-position-std-m",
         type=float,
         metavar="M",
-        help="uncertainty of the position at the start, per axis (default: 0, it is known)",
+        help="uncertainty of the position at the start, per axis, metres (default: 0, it is known)",
     )
     parser.add_argument(
         "--start-heading-std-deg",
         type=float,
         metavar="DEG",
-        help="uncertainty of the heading at the start (default: 0, it is known)",
+        help="uncertainty of the heading at the start, degrees (default: 0, it is known)",
     )
 
 

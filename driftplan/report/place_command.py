@@ -64,8 +64,12 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     sites.add_argument(
         "--sites", choices=("grid", "walls", "routes"), help="sites to generate instead of --candidates (default: grid)"
     )
-    sites.add_argument("--spacing-m", type=float, metavar="M", help="spacing of generated sites (default: the range)")
-    sites.add_argument("--min-spacing-m", type=float, default=0.0, metavar="M", help="least distance between beacons")
+    sites.add_argument(
+        "--spacing-m", type=float, metavar="M", help="spacing of generated sites, metres (default: the range)"
+    )
+    sites.add_argument(
+        "--min-spacing-m", type=float, default=0.0, metavar="M", help="least distance between beacons, metres"
+    )
     sites.add_argument("--existing", metavar="FILE.geojson", help="beacons that are there already")
     add_world_options(parser)
     add_noise_options(parser)
@@ -83,7 +87,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def place(args: argparse.Namespace) -> None:
     """The layout, or the trade-off curve, that the arguments ask for."""
     from driftplan.beacons.layout_files import load_beacons
-    from driftplan.beacons.placement import beacon_tradeoff, place_beacons
+    from driftplan.beacons.placement.place import beacon_tradeoff, place_beacons
     from driftplan.world.trajectories import read_path
 
     noise, world = noise_from(args), world_of(args)
@@ -125,12 +129,16 @@ def add_kind_options(parser: argparse.ArgumentParser) -> None:
         default="rfid",
         help="what they measure: position, position and heading, or heading (default: rfid)",
     )
-    kind.add_argument("--range-m", type=float, default=1.5, metavar="M", help="range (default: 1.5)")
+    kind.add_argument("--range-m", type=float, default=1.5, metavar="M", help="range, metres (default: 1.5)")
     kind.add_argument(
-        "--position-std-m", type=float, default=0.1, metavar="M", help="accuracy of a position per axis (default: 0.1)"
+        "--position-std-m",
+        type=float,
+        default=0.1,
+        metavar="M",
+        help="accuracy of a position per axis, metres (default: 0.1)",
     )
     kind.add_argument(
-        "--heading-std-deg", type=float, default=1.0, metavar="DEG", help="accuracy of a heading (default: 1)"
+        "--heading-std-deg", type=float, default=1.0, metavar="DEG", help="accuracy of a heading, degrees (default: 1)"
     )
     kind.add_argument(
         "--detection-probability",
@@ -159,8 +167,8 @@ def kind_from(args: argparse.Namespace) -> BeaconKind:
 
 def _sites(args: argparse.Namespace, world: World, routes: list[Floats]) -> dict[str, Any]:
     """What `place_beacons` is told about kinds and candidates."""
-    from driftplan.beacons.candidates import route_sites, wall_sites
     from driftplan.beacons.layout_files import load_beacons
+    from driftplan.beacons.placement.candidates import route_sites, wall_sites
     from driftplan.world.trajectories import read_path
 
     if args.candidates:

@@ -163,7 +163,7 @@ def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwa
     Parameters
     ----------
     curve : sequence of Layout
-        From `driftplan.beacons.placement.beacon_tradeoff`.
+        From `driftplan.beacons.placement.place.beacon_tradeoff`.
     """
     from matplotlib.ticker import MaxNLocator
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from driftplan.model.calibration import NoiseFit
-from driftplan.model.segment_check import LEVELS, SegmentCheck
+from driftplan.model.calibration.fit import NoiseFit
+from driftplan.model.calibration.segment_check import LEVELS, SegmentCheck
 from driftplan.report.plotting import ROUTE_STYLES
 
 if TYPE_CHECKING:

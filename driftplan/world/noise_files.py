@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from driftplan.errors import TrajectoryError
-from driftplan.model.calibration import NoiseFit
+from driftplan.model.calibration.fit import NoiseFit
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.files import write_files
 

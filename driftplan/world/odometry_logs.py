@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driftplan.errors import TrajectoryError
-from driftplan.model.recordings import OdometryLog, Trajectory
+from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.world.log_tables import Table, named, read_table
 
 Floats = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driftplan.errors import TrajectoryError
-from driftplan.model.recordings import Trajectory
+from driftplan.model.calibration.recordings import Trajectory
 from driftplan.world.log_tables import named, read_table
 from driftplan.world.odometry_logs import read_truth
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from driftplan.beacons.beacon import Beacon, BeaconKind, beacon_fixes, drift_with_beacons
-from driftplan.beacons.co_design import co_design
-from driftplan.beacons.design import DesignStatus
-from driftplan.beacons.itinerary_search import ItinerarySearch
-from driftplan.beacons.placement import place_beacons
-from driftplan.beacons.trips import Trip
+from driftplan.beacons.co_design.co_design import co_design
+from driftplan.beacons.co_design.design import DesignStatus
+from driftplan.beacons.co_design.trips import Trip
+from driftplan.beacons.itinerary.search import ItinerarySearch
+from driftplan.beacons.placement.place import place_beacons
 from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise

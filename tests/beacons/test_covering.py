@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.beacons.covering import Outcome, cheapest_cover
-from driftplan.beacons.cut_pool import Cut, CutPool
+from driftplan.beacons.placement.covering import Outcome, cheapest_cover
+from driftplan.beacons.placement.cut_pool import Cut, CutPool
 
 
 def bits(s, n):

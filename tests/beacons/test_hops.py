@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons
-from driftplan.beacons.drives import HOLDS, drives_of, first_breach, worst_squares
-from driftplan.beacons.hops import Limit
-from driftplan.beacons.placement_problem import placement_problem
-from driftplan.beacons.spans import Spans
+from driftplan.beacons.placement.drives import HOLDS, drives_of, first_breach, worst_squares
+from driftplan.beacons.placement.hops import Limit
+from driftplan.beacons.placement.problem import placement_problem
+from driftplan.beacons.placement.spans import Spans
 from driftplan.model.drift import predict_drift
 from driftplan.model.fixes import Fix
 from driftplan.model.moments import Moments, compose
@@ -217,7 +217,7 @@ def test_drives_in_portions_are_judged_as_all_at_once(monkeypatch):
     tracks, _, drives = drives_on_two_routes(NOISE, 0.5)
     spans, limit = Spans(tracks), Limit(np.full(2, 0.5))
     together = [(worst_squares(spans, some), *first_breach(spans, some, limit)) for some in drives]
-    monkeypatch.setattr("driftplan.beacons.drives._AT_ONCE", 3 * int(tracks.slots.max()))
+    monkeypatch.setattr("driftplan.beacons.placement.drives._AT_ONCE", 3 * int(tracks.slots.max()))
     assert all(len(list(some.parts(tracks.slots))) > 1 for some in drives)
     for some, expected in zip(drives, together, strict=True):
         found = worst_squares(spans, some), *first_breach(spans, some, limit)

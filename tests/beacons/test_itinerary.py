@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from driftplan.beacons.beacon import Beacon, BeaconKind, beacon_fixes, drift_with_beacons, readings_on
 from driftplan.beacons.capture import capture
-from driftplan.beacons.itinerary import plan_itinerary
-from driftplan.beacons.itinerary_bounds import least_length
-from driftplan.beacons.itinerary_check import ItineraryCheck
+from driftplan.beacons.itinerary.bounds import least_length
+from driftplan.beacons.itinerary.check import ItineraryCheck
+from driftplan.beacons.itinerary.itinerary import plan_itinerary
 from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.beacons import itinerary_search
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.beacons.itinerary_bounds import least_end_drift, least_length, least_worst_drift
-from driftplan.beacons.itinerary_check import ItineraryCheck
-from driftplan.beacons.itinerary_search import ItinerarySearch, length_of
+from driftplan.beacons.itinerary import search as itinerary_search
+from driftplan.beacons.itinerary.bounds import least_end_drift, least_length, least_worst_drift
+from driftplan.beacons.itinerary.check import ItineraryCheck
+from driftplan.beacons.itinerary.search import ItinerarySearch, length_of
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.roadmap_graph import Roadmap
 from driftplan.planning.roadmap_pricing import Pricing

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons
-from driftplan.beacons.beacon_roadmap import BeaconRoadmap, N
-from driftplan.beacons.labels import LabelTask, _scores, _Search, least_drift_walk, shortest_walk
+from driftplan.beacons.itinerary.beacon_roadmap import BeaconRoadmap, N
+from driftplan.beacons.itinerary.labels import LabelTask, _scores, _Search, least_drift_walk, shortest_walk
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.world import World

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.beacons.itinerary import Itinerary
-from driftplan.beacons.pareto import knee, non_dominated, pareto_routes
+from driftplan.beacons.itinerary.itinerary import Itinerary
+from driftplan.beacons.itinerary.pareto import knee, non_dominated, pareto_routes
 from driftplan.beacons.plan import plan_route
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise

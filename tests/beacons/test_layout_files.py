@@ -10,7 +10,7 @@ import shapely
 
 from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons, passes
 from driftplan.beacons.layout_files import beacons_geojson, installer_table, layout_csv, layout_geojson, load_beacons
-from driftplan.beacons.placement import place_beacons
+from driftplan.beacons.placement.place import place_beacons
 from driftplan.errors import MapError
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.world import World

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import shapely
 
-from driftplan.beacons import covering
 from driftplan.beacons.beacon import Beacon, BeaconKind, beacon_fixes, drift_with_beacons, passes
-from driftplan.beacons.covering import Outcome
-from driftplan.beacons.placement import place_beacons
-from driftplan.beacons.placement_problem import SiteGroup
+from driftplan.beacons.placement import covering
+from driftplan.beacons.placement.covering import Outcome
+from driftplan.beacons.placement.place import place_beacons
+from driftplan.beacons.placement.problem import SiteGroup
 from driftplan.errors import InfeasibleError
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from driftplan.beacons.beacon import BeaconKind, beacon_fixes, drift_with_beacons
-from driftplan.beacons.placement import place_beacons
+from driftplan.beacons.placement.place import place_beacons
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
 from driftplan.model.worst import worst_rms

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import shapely
 
-from driftplan.beacons import covering
 from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons, passes
-from driftplan.beacons.candidates import grid_sites, route_sites, wall_sites
-from driftplan.beacons.covering import Outcome
-from driftplan.beacons.placement import beacon_tradeoff, place_beacons
-from driftplan.beacons.placement_problem import SiteGroup
+from driftplan.beacons.placement import covering
+from driftplan.beacons.placement.candidates import grid_sites, route_sites, wall_sites
+from driftplan.beacons.placement.covering import Outcome
+from driftplan.beacons.placement.place import beacon_tradeoff, place_beacons
+from driftplan.beacons.placement.problem import SiteGroup
 from driftplan.errors import InfeasibleError
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise

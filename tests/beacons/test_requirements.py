@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from driftplan.beacons.placement_problem import placement_problem
+from driftplan.beacons.placement.problem import placement_problem
 
 NAMES = ["tags", "perfect", "coarse", "two full", "mixed", "with compass", "unsure", "everything"]
 

@@ -12,8 +12,8 @@ from ompl import util as ou
 
 import driftplan
 from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons
-from driftplan.beacons.itinerary import plan_itinerary
-from driftplan.beacons.roadmap_planner import RoadmapPlanner
+from driftplan.beacons.itinerary.itinerary import plan_itinerary
+from driftplan.beacons.itinerary.roadmap_planner import RoadmapPlanner
 from driftplan.errors import PlannerError
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise

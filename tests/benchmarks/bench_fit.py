@@ -6,12 +6,12 @@ import time
 
 import numpy as np
 
-from driftplan.model.calibration import PARAMETERS, fit_noise
+from driftplan.model.calibration.fit import PARAMETERS, fit_noise
+from driftplan.model.calibration.segment_ladder import ladder_of
+from driftplan.model.calibration.segments import TruthNoise
+from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Run
-from driftplan.model.segment_ladder import ladder_of
-from driftplan.model.segments import TruthNoise
-from driftplan.model.simulated_log import simulate_log
 
 NOISE = OdometryNoise(
     heading_var_per_m=1e-3,

@@ -9,10 +9,10 @@ from collections.abc import Callable
 import mpmath as mp
 import numpy as np
 
-from driftplan.model.rotations import RotationNoise
-from driftplan.model.spatial import predict_drift_3d, predict_flight_drift
-from driftplan.model.spatial_moments import SpatialMoments
-from driftplan.model.spatial_simulation import simulate_drift_3d
+from driftplan.model.spatial.drift import predict_drift_3d, predict_flight_drift
+from driftplan.model.spatial.moments import SpatialMoments
+from driftplan.model.spatial.rotations import RotationNoise
+from driftplan.model.spatial.simulation import simulate_drift_3d
 
 COV = 1e-4 * np.eye(3)
 TILTED = np.diag([1e-6, 2e-6, 5e-7])

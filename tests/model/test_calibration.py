@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.model.calibration import PARAMETERS, fit_noise
+from driftplan.model.calibration.fit import PARAMETERS, fit_noise
+from driftplan.model.calibration.noise_check import check_noise
+from driftplan.model.calibration.quasi_likelihood import bootstrap, bounded_step, solve
+from driftplan.model.calibration.recordings import OdometryLog, Trajectory
+from driftplan.model.calibration.segment_ladder import ladder_of
+from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.noise_check import check_noise
 from driftplan.model.paths import Run
-from driftplan.model.quasi_likelihood import bootstrap, bounded_step, solve
-from driftplan.model.recordings import OdometryLog, Trajectory
-from driftplan.model.segment_ladder import ladder_of
-from driftplan.model.simulated_log import simulate_log
 
 NOISE = OdometryNoise(
     heading_var_per_m=1e-3,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from driftplan.model.calibration import fit_noise
+from driftplan.model.calibration.fit import fit_noise
 from driftplan.model.drift import predict_drift
 from driftplan.model.fixes import Fix
 from driftplan.world.odometry_logs import read_odometry, read_truth

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.model.matching import match
+from driftplan.model.calibration.matching import match
+from driftplan.model.calibration.recordings import OdometryLog, Trajectory
+from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Run
-from driftplan.model.recordings import OdometryLog, Trajectory
-from driftplan.model.simulated_log import simulate_log
 
 SNAKE = [(0, 0), (10, 0), (10, 2), (0, 2), (0, 4), (10, 4)]
 PERFECT = OdometryNoise()

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from driftplan.model.calibration import PARAMETERS, fit_noise
+from driftplan.model.calibration.fit import PARAMETERS, fit_noise
 from driftplan.model.drift import predict_drift
 from driftplan.model.literature import StepNoise, dead_reckoning
 from driftplan.model.presets import PRESETS

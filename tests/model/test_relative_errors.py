@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from driftplan.model.relative_errors import KITTI_LENGTHS_M, relative_errors
+from driftplan.model.calibration.relative_errors import KITTI_LENGTHS_M, relative_errors
 
 
 def winding(n=2001):

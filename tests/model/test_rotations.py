@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from driftplan.model.rotations import RotationNoise
+from driftplan.model.spatial.rotations import RotationNoise
 
 COV = np.array([[0.05, 0.02, 0.0], [0.02, 0.04, 0.01], [0.0, 0.01, 0.09]])
 STDS = [1e-12, 1e-8, 1e-4, 0.03, 0.3, 0.4999, 0.5001, 1.0, 3.0, 10.0]

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from driftplan.model.calibration.matching import Stretch
+from driftplan.model.calibration.segments import TruthNoise, expect, observe, pieces, windows, windows_of
 from driftplan.model.drift import predict_drift
-from driftplan.model.matching import Stretch
 from driftplan.model.moments import compose
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Runs
-from driftplan.model.segments import TruthNoise, expect, observe, pieces, windows, windows_of
 
 NOISE = OdometryNoise(
     heading_var_per_m=8e-4,

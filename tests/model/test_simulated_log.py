@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Run
-from driftplan.model.simulated_log import simulate_log
 
 NOISE = OdometryNoise(
     heading_var_per_m=2e-3,

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.rotations import RotationNoise
-from driftplan.model.spatial import predict_drift_3d, predict_flight_drift
-from driftplan.model.spatial_simulation import simulate_drift_3d
-from driftplan.model.spatial_steps import flight_steps
+from driftplan.model.spatial.drift import predict_drift_3d, predict_flight_drift
+from driftplan.model.spatial.rotations import RotationNoise
+from driftplan.model.spatial.simulation import simulate_drift_3d
+from driftplan.model.spatial.steps import flight_steps
 
 COV = np.array([[0.03, 0.01, 0.0], [0.01, 0.02, 0.005], [0.0, 0.005, 0.01]])
 BIAS = np.array([0.02, -0.01, 0.03])

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.model.rotations import RotationNoise
-from driftplan.model.spatial import power
-from driftplan.model.spatial_isotropic import IsotropicMoments
-from driftplan.model.spatial_moments import SpatialMoments, scan
+from driftplan.model.spatial.drift import power
+from driftplan.model.spatial.isotropic import IsotropicMoments
+from driftplan.model.spatial.moments import SpatialMoments, scan
+from driftplan.model.spatial.rotations import RotationNoise
 
 ALGEBRAS = [SpatialMoments, IsotropicMoments]
 BIAS = np.array([0.02, -0.01, 0.03])

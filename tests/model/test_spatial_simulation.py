@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import driftplan.model.spatial_simulation
-from driftplan.model.rotations import RotationNoise
-from driftplan.model.spatial_simulation import simulate_drift_3d
+import driftplan.model.spatial.simulation
+from driftplan.model.spatial.rotations import RotationNoise
+from driftplan.model.spatial.simulation import simulate_drift_3d
 
 GOOD = {"rotations": [np.eye(3)] * 3, "translations": np.ones((3, 3)), "rotation_noise": RotationNoise.isotropic(0.1)}
 
@@ -31,7 +31,7 @@ def test_same_seed_same_errors():
 def test_the_oracle_knows_no_moments():
     names = [
         f"{node.module}.{alias.name}"
-        for node in ast.walk(ast.parse(Path(driftplan.model.spatial_simulation.__file__).read_text()))
+        for node in ast.walk(ast.parse(Path(driftplan.model.spatial.simulation.__file__).read_text()))
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     ]

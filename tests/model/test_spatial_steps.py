@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.model.rotations import RotationNoise, orthonormal
-from driftplan.model.spatial import predict_drift_3d
-from driftplan.model.spatial_simulation import simulate_drift_3d
-from driftplan.model.spatial_steps import flight_steps, read_steps
+from driftplan.model.spatial.drift import predict_drift_3d
+from driftplan.model.spatial.rotations import RotationNoise, orthonormal
+from driftplan.model.spatial.simulation import simulate_drift_3d
+from driftplan.model.spatial.steps import flight_steps, read_steps
 
 GOOD = {"rotations": [np.eye(3)] * 3, "translations": np.ones((3, 3)), "rotation_noise": RotationNoise.isotropic(0.1)}
 

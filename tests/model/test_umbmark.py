@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from driftplan.model.calibration.umbmark import umbmark
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Run
-from driftplan.model.umbmark import umbmark
 
 
 def driven(noise, way, side=4.0):

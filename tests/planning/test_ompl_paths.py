@@ -12,7 +12,7 @@ from ompl import geometric as og
 
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.spatial import predict_flight_drift
+from driftplan.model.spatial.drift import predict_flight_drift
 from driftplan.planning.cost import CostRates, bracket
 from driftplan.planning.objective import DriftObjective
 from driftplan.planning.ompl_paths import predict_ompl_path

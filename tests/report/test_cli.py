@@ -20,7 +20,7 @@ from driftplan.world.mapfiles import bundled_maps, load_world, save_world
 
 DEFAULT_NOISE = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
 QUICK = ["--iterations", "4"]  # of the roadmap: the same route on any machine
-COMMANDS = ["demo", "predict", "plan", "compare", "maps"]
+COMMANDS = ["demo", "predict", "plan", "compare", "place", "design", "fit", "maps"]
 
 
 @pytest.fixture
@@ -583,10 +583,11 @@ def test_every_option_says_what_it_is_in_which_unit_and_its_default(command):
     for action in parser._actions:
         assert action.help, action.dest
         if action.type is float:
-            assert re.search(r"metre|second|degree|rad|m\^2|ratio|relative|multiple", action.help), (
-                action.option_strings
-            )
-        if action.default not in (None, False, "==SUPPRESS=="):
+            assert re.search(
+                r"metre|second|degree|rad|m\^2|ratio|relative|multiple|cost|any unit|confidence|probability|share",
+                action.help,
+            ), action.option_strings
+        if action.default not in (None, False, [], "==SUPPRESS=="):
             assert str(action.default).rstrip("0").rstrip(".") in action.help, action.option_strings
 
 

@@ -8,9 +8,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from driftplan.beacons.beacon import BeaconKind
-from driftplan.beacons.co_design import co_design
+from driftplan.beacons.co_design.co_design import co_design
+from driftplan.beacons.co_design.trips import Trip, load_trips
 from driftplan.beacons.layout_files import load_beacons
-from driftplan.beacons.trips import Trip, load_trips
 from driftplan.errors import InfeasibleError, TrajectoryError
 from driftplan.model.noise import OdometryNoise
 from driftplan.report.design_command import add_parser, design

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from driftplan.errors import TrajectoryError
+from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.simulated_log import simulate_log
 from driftplan.report.fit_command import add_parser, fit
 from driftplan.world.noise_files import load_noise
 

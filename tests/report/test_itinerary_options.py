@@ -7,7 +7,7 @@ import math
 import pytest
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.beacons.itinerary import Itinerary
+from driftplan.beacons.itinerary.itinerary import Itinerary
 from driftplan.beacons.layout_files import beacons_geojson
 from driftplan.model.noise import OdometryNoise
 from driftplan.report.cli_options import add_planning_options

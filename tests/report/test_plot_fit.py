@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from driftplan.model.calibration import fit_noise
+from driftplan.model.calibration.fit import fit_noise
+from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.simulated_log import simulate_log
 from driftplan.report.plot_fit import plot_coverage, plot_fit, plot_growth, plot_predicted
 
 NOISE = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3)

@@ -5,8 +5,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.beacons.itinerary import plan_itinerary
-from driftplan.beacons.pareto import knee, pareto_routes
+from driftplan.beacons.itinerary.itinerary import plan_itinerary
+from driftplan.beacons.itinerary.pareto import knee, pareto_routes
 from driftplan.model.noise import OdometryNoise
 from driftplan.report.plot_itinerary import plot_beacons, plot_itinerary, plot_pareto
 from driftplan.world.world import World

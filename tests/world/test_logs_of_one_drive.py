@@ -10,10 +10,10 @@ import pytest
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
-from driftplan.model.calibration import fit_noise
+from driftplan.model.calibration.fit import fit_noise
+from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Run
-from driftplan.model.simulated_log import simulate_log
 from driftplan.world.odometry_logs import read_odometry, read_truth
 
 NOISE = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=4e-4, distance_scale_error=0.02)

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from driftplan.errors import TrajectoryError
-from driftplan.model.calibration import fit_noise
+from driftplan.model.calibration.fit import fit_noise
+from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.simulated_log import simulate_log
 from driftplan.world.noise_files import load_noise, save_noise
 
 RATES = [f.name for f in fields(OdometryNoise) if f.name.endswith(("_per_m", "_per_rad")) and "var" in f.name]

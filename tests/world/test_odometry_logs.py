@@ -13,7 +13,7 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from driftplan.errors import TrajectoryError
-from driftplan.model.recordings import OdometryLog, Trajectory
+from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.world.log_tables import read_table
 from driftplan.world.odometry_logs import read_odometry, read_truth
 

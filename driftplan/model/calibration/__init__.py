@@ -1,0 +1,13 @@
+"""Noise from recorded odometry and truth.
+
+fit                 fit_noise, NoiseFit
+noise_check         check_noise: how well a noise predicts recorded drives
+umbmark             systematic errors from squares driven both ways round
+relative_errors     drift in % and deg/m, as benchmarks count it
+recordings          what the odometry said, and where the robot was
+simulated_log       a recording of a simulated drive
+
+How a fit goes: `matching` puts odometry beside truth, `reference_offsets` finds what lies between them for good,
+`segment_ladder` cuts drives into `segments` of several lengths, `quasi_likelihood` fits their errors' moments,
+`segment_check` compares predicted with measured, `fit_notes` says in words what to know.
+"""

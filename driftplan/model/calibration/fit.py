@@ -1,0 +1,348 @@
+"""fit_noise: an `OdometryNoise` from recorded odometry and truth, with intervals and a verdict on the fit.
+
+The direction matters: `OdometryNoise` says how the estimate errs given the path truly driven, so the truth's increments
+are the nominal path, and the odometry is what varies about them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import degrees, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from driftplan.model.calibration.fit_notes import drive_notes, mounting_notes, reference_notes
+from driftplan.model.calibration.matching import Match, MatchCounts, match
+from driftplan.model.calibration.noise_check import Estimate, Truth, checked
+from driftplan.model.calibration.quasi_likelihood import (
+    DRIVES_TO_HOLD_OUT,
+    RANDOM,
+    SYSTEMATIC,
+    TRUTH,
+    Solution,
+    bootstrap,
+    elsewhere,
+    held_out,
+    intervals,
+    models,
+    rms_spread,
+    solve,
+    spread_out,
+    standard_errors,
+)
+from driftplan.model.calibration.recordings import OdometryLog, Trajectory
+from driftplan.model.calibration.relative_errors import RelativeErrors, pooled, relative_errors
+from driftplan.model.calibration.segment_check import SegmentCheck, check_segments
+from driftplan.model.calibration.segment_ladder import Ladder, drives_of, ladder_of
+from driftplan.model.inputs import Floats
+from driftplan.model.noise import OdometryNoise
+
+PARAMETERS = SYSTEMATIC + RANDOM
+
+_MOST_STEPS = 50
+_FIRST_LOOK = 4  # steps after which collinear rates are told
+_COLLINEAR = 20.0  # variance inflation above which a rate per radian cannot be told from one per metre
+_STRAIGHT_RAD = 0.2  # turned per longest segment: below, nothing is learnt about turning
+_FRAMES = 40  # frames in the shortest segment when relative errors are counted: its length is overshot by half a frame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NoiseFit:
+    """A noise model fitted to recordings; made by `fit_noise`, shown by ``print``.
+
+    Attributes
+    ----------
+    noise : OdometryNoise
+    intervals : dict
+        Interval of every fitted parameter, by name, at ``confidence``: block bootstrap.
+    std_errors : dict
+        Standard errors, by name.
+    confidence : float
+    truth_position_std_m, truth_heading_std : float
+        White errors of the reference itself, fitted too so that they are not taken for drift: metres per coordinate,
+        rad. They take up whatever does not grow along the way, such as timing jitter.
+    check : SegmentCheck
+        Predicted against measured on the drives of the fit themselves; for other drives see `check_on`.
+    held_out : SegmentCheck
+        The same with every part of the drives predicted from the other parts: each drive from the others where there
+        are three or more, else each fifth from the other four.
+    relative_errors : RelativeErrors or None
+        Drift in % and deg/m at the same lengths, as KITTI's development kit counts it: to compare odometries by,
+        without any model. None where true headings are not used.
+    heading_rms_intervals : array, shape (lengths, 2), or None
+        Intervals of the predicted rms sine of the heading error gained at every length of ``check``.
+    counts : MatchCounts
+        What became of the recordings.
+    time_offsets_s : tuple of float
+        Truth clock minus odometry clock, of every drive.
+    heading_offsets : tuple of float
+        True heading as measured minus the robot's, of every drive, rad: how marker or sensor are mounted. 0 where true
+        headings are not used, or the angle is too small to be sure of.
+    notes : tuple of str
+        What to know before using the numbers: parameters left out, drives that differ, a model that does not fit.
+    """
+
+    noise: OdometryNoise
+    intervals: dict[str, tuple[float, float]]
+    std_errors: dict[str, float]
+    confidence: float
+    truth_position_std_m: float
+    truth_heading_std: float
+    check: SegmentCheck
+    held_out: SegmentCheck
+    relative_errors: RelativeErrors | None
+    heading_rms_intervals: Floats | None
+    counts: MatchCounts
+    time_offsets_s: tuple[float, ...]
+    heading_offsets: tuple[float, ...]
+    _solution: Solution = field(repr=False)
+    _replicates: Floats = field(repr=False)
+    notes: tuple[str, ...] = ()
+
+    def check_on(
+        self,
+        estimates: Estimate | Sequence[Estimate],
+        truths: Truth | Sequence[Truth],
+        *,
+        lengths_m: ArrayLike | None = None,
+        **options: Any,
+    ) -> SegmentCheck:
+        """Predicted against measured errors on drives that were not fitted, recorded with the same reference.
+
+        Parameters
+        ----------
+        estimates, truths, options :
+            As for `fit_noise` (``use_heading``, ``time_offset_s``, ``heading_offset``, ``max_gap_s``).
+        lengths_m : array of float, optional
+            Lengths of segments, metres. Default: as `fit_noise` chooses for these drives.
+        """
+        ladder, _ = ladder_of(drives_of(estimates, truths), lengths_m=lengths_m, **options)
+        there = elsewhere(ladder, self._solution)
+        spread = rms_spread(ladder, there, self._replicates, self.confidence, ladder.position)
+        noise, truth = models(there.names, there.theta)
+        return checked(ladder, noise, truth, self.std_errors, spread)
+
+    def __str__(self) -> str:
+        lines = [f"{'':24} {'fitted':>12} {'std error':>11}   {100 * self.confidence:.3g} % interval"]
+        for name, (low, high) in self.intervals.items():
+            value = getattr(self.noise, name)
+            lines.append(f"{name:24} {value:12.4g} {self.std_errors[name]:11.2g}   {low:.4g} .. {high:.4g}")
+        reference = f"white errors of the reference: {self.truth_position_std_m:.2g} m"
+        if self.check.has_heading:
+            reference += f", {degrees(self.truth_heading_std):.2g} deg"
+        counts = self.counts
+        lines += [
+            "",
+            reference,
+            f"{counts.used_m:.1f} m used (the odometry counted {counts.driven_m:.1f} m in all), "
+            f"{counts.turned_rad:.1f} rad turned, {counts.standstill_s:.1f} s of standstill",
+            f"left out: {counts.outside_truth_s:.1f} s without truth, {counts.repeated_samples} repeated samples, "
+            f"{counts.truth_outliers} outliers of the truth and {counts.odometry_outliers} of the odometry; "
+            f"{counts.breaks} breaks",
+            "clock offset: " + ", ".join(f"{offset:+.3f} s" for offset in self.time_offsets_s),
+        ]
+        if any(self.heading_offsets):
+            turned = ", ".join(f"{degrees(offset):+.2f} deg" for offset in self.heading_offsets)
+            lines.append(f"the reference's heading is mounted askew, and was turned back: {turned}")
+        lines += [
+            "",
+            "each drive predicted from the others"
+            if len(self.time_offsets_s) >= DRIVES_TO_HOLD_OUT
+            else "each fifth of the drives predicted from the other four",
+            str(self.held_out),
+        ]
+        if self.relative_errors is not None:
+            lines += ["", "relative errors, as KITTI's development kit counts them", str(self.relative_errors)]
+        return "\n".join([*lines, "", *self.notes]).rstrip()
+
+
+def fit_noise(
+    estimates: Estimate | Sequence[Estimate],
+    truths: Truth | Sequence[Truth],
+    *,
+    parameters: Sequence[str] = PARAMETERS,
+    lengths_m: ArrayLike | None = None,
+    use_heading: bool | None = None,
+    time_offset_s: float | None = None,
+    heading_offset: float | None = None,
+    max_gap_s: float | None = None,
+    confidence: float = 0.95,
+    resamples: int = 1000,
+    seed: int = 0,
+) -> NoiseFit:
+    """The noise of an odometry from recorded drives whose truth is known.
+
+    Systematic and random errors are told apart by a quasi-likelihood of the errors of segments of several lengths, with
+    the closed-form moments of the model at every one of them (`driftplan.model.calibration.quasi_likelihood`);
+    intervals by a moving-block bootstrap along the drives.
+
+    Parameters
+    ----------
+    estimates : OdometryLog, (n, 3) array of poses x, y, heading, or a sequence of these
+        Odometry of one or several drives.
+    truths : Trajectory, (n, 2) or (n, 3) array, or a sequence of these
+        Their truths, in the same order; arrays are sampled at the same instants as the estimate's array. Positions are
+        enough; true headings, where measured independently, make the fit sharper.
+    parameters : sequence of str
+        Fields of `OdometryNoise` to fit, of `PARAMETERS`; the others are 0.
+    lengths_m : array of float, optional
+        Lengths of the segments, metres. Default: five, each half the next, the longest 1/16 of all drives together (at
+        most 1/4 of the shortest). All lengths count the same; choose those for which you want predictions.
+    use_heading : bool, optional
+        Whether to use the truth's headings. Default: if all drives have them, and they are more than the odometry's.
+    time_offset_s, heading_offset, max_gap_s : float, optional
+        See `driftplan.model.calibration.matching.match`.
+    confidence : float
+        Of the intervals.
+    resamples : int
+        Bootstrap replicates.
+    seed : int
+        Of the bootstrap.
+
+    Returns
+    -------
+    NoiseFit
+
+    Raises
+    ------
+    ValueError
+        For arguments out of range, recordings that do not overlap, and drives too short for the segments.
+
+    Notes
+    -----
+    One-step bootstrap of estimating functions: F. Hu and J. D. Kalbfleisch, The estimating function bootstrap,
+    Canadian Journal of Statistics 28 (2000) 449-481.
+
+    Examples
+    --------
+    >>> from driftplan.model.calibration.simulated_log import simulate_log
+    >>> noise = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3, distance_scale_error=0.02)
+    >>> square = [(0, 0), (5, 0), (5, 5), (0, 5)]
+    >>> odometry, truth = simulate_log(20 * square, noise, rng=1)
+    >>> fit = fit_noise(odometry, truth)
+    >>> low, high = fit.intervals["distance_scale_error"]
+    >>> bool(low < 0.02 < high)
+    True
+    """
+    names = _checked_parameters(parameters)
+    if not 0 < confidence < 1:
+        raise ValueError(f"expected confidence in (0, 1), got {confidence!r}")
+    if isinstance(resamples, bool) or resamples < 100:
+        raise ValueError(f"expected resamples >= 100, got {resamples!r}")
+    drives = drives_of(estimates, truths)
+    ladder, matches = ladder_of(
+        drives,
+        lengths_m=lengths_m,
+        use_heading=use_heading,
+        time_offset_s=time_offset_s,
+        heading_offset=heading_offset,
+        max_gap_s=max_gap_s,
+    )
+    if len(ladder.values) < len(names):
+        raise ValueError(
+            f"expected drives with at least as many segments as there are rates to fit, {len(names)}, got "
+            f"{len(ladder.values)}: record longer drives, or fit fewer parameters"
+        )
+    solution, notes = _solved(ladder, names)
+    replicates, blocks = bootstrap(ladder, solution, resamples, np.random.default_rng(seed))
+    error = standard_errors(replicates, blocks)
+    replicates = spread_out(solution, replicates, blocks, confidence)
+    low, high = intervals(solution, replicates, confidence)
+    noise, truth = models(solution.names, solution.theta)
+    spread = rms_spread(ladder, solution, replicates, confidence, ladder.position)
+    moments = ladder.expected(ladder.windows(noise), truth)
+    check = check_segments(ladder, *moments, rms_intervals_m=spread.intervals)
+    fitted = [k for k, name in enumerate(solution.names) if name not in TRUTH]
+    return NoiseFit(
+        noise=noise,
+        intervals={solution.names[k]: (float(low[k]), float(high[k])) for k in fitted},
+        std_errors={solution.names[k]: float(error[k]) for k in fitted},
+        confidence=confidence,
+        truth_position_std_m=sqrt(truth.position_var),
+        truth_heading_std=sqrt(truth.heading_var),
+        check=check,
+        held_out=check_segments(ladder, *held_out(ladder, solution)),
+        relative_errors=_relative_errors(ladder, drives, matches, max_gap_s) if ladder.has_heading else None,
+        heading_rms_intervals=(
+            rms_spread(ladder, solution, replicates, confidence, slice(2, 3)).intervals if ladder.has_heading else None
+        ),
+        counts=_summed(matches),
+        time_offsets_s=tuple(m.time_offset_s for m in matches),
+        heading_offsets=tuple(m.heading_offset for m in matches),
+        notes=(
+            *notes,
+            *mounting_notes(matches),
+            *reference_notes(ladder, truth, check),
+            *drive_notes(ladder, solution, error),
+            *check.notes,
+        ),
+        _solution=solution.estimate_only(),
+        _replicates=replicates,
+    )
+
+
+def _checked_parameters(parameters: Sequence[str]) -> tuple[str, ...]:
+    names = () if isinstance(parameters, str) else tuple(parameters)
+    if not names or not set(names) <= set(PARAMETERS):
+        raise ValueError(f"expected parameters from {PARAMETERS}, got {parameters!r}")
+    return tuple(name for name in PARAMETERS if name in names)
+
+
+def _solved(ladder: Ladder, names: tuple[str, ...]) -> tuple[Solution, list[str]]:
+    """The estimate, without what cannot be told from the rest, and what there is to say about it."""
+    notes: list[str] = []
+    turning = [name for name in names if name.endswith("_per_rad")]
+    if turning and ladder.turned_per_longest < _STRAIGHT_RAD:
+        names = tuple(name for name in names if name not in turning)
+        notes.append(
+            f"The robot hardly turned ({ladder.turned_per_longest:.2g} rad per {ladder.rungs[-1].length_m:.3g} m): no "
+            "rate per radian is fitted."
+        )
+    truth = TRUTH if ladder.has_heading else TRUTH[:1]
+    start = None
+    for most_steps in (_FIRST_LOOK, _MOST_STEPS):  # what cannot be told apart would take long to converge
+        while True:
+            solution = solve(ladder, [*names, *truth], most_steps, start)
+            inflation = solution.variance_inflation()
+            worst = max((name for name in names if name in turning), key=lambda n: inflation.get(n, 0.0), default="")
+            if inflation.get(worst, 0.0) < _COLLINEAR:
+                start = solution.theta
+                break
+            names, start = tuple(name for name in names if name != worst), None
+            notes.append(f"These drives turn evenly: {worst} cannot be told from the rate per metre, and is left out.")
+    if not solution.converged:
+        notes.append("The fit did not converge: its numbers are those of the last step.")
+    return solution, notes
+
+
+def _summed(matches: Sequence[Match]) -> MatchCounts:
+    total = MatchCounts()
+    for m in matches:
+        total += m.counts
+    return total
+
+
+def _relative_errors(
+    ladder: Ladder, drives: list[tuple[OdometryLog, Trajectory]], matches: Sequence[Match], max_gap_s: float | None
+) -> RelativeErrors | None:
+    """Errors by KITTI's definition, whose frames are the samples of the sparser recording, not the segments' knots."""
+    lengths = [rung.length_m for rung in ladder.rungs]
+    found = []
+    for (odometry, truth), m in zip(drives, matches, strict=True):
+        frames = match(
+            odometry,
+            truth,
+            spacing_m=lengths[0] / _FRAMES,
+            time_offset_s=m.time_offset_s,
+            heading_offset=m.heading_offset,
+            max_gap_s=max_gap_s,
+        )
+        for s in frames.stretches:
+            if s.truth_heading is not None and np.abs(np.diff(s.truth)).sum() > lengths[0]:
+                estimate = np.column_stack([s.estimate.real, s.estimate.imag, s.estimate_heading])
+                true = np.column_stack([s.truth.real, s.truth.imag, s.truth_heading])
+                found.append(relative_errors(estimate, true, lengths, step=_FRAMES // 4))
+    return pooled(found) if found else None

@@ -1,0 +1,362 @@
+"""Noise rates from segment errors: a weighted regression on closed-form moments, iterated, and its block bootstrap.
+
+The observations y_i (`driftplan.model.calibration.segments`) of segments of several lengths have, under a noise model
+θ, means μ_i(θ) and covariances C_i(θ) in closed form. Maximising the Gaussian quasi-likelihood Σ w_i log N(y_i; μ_i,
+C_i) over θ solves, for every parameter,
+
+    Σ w_i [ ∂μ_i' V_i (y_i - μ_i) + ½ tr(∂C_i V_i ((y_i - μ_i)(y_i - μ_i)' - C_i) V_i) ] = 0,    V_i = C_i⁻¹,
+
+equations that are unbiased for any weights V_i and any distribution with the right moments. Two choices make them serve
+prediction even where the model is only roughly right:
+
+* Each *length* has the same weight in all. Short segments, far more numerous, would otherwise decide alone, and at
+  short range odometry errs in ways that do not last (clock offsets, antenna levers, jitter).
+* V_i is the inverse of 0.8 C_i + 0.2 C̄, C̄ the average over all segments of that length: a segment from which the model
+  promises next to no error must not decide either. (On the drives of a mower with slips, predicted and measured rms
+  then agree at all lengths, where the maximum of the likelihood was off by a factor of two.)
+
+A step of Fisher scoring solves ``I d = g`` (g the left side, I its expected slope, with numerical derivatives of the
+exact moments) under the bounds that variances are not negative. The same step from the estimate, with blocks of the
+drives drawn anew, gives the bootstrap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driftplan.model.calibration.segment_ladder import Ladder
+from driftplan.model.calibration.segments import TruthNoise
+from driftplan.model.inputs import Floats
+from driftplan.model.noise import OdometryNoise
+
+SYSTEMATIC = ("distance_scale_error", "heading_bias_per_m", "heading_bias_per_rad")
+RANDOM = (
+    "heading_var_per_m",
+    "heading_var_per_rad",
+    "distance_var_per_m",
+    "distance_var_per_rad",
+    "lateral_var_per_m",
+)
+TRUTH = ("truth_position_var", "truth_heading_var")
+DRIVES_TO_HOLD_OUT = 3  # as many as these, and each is predicted from the others
+
+_EVENNESS = 0.2  # share of the average covariance in the weights
+_SLOWEST_SHRINK = 0.1  # a variance falls to no less than this share in one step: it may be needed to explain the rest
+_LEAST_RELATIVE = {"distance_scale_error": -0.9, "heading_bias_per_rad": -0.9}  # at -1 nothing would be measured
+_NEGLIGIBLE = 1e-2  # standard errors: a variance below is taken for 0
+_DERIVATIVE_STEP = 1e-3
+_DAMPED_AFTER = 10  # steps are halved, after as many again halved again
+_SETTLED = 1.0  # standard errors: steps below leave the derivatives as they are
+_CONVERGED = 0.01  # standard errors
+_MOST_LOG = 50.0  # of a mean square over its prediction: beyond, nothing is known, and exp would overflow
+_BLOCK_SPANS = 2  # length of a bootstrap block, in longest segments
+_HELD_OUT_STEPS = 4  # from the estimate of all drives to that of some
+_PARTS = 5  # of the drives, each predicted from the others
+_BLOCK_STARTS = 8  # blocks begin every 1/8 of their length
+
+
+class Solution(NamedTuple):
+    """The estimate.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Parameters, k in all: fields of `OdometryNoise` and the truth's variances.
+    theta : array, shape (k,)
+    score, information : arrays, shapes (n, k), (n, k, k)
+        Left side of the equations and its expected slope, of every observation, at the estimate.
+    converged : bool
+    d_mean, d_cov : arrays, shapes (n, k, 3), (n, k, 3, 3)
+        Derivatives of the moments of the observations.
+    """
+
+    names: tuple[str, ...]
+    theta: Floats
+    score: Floats
+    information: Floats
+    converged: bool
+    d_mean: Floats
+    d_cov: Floats
+
+    @property
+    def bounded(self) -> NDArray[np.bool_]:
+        """Which parameters are variances, (k,)."""
+        return np.array([name not in SYSTEMATIC for name in self.names])
+
+    def estimate_only(self) -> Solution:
+        """Without what belongs to single observations."""
+        none, k = np.zeros(0), len(self.names)
+        return self._replace(
+            score=none.reshape(0, k),
+            information=none.reshape(0, k, k),
+            d_mean=none.reshape(0, k, 3),
+            d_cov=none.reshape(0, k, 3, 3),
+        )
+
+    def variance_inflation(self) -> dict[str, float]:
+        """How many times larger the variance of each estimate is than were the others known; not of those at 0."""
+        free = np.flatnonzero(~self.bounded | (self.theta > 0))
+        total, _ = _normed(self.information.sum(axis=0)[np.ix_(free, free)])
+        return {self.names[k]: float(v) for k, v in zip(free, np.diag(np.linalg.inv(total)), strict=True)}
+
+
+def models(names: Sequence[str], theta: Floats) -> tuple[OdometryNoise, TruthNoise]:
+    """The noise models that a parameter vector stands for."""
+    values = dict(zip(names, theta.tolist(), strict=True))
+    truth = TruthNoise(*(values.pop(name, 0.0) for name in TRUTH))
+    return OdometryNoise(**values), truth
+
+
+def solve(ladder: Ladder, names: Sequence[str], most_steps: int, start: Floats | None = None) -> Solution:
+    """The parameters that solve the equations, or the last of ``most_steps`` steps from ``start`` towards them."""
+    names = tuple(names)
+    theta, scale = _start(ladder, names)
+    theta = theta if start is None else start
+    bounded = np.array([name not in SYSTEMATIC for name in names])
+    longest = np.array([0.5 / ladder.rungs[-1].length_m if name == "heading_bias_per_m" else 0.2 for name in names])
+    model = _Model(ladder, names, theta)
+    size = np.inf
+    for k in range(most_steps):
+        if size > _SETTLED:
+            slopes = model.slopes(scale)
+        score, information = _equations(ladder, model.mean, model.cov, *slopes)
+        total = information.sum(axis=0)
+        error = 1 / np.sqrt(np.maximum(np.diag(total), 1e-300))
+        lowest = np.where(bounded, -(1 - _SLOWEST_SHRINK) * model.theta, -np.inf)
+        lowest = np.where(bounded & (model.theta < _NEGLIGIBLE * error), -model.theta, lowest)  # may vanish
+        step = bounded_step(total, score.sum(axis=0), lowest)
+        step = np.where(bounded, step, np.clip(step, -longest, longest))
+        size = float(np.max(np.abs(step) / error))
+        damped = 0.5 ** (k // _DAMPED_AFTER) * step  # weights that follow the estimate can make it swing
+        model = _Model(ladder, names, _possible(names, model.theta + damped))
+        if size < _CONVERGED:
+            break
+    vanishing = bounded & (model.theta < _NEGLIGIBLE * error)
+    model = _Model(ladder, names, np.where(vanishing, 0.0, model.theta))
+    slopes = model.slopes(scale)
+    score, information = _equations(ladder, model.mean, model.cov, *slopes)
+    return Solution(names, model.theta, score, information, size < _CONVERGED, *slopes)
+
+
+def systematic_errors(ladder: Ladder, noise: OdometryNoise, truth: TruthNoise) -> dict[str, tuple[float, float]]:
+    """What the systematic errors of these drives seem to be, one step from a noise: values and standard errors."""
+    names = (*SYSTEMATIC, *RANDOM, *TRUTH)
+    theta = np.array([*(getattr(noise, name) for name in (*SYSTEMATIC, *RANDOM)), *truth])
+    model = _Model(ladder, names, theta)
+    d_mean, d_cov = model.slopes(_start(ladder, names)[1])
+    score, information = _equations(ladder, model.mean, model.cov, d_mean, d_cov)
+    few = len(SYSTEMATIC)
+    score, information = score[:, :few], information[:, :few, :few]
+    step = np.linalg.lstsq(information.sum(axis=0), score.sum(axis=0))[0]
+    there = score - information @ step
+    here = Solution(SYSTEMATIC, theta[:few] + step, there, information, True, d_mean[:, :few], d_cov[:, :few])
+    replicates, blocks = bootstrap(ladder, here, 400, np.random.default_rng(0))
+    error = standard_errors(replicates, blocks)
+    return {name: (float(here.theta[k]), float(error[k])) for k, name in enumerate(SYSTEMATIC)}
+
+
+def bounded_step(information: Floats, score: Floats, lowest: Floats) -> Floats:
+    """Minimiser d of d'Id/2 - g'd with d >= lowest, shapes (k, k), (k,), (k,).
+
+    Examples
+    --------
+    >>> bounded_step(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-3.0, 0.0]), np.array([-1.0, -np.inf])).round(9)
+    array([-1. ,  0.5])
+    """
+    from scipy.optimize import lsq_linear
+
+    normed, scale = _normed(information)
+    root = np.linalg.cholesky(normed)
+    bounds = (np.minimum(lowest / scale, -1e-15), np.inf)
+    found = lsq_linear(root.T, np.linalg.solve(root, score * scale), bounds, method="bvls", tol=1e-12)
+    return np.asarray(np.maximum(found.x * scale, lowest))
+
+
+def bootstrap(ladder: Ladder, solution: Solution, resamples: int, rng: np.random.Generator) -> tuple[Floats, int]:
+    """One step from the estimate for blocks of the drives drawn anew.
+
+    Blocks, two longest segments long, may begin anywhere in steps of 1/8 of their length; the drives' end joins their
+    beginning. Variances may come out negative here; what pushes one that is at its bound below zero is taken out, so
+    that its replicates spread about zero.
+
+    Returns
+    -------
+    replicates : array, shape (resamples, k)
+    blocks : int
+        How many blocks make the whole.
+    """
+    length = _BLOCK_SPANS * ladder.rungs[-1].length_m
+    blocks = max(int(ladder.total_m / length), 2)
+    bins = _BLOCK_STARTS * blocks
+    bin_of = np.minimum((ladder.place_m / ladder.total_m * bins).astype(int), bins - 1)
+    score, information = _blocks(solution.score, bin_of, bins), _blocks(solution.information, bin_of, bins)
+    drawn = rng.multinomial(blocks, np.full(bins, 1 / bins), size=resamples).astype(float)
+    push = np.where(solution.bounded & (solution.theta == 0), solution.score.sum(axis=0), 0.0)
+    total, scale = _normed(np.tensordot(drawn, information, 1))
+    step = np.linalg.solve(total, ((drawn @ score - push) * scale)[..., None])[..., 0] * scale
+    return np.asarray(solution.theta + step), blocks
+
+
+def spread_out(solution: Solution, replicates: Floats, blocks: int, confidence: float) -> Floats:
+    """Replicates as far from the estimate as their number of blocks calls for.
+
+    Blocks drawn anew vary (blocks - 1)/blocks times too little; segments that reach from one block into the next add
+    1/(3 spans per block) of the variance that the blocks cannot show; and few blocks ask for Student's quantile.
+    """
+    from scipy.special import ndtri, stdtrit
+
+    tail = (1 - confidence) / 2
+    student = float(stdtrit(blocks - 1, 1 - tail) / ndtri(1 - tail))
+    return np.asarray(solution.theta + _widened(blocks) * student * (replicates - solution.theta))
+
+
+def intervals(solution: Solution, replicates: Floats, confidence: float) -> tuple[Floats, Floats]:
+    """Percentile intervals of `spread_out` replicates: they hold the estimate, and no negative variance."""
+    tail = (1 - confidence) / 2
+    low, high = np.quantile(replicates, [tail, 1 - tail], axis=0)
+    low = np.where(solution.bounded, np.maximum(low, 0.0), low)
+    return np.minimum(low, solution.theta), np.maximum(high, solution.theta)
+
+
+def standard_errors(replicates: Floats, blocks: int) -> Floats:
+    """Standard deviations of `bootstrap` replicates, with the same allowances, Student's apart."""
+    return np.asarray(_widened(blocks) * replicates.std(axis=0))
+
+
+class RmsSpread(NamedTuple):
+    """How well a fit knows the rms that it predicts on every rung: intervals (rungs, 2), standard errors (rungs,)."""
+
+    intervals: Floats
+    std_errors: Floats
+
+
+def rms_spread(ladder: Ladder, solution: Solution, replicates: Floats, confidence: float, where: slice) -> RmsSpread:
+    """Spread of the predicted rms of the observed values ``where``: its logarithm to first order in the parameters."""
+    noise, truth = models(solution.names, solution.theta)
+    mean, cov = ladder.expected(ladder.windows(noise), truth)
+    m, C = mean[:, where], cov[:, where, where]
+    square = ladder.by_rung((m**2).sum(axis=1) + np.trace(C, axis1=1, axis2=2))
+    slope = 2 * (m[:, None] * solution.d_mean[:, :, where]).sum(axis=-1)
+    slope = ladder.by_rung(slope + np.trace(solution.d_cov[:, :, where, where], axis1=2, axis2=3))
+    square = np.maximum(square, 1e-300)
+    logs = (replicates - solution.theta) @ slope.T / square  # of the mean square: it is positive, and skew as few slips
+    tail = (1 - confidence) / 2
+    bounds = np.clip(np.quantile(logs, [tail, 1 - tail], axis=0), -_MOST_LOG, _MOST_LOG)
+    low_high = np.sqrt(square * np.exp(bounds)).T
+    return RmsSpread(low_high, 0.5 * np.sqrt(square) * logs.std(axis=0))
+
+
+def elsewhere(ladder: Ladder, solution: Solution) -> Solution:
+    """The same estimate beside other segments: its equations and derivatives there."""
+    model = _Model(ladder, solution.names, solution.theta)
+    slopes = model.slopes(_start(ladder, solution.names)[1])
+    score, information = _equations(ladder, model.mean, model.cov, *slopes)
+    return solution._replace(score=score, information=information, d_mean=slopes[0], d_cov=slopes[1])
+
+
+def held_out(ladder: Ladder, solution: Solution) -> tuple[Floats, Floats]:
+    """Mean (n, 3) and covariance (n, 3, 3) that each part of the drives has by the estimate from the other parts.
+
+    A part is a drive where there are three or more, else a fifth of them laid end to end. The estimate without a part
+    is a few steps from the whole one, with that one's derivatives.
+    """
+    part, parts = ladder.drive, int(ladder.drive.max()) + 1
+    if parts < DRIVES_TO_HOLD_OUT:
+        part, parts = np.minimum((ladder.place_m / ladder.total_m * _PARTS).astype(int), _PARTS - 1), _PARTS
+    mean, cov = np.empty((len(part), 3)), np.empty((len(part), 3, 3))
+    whole = _Model(ladder, solution.names, solution.theta)
+    for k in range(parts):
+        mine, model = part == k, whole
+        for _ in range(_HELD_OUT_STEPS):
+            score, information = _equations(ladder, model.mean, model.cov, solution.d_mean, solution.d_cov)
+            lowest = np.where(solution.bounded, -model.theta, -np.inf)
+            step = bounded_step(information[~mine].sum(axis=0), score[~mine].sum(axis=0), lowest)
+            model = _Model(ladder, solution.names, _possible(solution.names, model.theta + step))
+        mean[mine], cov[mine] = model.mean[mine], model.cov[mine]
+    return mean, cov
+
+
+def _possible(names: Sequence[str], theta: Floats) -> Floats:
+    """Parameters no lower than they can be."""
+    return np.maximum(theta, [0.0 if name not in SYSTEMATIC else _LEAST_RELATIVE.get(name, -np.inf) for name in names])
+
+
+def _widened(blocks: int) -> float:
+    return sqrt(blocks / (blocks - 1) / (1 - 1 / (3 * _BLOCK_SPANS)))
+
+
+class _Model:
+    """Moments of the observations at one parameter vector."""
+
+    def __init__(self, ladder: Ladder, names: tuple[str, ...], theta: Floats) -> None:
+        self.ladder, self.names, self.theta = ladder, names, theta
+        noise, truth = models(names, theta)
+        self.windows = ladder.windows(noise)
+        self.mean, self.cov = ladder.expected(self.windows, truth)
+
+    def slopes(self, scale: Floats) -> tuple[Floats, Floats]:
+        """Derivatives of the moments by forward differences, (n, k, 3) and (n, k, 3, 3)."""
+        means, covs = [], []
+        for k, name in enumerate(self.names):
+            step = _DERIVATIVE_STEP * max(abs(self.theta[k]), scale[k])
+            moved = self.theta.copy()
+            moved[k] += step
+            noise, truth = models(self.names, moved)
+            found = self.windows if name in TRUTH else self.ladder.windows(noise)
+            mean, cov = self.ladder.expected(found, truth)
+            means.append((mean - self.mean) / step)
+            covs.append((cov - self.cov) / step)
+        return np.stack(means, axis=1), np.stack(covs, axis=1)
+
+
+def _equations(ladder: Ladder, mean: Floats, cov: Floats, d_mean: Floats, d_cov: Floats) -> tuple[Floats, Floats]:
+    """Left side (n, k) and expected slope (n, k, k), observation by observation."""
+    typical = (ladder.by_rung(cov) + ladder.floor())[ladder.rung]
+    white = np.linalg.inv(np.linalg.cholesky((1 - _EVENNESS) * cov + _EVENNESS * typical))  # white' white = V
+    transposed = np.swapaxes(white, 1, 2)
+    r = (white @ (ladder.values - mean)[..., None])[..., 0]
+    J = d_mean @ transposed
+    K = (white[:, None] @ d_cov @ transposed[:, None]).reshape(*d_mean.shape[:2], 9)
+    surplus = (r[:, :, None] * r[:, None, :] - white @ cov @ transposed).reshape(-1, 9, 1)
+    score = (J @ r[..., None] + 0.5 * K @ surplus)[..., 0]
+    information = J @ np.swapaxes(J, 1, 2) + 0.5 * K @ np.swapaxes(K, 1, 2)
+    return score * ladder.weight[:, None], information * ladder.weight[:, None, None]
+
+
+def _start(ladder: Ladder, names: Sequence[str]) -> tuple[Floats, Floats]:
+    """Where to begin, and the scale of each parameter: shares of the mean squares of the longest segments."""
+    length, shortest = ladder.rungs[-1].length_m, ladder.rungs[0].length_m
+    squares = ladder.by_rung(ladder.values**2)[-1]
+    along = squares[0] / length
+    heading = squares[2] / length if ladder.has_heading else 12 * squares[2] / length**3
+    share = {
+        "heading_var_per_m": heading / 2,
+        "heading_var_per_rad": heading / 2,
+        "distance_var_per_m": along / 2,
+        "distance_var_per_rad": along / 2,
+        "lateral_var_per_m": along / 2,
+        "truth_position_var": 0.01 * along * shortest,
+        "truth_heading_var": 0.01 * heading * shortest,
+    }
+    size = {**share, **dict.fromkeys(SYSTEMATIC, 0.01), "heading_bias_per_m": np.sqrt(heading / length)}
+    theta = np.array([share.get(name, 0.0) for name in names])
+    return theta, np.array([max(float(size[name]), 1e-18) for name in names])
+
+
+def _blocks(values: Floats, bin_of: NDArray[np.intp], bins: int) -> Floats:
+    """Sums over the blocks that begin at every bin."""
+    binned = np.zeros((bins, *values.shape[1:]))
+    np.add.at(binned, bin_of, values)
+    return np.asarray(np.sum([np.roll(binned, -k, axis=0) for k in range(_BLOCK_STARTS)], axis=0))
+
+
+def _normed(information: Floats) -> tuple[Floats, Floats]:
+    """Information (..., k, k) with a unit diagonal, barely regularised, and the scales that made it so."""
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 1e-300))
+    normed = information * scale[..., :, None] * scale[..., None, :]
+    return normed + 1e-9 * np.eye(scale.shape[-1]), scale

@@ -1,0 +1,310 @@
+"""Recorded drives: what the odometry said, and where the robot truly was.
+
+Frame: world, metres, x to the right, y up, headings counter-clockwise from +x in radians (REP-103). Odometry starts at
+its own origin: only its increments mean something.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from driftplan.model.inputs import Complexes, Floats, finite
+from driftplan.model.paths import wrap
+
+_STANDING = 0.02  # of the usual speed and turn rate: slower is standing,
+_STANDING_RAD = 0.01  # or turning by less in a second
+_GLITCH = 20.0  # times the usual speed or turn rate: faster is no motion
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OdometryLog:
+    """What odometry reported: increments between consecutive samples. Make one with a ``from_...`` constructor.
+
+    Attributes
+    ----------
+    times : array, shape (n + 1,)
+        Seconds, increasing.
+    moves : complex array, shape (n,)
+        Displacement between samples in the robot's frame at the first of the two: x (forward) + jy (left), metres.
+    turns : array, shape (n,)
+        Change of heading between samples, rad, positive to the left.
+    holds_velocity : bool
+        Whether the increments were integrated from velocities, so that motion in a gap between samples is a guess.
+    repeated : int
+        Samples whose time was not later than the one before: merged (increments) or left out.
+    glitches : array, shape (m,)
+        When the steps began that `without_glitches` took out, s: what happened in them is unknown.
+    """
+
+    times: Floats
+    moves: Complexes
+    turns: Floats
+    holds_velocity: bool = False
+    repeated: int = 0
+    glitches: Floats = field(default_factory=lambda: np.zeros(0))
+
+    @classmethod
+    def from_increments(
+        cls, distances_m: ArrayLike, turns_rad: ArrayLike, times_s: ArrayLike | None = None
+    ) -> OdometryLog:
+        """Distance and turn per step; each step is taken for an arc.
+
+        Parameters
+        ----------
+        distances_m, turns_rad : array, shape (n,)
+            Per step, metres (negative when driving backwards) and rad.
+        times_s : array, shape (n + 1,) or (n,), optional
+            Times before the first and after every step, or only after every step (the first is then taken to last as
+            long as the median one). Default: 0, 1, 2, ...
+
+        Raises
+        ------
+        ValueError
+            For wrong shapes and values that are not finite.
+
+        Examples
+        --------
+        >>> log = OdometryLog.from_increments([1.0, 1.0], [0.0, np.pi / 2], times_s=[1.0, 2.0])
+        >>> log.times, log.travelled.round(3)
+        (array([0., 1., 2.]), array([0. , 1. , 1.9]))
+        """
+        distances, turns = _series("distances_m", distances_m), _series("turns_rad", turns_rad)
+        if distances.shape != turns.shape or distances.size < 1:
+            raise ValueError(
+                f"expected distances_m and turns_rad of one shape (n,), n >= 1, got {distances.shape} and {turns.shape}"
+            )
+        n = distances.size
+        times = np.arange(n + 1.0) if times_s is None else _series("times_s", times_s)
+        if times.size == n:
+            step = float(np.median(np.diff(times))) if n > 1 else 1.0
+            times = np.concatenate([[times[0] - max(step, 1e-9)], times])
+        if times.size != n + 1:
+            raise ValueError(f"expected times_s of shape ({n + 1},) or ({n},) for {n} steps, got {times.shape}")
+        return _merged(times, distances * _chord(turns), turns)
+
+    @classmethod
+    def from_velocities(
+        cls, times_s: ArrayLike, speeds_m_per_s: ArrayLike, turn_rates_rad_per_s: ArrayLike
+    ) -> OdometryLog:
+        """Forward speed and turn rate, each held until the next sample.
+
+        Parameters
+        ----------
+        times_s, speeds_m_per_s, turn_rates_rad_per_s : array, shape (n,), n >= 2
+            Seconds, m/s (negative backwards), rad/s (positive to the left).
+
+        Examples
+        --------
+        >>> OdometryLog.from_velocities([0.0, 2.0, 3.0], [0.5, 1.0, 9.0], [0.0, 0.0, 0.0]).moves.real
+        array([1., 1.])
+        """
+        times = _series("times_s", times_s)
+        speeds, rates = (
+            _series(name, x)
+            for name, x in (("speeds_m_per_s", speeds_m_per_s), ("turn_rates_rad_per_s", turn_rates_rad_per_s))
+        )
+        if not times.shape == speeds.shape == rates.shape or times.size < 2:
+            raise ValueError(
+                "expected times_s, speeds_m_per_s and turn_rates_rad_per_s of one shape (n,), n >= 2, got "
+                f"{times.shape}, {speeds.shape} and {rates.shape}"
+            )
+        keep = _later(times)
+        times, speeds, rates = times[keep], speeds[keep], rates[keep]
+        if times.size < 2:
+            raise ValueError("expected at least 2 different times_s, got one")
+        dt = np.diff(times)
+        turns = rates[:-1] * dt
+        repeated = int(keep.size - keep.sum())
+        return cls(times, speeds[:-1] * dt * _chord(turns), turns, holds_velocity=True, repeated=repeated)
+
+    @classmethod
+    def from_poses(cls, poses: ArrayLike, times_s: ArrayLike | None = None) -> OdometryLog:
+        """Poses of a dead reckoner or of a visual odometry, in any frame of its own.
+
+        Parameters
+        ----------
+        poses : array, shape (n, 3), n >= 2
+            x, y (m), heading (rad).
+        times_s : array, shape (n,), optional
+            Default: 0, 1, 2, ...
+
+        Examples
+        --------
+        >>> OdometryLog.from_poses([(0, 0, np.pi / 2), (0, 2, np.pi / 2)]).moves.round(6)
+        array([2.+0.j])
+        """
+        array = finite("poses", poses)
+        if array.ndim != 2 or array.shape[1] != 3 or len(array) < 2:
+            raise ValueError(f"expected poses of shape (n, 3): x, y, heading, with n >= 2, got {array.shape}")
+        times = np.arange(float(len(array))) if times_s is None else _series("times_s", times_s)
+        if times.size != len(array):
+            raise ValueError(f"expected times_s of shape ({len(array)},), one per pose, got {times.shape}")
+        keep = _later(times)
+        array, times = array[keep], times[keep]
+        if times.size < 2:
+            raise ValueError("expected at least 2 different times_s, got one")
+        moves = np.diff(array[:, 0] + 1j * array[:, 1]) * np.exp(-1j * array[:-1, 2])
+        repeated = int(keep.size - keep.sum())
+        return cls(times, moves, np.asarray(wrap(np.diff(array[:, 2]))), repeated=repeated)
+
+    @property
+    def headings(self) -> Floats:
+        """Integrated heading at every sample, rad, not wrapped, (n + 1,); 0 at the first."""
+        return np.concatenate([[0.0], np.cumsum(self.turns)])
+
+    @property
+    def positions(self) -> Complexes:
+        """Dead-reckoned position at every sample, x + jy, metres, (n + 1,); 0 at the first."""
+        return np.concatenate([[0.0], np.cumsum(self.moves * np.exp(1j * self.headings[:-1]))])
+
+    @property
+    def travelled(self) -> Floats:
+        """Metres driven up to every sample according to the odometry, (n + 1,)."""
+        return np.concatenate([[0.0], np.cumsum(np.abs(self.moves))])
+
+    @property
+    def standing(self) -> NDArray[np.bool_]:
+        """In which steps the robot stood, (n,): nothing moved, or within a second hardly more than jitter does, 2 % of
+        what is usual when it drives and turns (or 0.01 rad)."""
+        half = max(0.5, float(np.median(np.diff(self.times))))
+        at = 0.5 * (self.times[1:] + self.times[:-1])
+        ends = np.clip(np.stack([at - half, at + half]), self.times[0], self.times[-1])
+        positions = self.positions
+        x, y = (np.interp(ends, self.times, part) for part in (positions.real, positions.imag))
+        moved = np.hypot(x[1] - x[0], y[1] - y[0])
+        turned = np.abs(np.diff(np.interp(ends, self.times, self.headings), axis=0)[0])
+        slow = (moved < _STANDING * np.quantile(moved, 0.9)) & (
+            turned < max(_STANDING * float(np.quantile(turned, 0.9)), _STANDING_RAD)
+        )
+        return np.asarray(slow | ((self.moves == 0) & (self.turns == 0)))
+
+    def without_glitches(self) -> OdometryLog:
+        """The log without steps that no robot makes, 20 times as fast as all but one in a hundred: counters that wrap
+        round, poses that jump. Slips are slower, and stay."""
+        dt = np.diff(self.times)
+        wild = np.zeros(len(dt), dtype=bool)
+        for rate in (np.abs(self.moves) / dt, np.abs(self.turns) / dt):
+            usual = float(np.quantile(rate, 0.99))
+            wild |= (rate > _GLITCH * usual) & (usual > 0)
+        if not wild.any():
+            return self
+        glitches = np.union1d(self.glitches, self.times[:-1][wild])
+        moves, turns = np.where(wild, 0, self.moves), np.where(wild, 0.0, self.turns)
+        return OdometryLog(self.times, moves, turns, self.holds_velocity, self.repeated, glitches)
+
+    def between(self, first_s: float, last_s: float) -> OdometryLog:
+        """The part recorded from ``first_s`` to ``last_s`` seconds: whole steps only."""
+        inside = np.flatnonzero((self.times >= first_s) & (self.times <= last_s))
+        if inside.size < 2:
+            raise ValueError(f"expected at least 2 samples between {first_s} and {last_s} s, got {inside.size}")
+        first, last = int(inside[0]), int(inside[-1])
+        return OdometryLog(
+            self.times[first : last + 1],
+            self.moves[first:last],
+            self.turns[first:last],
+            self.holds_velocity,
+            self.repeated,
+            self.glitches[(self.glitches >= self.times[first]) & (self.glitches < self.times[last])],
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
+    """Where the robot truly was (a reference far better than the odometry), sampled at its own times.
+
+    Attributes
+    ----------
+    times : array, shape (n,)
+        Seconds, on the odometry's clock up to a constant offset.
+    xy : array, shape (n, 2)
+        Metres, world frame.
+    heading : array, shape (n,), or None
+        Rad; None when only positions were measured.
+    repeated : int
+        Samples left out because their time was not later than the one before.
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes, values that are not finite, fewer than 2 samples.
+
+    Examples
+    --------
+    >>> Trajectory([0.0, 1.0, 1.0], [(0, 0), (1, 0), (1, 0)]).repeated
+    1
+    """
+
+    times: Floats
+    xy: Floats
+    heading: Floats | None = None
+    repeated: int = 0
+
+    def __post_init__(self) -> None:
+        times, xy = _series("times", self.times), finite("xy", self.xy)
+        if xy.shape != (times.size, 2) or times.size < 2:
+            raise ValueError(
+                f"expected xy of shape (n, 2) and times of shape (n,), n >= 2, got {xy.shape} and {times.shape}"
+            )
+        keep = _later(times)
+        if keep.sum() < 2:
+            raise ValueError("expected at least 2 different times, got one")
+        if self.heading is not None:
+            heading = _series("heading", self.heading)
+            if heading.shape != times.shape:
+                raise ValueError(f"expected heading of shape {times.shape}, one per time, got {heading.shape}")
+            object.__setattr__(self, "heading", np.unwrap(heading[keep]))
+        object.__setattr__(self, "times", times[keep])
+        object.__setattr__(self, "xy", xy[keep])
+        object.__setattr__(self, "repeated", self.repeated + int(keep.size - keep.sum()))
+
+    @property
+    def positions(self) -> Complexes:
+        """x + jy, (n,)."""
+        return np.asarray(self.xy[:, 0] + 1j * self.xy[:, 1])
+
+    def without_heading(self) -> Trajectory:
+        """The positions alone."""
+        return Trajectory(self.times, self.xy, None, self.repeated)
+
+    def between(self, first_s: float, last_s: float) -> Trajectory:
+        """The samples from ``first_s`` to ``last_s`` seconds."""
+        inside = (self.times >= first_s) & (self.times <= last_s)
+        heading = None if self.heading is None else self.heading[inside]
+        return Trajectory(self.times[inside], self.xy[inside], heading, self.repeated)
+
+
+def _chord(turns: Floats) -> Complexes:
+    """Displacement of an arc of length 1 that turns by ``turns``, in the frame of its start."""
+    return np.asarray(np.sinc(turns / (2 * np.pi)) * np.exp(0.5j * turns))
+
+
+def _merged(times: Floats, moves: Complexes, turns: Floats) -> OdometryLog:
+    """Steps that end no later than they began are joined to the step before them: the motion they report is real, only
+    their time is not. (Before any time has passed there is nothing to join to: such motion precedes the log.)"""
+    keep = _later(times)
+    if keep.all():
+        return OdometryLog(times, moves, turns)
+    if keep.sum() < 2:
+        raise ValueError("expected at least 2 different times_s, got one")
+    headings = np.concatenate([[0.0], np.cumsum(turns)])
+    positions = np.concatenate([[0.0], np.cumsum(moves * np.exp(1j * headings[:-1]))])
+    # the last sample of each group of repeated times holds all the motion reported up to that time
+    last = np.append(np.flatnonzero(keep)[1:] - 1, len(times) - 1)
+    headings, positions = headings[last], positions[last]
+    moves = np.diff(positions) * np.exp(-1j * headings[:-1])
+    return OdometryLog(times[keep], moves, np.diff(headings), repeated=int(keep.size - keep.sum()))
+
+
+def _later(times: Floats) -> NDArray[np.bool_]:
+    """Which samples are later than all before them."""
+    return np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
+
+
+def _series(name: str, values: object) -> Floats:
+    array = finite(name, values)
+    if array.ndim != 1:
+        raise ValueError(f"expected {name} of shape (n,), got {array.shape}")
+    return array

@@ -1,0 +1,217 @@
+"""Relative pose errors as benchmarks report them: drift in % and in degrees per metre of segments of given lengths.
+
+KITTI: from every 10th frame, the segment to the first frame whose distance along the *true* path exceeds the length;
+errors of the relative pose, translation and rotation angle, divided by the length and averaged over all segments of all
+lengths (A. Geiger, P. Lenz, R. Urtasun, Are we ready for autonomous driving?, CVPR 2012, and the odometry development
+kit). evo (``evo_rpe --delta L --delta_unit m``, version 1.38): segments one after the other along the *estimated* path,
+each as long as it takes to reach the length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from driftplan.model.inputs import Floats, finite, whole
+
+KITTI_LENGTHS_M = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
+Pairs = Literal["kitti", "evo"]
+
+
+class RelativeError(NamedTuple):
+    """Errors of the segments of one length.
+
+    Attributes
+    ----------
+    length_m : float
+    segments : int
+    translation_percent, rotation_deg_per_m : float
+        Means over the segments, per length.
+    translation_rms_m, rotation_rms_deg : float
+        Root mean squares of the errors themselves.
+    """
+
+    length_m: float
+    segments: int
+    translation_percent: float
+    rotation_deg_per_m: float
+    translation_rms_m: float
+    rotation_rms_deg: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RelativeErrors:
+    """Relative pose errors by length, and over all segments.
+
+    Attributes
+    ----------
+    lengths : tuple of RelativeError
+        Lengths of which there are segments.
+    translation_percent, rotation_deg_per_m : float
+        Means over all segments of all lengths; KITTI's ranking figures.
+    """
+
+    lengths: tuple[RelativeError, ...]
+    translation_percent: float
+    rotation_deg_per_m: float
+
+    def __str__(self) -> str:
+        lines = [f"{'length m':>9} {'segments':>9} {'drift %':>9} {'deg/m':>9}"]
+        for row in self.lengths:
+            lines.append(
+                f"{row.length_m:9.4g} {row.segments:9d} {row.translation_percent:9.3f} {row.rotation_deg_per_m:9.5f}"
+            )
+        return "\n".join([*lines, f"{'all':>9} {'':9} {self.translation_percent:9.3f} {self.rotation_deg_per_m:9.5f}"])
+
+
+def relative_errors(
+    estimate: ArrayLike,
+    truth: ArrayLike,
+    lengths_m: ArrayLike = KITTI_LENGTHS_M,
+    *,
+    pairs: Pairs = "kitti",
+    step: int = 10,
+) -> RelativeErrors:
+    """Relative pose errors of an estimated trajectory.
+
+    Parameters
+    ----------
+    estimate, truth : array, shape (n, 3), (n, 3, 4) or (n, 4, 4)
+        Poses at the same instants: x, y (m), heading (rad), or matrices of the plane's or of space's poses. Each may
+        have a frame of its own.
+    lengths_m : array of float
+        Segment lengths. KITTI's default, 100 to 800 m, suits cars.
+    pairs : {"kitti", "evo"}
+        Which segments; see the module.
+    step : int
+        Frames from one segment's start to the next (KITTI only).
+
+    Returns
+    -------
+    RelativeErrors
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes, and where the path is shorter than every length.
+
+    Examples
+    --------
+    >>> frames = np.arange(101.0)
+    >>> truth = np.column_stack([frames, 0 * frames, 0 * frames])
+    >>> errors = relative_errors(truth * [1.02, 1, 1], truth, [10.0, 50.0])  # 2 % too long
+    >>> [round(row.translation_percent, 2) for row in errors.lengths]  # of segments of 11 and 51 m, per 10 and 50 m
+    [2.2, 2.04]
+    """
+    if pairs not in get_args(Pairs):
+        raise ValueError(f"expected pairs one of {get_args(Pairs)}, got {pairs!r}")
+    step = whole("step", step, least=1)
+    estimated, true = _matrices("estimate", estimate), _matrices("truth", truth)
+    if estimated.shape != true.shape:
+        raise ValueError(f"expected estimate and truth of one shape, got {np.shape(estimate)} and {np.shape(truth)}")
+    lengths = np.atleast_1d(finite("lengths_m", lengths_m))
+    if lengths.size == 0 or (lengths <= 0).any():
+        raise ValueError(f"expected lengths_m > 0, got {lengths_m!r}")
+    path = true if pairs == "kitti" else estimated
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path[:, :3, 3], axis=0), axis=1))])
+    rows, translations, rotations = [], [], []
+    for length in lengths.tolist():
+        first, last = _kitti_pairs(along, length, step) if pairs == "kitti" else _evo_pairs(along, length)
+        if first.size == 0:
+            continue
+        off = np.linalg.solve(_between(estimated, first, last), _between(true, first, last))
+        translation = np.linalg.norm(off[:, :3, 3], axis=1)
+        cosine = np.clip(0.5 * (np.trace(off[:, :3, :3], axis1=1, axis2=2) - 1), -1.0, 1.0)
+        rotation = np.degrees(np.arccos(cosine))
+        translations.append(100 * translation / length)
+        rotations.append(rotation / length)
+        rows.append(
+            RelativeError(
+                length,
+                int(first.size),
+                float(translations[-1].mean()),
+                float(rotations[-1].mean()),
+                float(np.sqrt(np.mean(translation**2))),
+                float(np.sqrt(np.mean(rotation**2))),
+            )
+        )
+    if not rows:
+        raise ValueError(f"expected a path longer than {lengths.min():.4g} m, got {along[-1]:.4g} m")
+    return RelativeErrors(
+        lengths=tuple(rows),
+        translation_percent=float(np.concatenate(translations).mean()),
+        rotation_deg_per_m=float(np.concatenate(rotations).mean()),
+    )
+
+
+def pooled(several: Sequence[RelativeErrors]) -> RelativeErrors:
+    """Errors of several drives together, every segment counting the same.
+
+    Examples
+    --------
+    >>> truth = np.array([(0.0, 0, 0), (5, 0, 0), (11, 0, 0)])
+    >>> both = pooled([relative_errors(truth * scale, truth, [10.0], step=1) for scale in (1.0, [1.1, 1, 1])])
+    >>> both.lengths[0].segments, round(both.translation_percent, 6)
+    (2, 5.5)
+    """
+    rows = [row for errors in several for row in errors.lengths]
+    lengths = []
+    for length in sorted({row.length_m for row in rows}):
+        same = [row for row in rows if row.length_m == length]
+        weight = [row.segments for row in same]
+        lengths.append(
+            RelativeError(
+                length,
+                sum(weight),
+                float(np.average([row.translation_percent for row in same], weights=weight)),
+                float(np.average([row.rotation_deg_per_m for row in same], weights=weight)),
+                float(np.sqrt(np.average([row.translation_rms_m**2 for row in same], weights=weight))),
+                float(np.sqrt(np.average([row.rotation_rms_deg**2 for row in same], weights=weight))),
+            )
+        )
+    weight = [row.segments for row in lengths]
+    return RelativeErrors(
+        lengths=tuple(lengths),
+        translation_percent=float(np.average([row.translation_percent for row in lengths], weights=weight)),
+        rotation_deg_per_m=float(np.average([row.rotation_deg_per_m for row in lengths], weights=weight)),
+    )
+
+
+def _kitti_pairs(along: Floats, length: float, step: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    first = np.arange(0, len(along), step)
+    last = np.searchsorted(along, along[first] + length, side="right")  # first frame that is farther
+    reached = last < len(along)
+    return first[reached], last[reached]
+
+
+def _evo_pairs(along: Floats, length: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    ends, begin = [0], 0.0
+    while True:
+        end = int(np.searchsorted(along, begin + length * (1 - 1e-12)))
+        if end >= len(along):
+            break
+        ends.append(end)
+        begin = float(along[end])
+    return np.array(ends[:-1], dtype=np.intp), np.array(ends[1:], dtype=np.intp)
+
+
+def _between(poses: Floats, first: NDArray[np.intp], last: NDArray[np.intp]) -> Floats:
+    return np.asarray(np.linalg.solve(poses[first], poses[last]))
+
+
+def _matrices(name: str, poses: Any) -> Floats:
+    """Poses as (n, 4, 4) matrices."""
+    array = finite(name, poses)
+    if array.ndim == 2 and array.shape[1] == 3:
+        c, s, zero, one = np.cos(array[:, 2]), np.sin(array[:, 2]), np.zeros(len(array)), np.ones(len(array))
+        rows = [[c, -s, zero, array[:, 0]], [s, c, zero, array[:, 1]], [zero, zero, one, zero]]
+        array = np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+    if array.ndim != 3 or array.shape[1:] not in ((3, 4), (4, 4)) or len(array) < 2:
+        raise ValueError(f"expected {name} of shape (n, 3), (n, 3, 4) or (n, 4, 4), n >= 2, got {np.shape(poses)}")
+    full = np.tile(np.eye(4), (len(array), 1, 1))
+    full[:, :3] = array[:, :3]
+    return full

@@ -1,0 +1,261 @@
+"""Errors of odometry over segments of a drive, and what a noise model expects of them: moments to compare.
+
+The error of a segment can only be stated once estimate and truth are aligned at its start:
+
+* With a measured true heading: by it. The observation is (e_x, e_y, sin φ), the position error in metres in the robot's
+  true frame at the start, φ the heading error gained. Mean and covariance follow exactly from the moment algebra.
+* With positions alone: by the chord over a first part as long as the rest. The observation is (excess length of the
+  first chord, error of the second chord along and across), in the frame of the first chord. Both chords begin in the
+  middle, one of them driven backwards, so that their errors x and y are independent and as small as can be; mean and
+  covariance are those of the second-order expansion in x and y, whose moments are exact.
+
+Errors of the truth itself (white, of each position coordinate and of the heading) enter as they should: at both ends,
+and through the alignment.
+
+Everything is done in world coordinates with rotations left out (u = 1): planar rotations commute, so the errors do not
+care, and the true heading is needed only at the start of a segment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driftplan.model.calibration.matching import Stretch
+from driftplan.model.inputs import Complexes, Floats
+from driftplan.model.moments import Moments, compose
+from driftplan.model.noise import OdometryNoise
+
+_LEAST_CHORD = 1e-3  # of the true chord
+_SHORTEST_CHORD = 0.25  # of its path: below, the chord's direction says too little to align by
+
+
+class TruthNoise(NamedTuple):
+    """Variances of the reference: of each position coordinate (m²) and of the heading (rad²), white."""
+
+    position_var: float
+    heading_var: float
+
+
+class Observations(NamedTuple):
+    """Observed segments of one length in one stretch.
+
+    Attributes
+    ----------
+    starts : array of int, shape (n,)
+        First knot of each.
+    values : array, shape (n, 3)
+    frame : complex array, shape (n,)
+        Direction of the frame's x axis in the world.
+    chord : complex array, shape (n,)
+        True displacement over the segment (with positions alone: over its first part) in that frame, metres: the lever
+        of an alignment error.
+    """
+
+    starts: NDArray[np.intp]
+    values: Floats
+    frame: Complexes
+    chord: Complexes
+
+
+def observe(stretch: Stretch, steps: int, stride: int) -> Observations:
+    """Errors of all segments of ``steps`` pieces (with positions alone: two such parts), every ``stride`` knots."""
+    if stretch.truth_heading is not None:
+        return _observe_with_heading(stretch, stretch.truth_heading, steps, stride)
+    return _observe_positions(stretch, steps, stride)
+
+
+def expect(
+    stretch: Stretch, seen: Observations, found: Windows, steps: int, truth: TruthNoise
+) -> tuple[Floats, Floats]:
+    """Mean (n, 3) and covariance (n, 3, 3) of the observations, from the moments of all windows of ``steps`` pieces."""
+    ahead = found.ahead[steps]
+    if found.back is None:
+        return _expect_with_heading(seen, ahead[seen.starts], truth)
+    middle = seen.starts + steps
+    return _expect_positions(seen, found.back[steps][len(stretch.turns) - middle], ahead[middle], truth)
+
+
+class Windows(NamedTuple):
+    """Moments of runs of consecutive pieces, by their number: driven ahead from every knot, and where segments are
+    aligned by chords also back from every knot, last first."""
+
+    ahead: dict[int, Moments]
+    back: dict[int, Moments] | None
+
+
+def windows_of(stretch: Stretch, noise: OdometryNoise, steps: Sequence[int]) -> Windows:
+    """The moments that `expect` needs for segments of these numbers of pieces."""
+    ahead = windows(pieces(stretch, noise), steps)
+    return Windows(ahead, None if stretch.truth_heading is not None else windows(_back(stretch, noise), steps))
+
+
+def _back(stretch: Stretch, noise: OdometryNoise) -> Moments:
+    """Moments of the odometry from knot to knot when the stretch is driven back: what `pieces` says of it, inverted."""
+    reverse = stretch._replace(
+        driven=-stretch.driven[::-1], truth=stretch.truth[::-1], turns=-stretch.turns[::-1], angles=stretch.angles[::-1]
+    )
+    return pieces(reverse, noise, way=-1)
+
+
+def pieces(stretch: Stretch, noise: OdometryNoise, way: int = 1) -> Moments:
+    """Moments of the odometry between knots, in world coordinates: half of the heading error, the move, the other half.
+
+    The random errors grow with the true distance between knots and the angle turned. Relative error of E|e|² over n
+    pieces: 1/(2n²). On the ``way`` back (-1), a heading bias per metre turns the other way.
+    """
+    length = np.diff(stretch.driven)
+    turn, angle = stretch.turns, stretch.angles
+    move = np.diff(stretch.truth)
+    spread = noise.heading_var_per_m * length + noise.heading_var_per_rad * angle
+    mean = way * noise.heading_bias_per_m * length + noise.heading_bias_per_rad * turn
+    half = _heading_error(spread / 2, mean / 2)
+    along = noise.distance_var_per_m * length + noise.distance_var_per_rad * angle
+    across = noise.lateral_var_per_m * length
+    reach = np.abs(move)
+    square = np.divide(move, reach, out=np.ones_like(move), where=reach > 0) ** 2
+    shift = noise.distance_scale_error * move
+    zero = np.zeros(move.shape)
+    moved = Moments(
+        np.ones(move.shape),
+        move,
+        zero,
+        zero,
+        zero,
+        shift,
+        np.abs(shift) ** 2 + along + across,
+        shift**2 + (along - across) * square,
+        zero,
+        zero,
+    )
+    return compose(compose(half, moved), half)
+
+
+def windows(pieces: Moments, steps: Sequence[int]) -> dict[int, Moments]:
+    """Moments of every run of n consecutive pieces, for each n in ``steps``: (m - n + 1,) each, by doubling."""
+    doubled = {1: pieces}
+    found = {}
+    for n in sorted(set(steps)):
+        joined, covered, power = None, 0, 1
+        while power <= n:
+            if power not in doubled:
+                half = doubled[power // 2]
+                doubled[power] = compose(half[: -(power // 2)], half[power // 2 :])
+            if n & power:
+                part = doubled[power]
+                if joined is None:
+                    joined = part
+                else:
+                    count = pieces.shape[0] - covered - power + 1
+                    joined = compose(joined[:count], part[covered : covered + count])
+                covered += power
+            power *= 2
+        assert joined is not None
+        found[n] = joined
+    return found
+
+
+def _heading_error(variance: Floats, mean: Floats) -> Moments:
+    """A heading error ~ N(mean, variance) and nothing else."""
+    d1 = np.expm1(-variance / 2 + 1j * mean)
+    d2 = np.expm1(-2 * variance + 2j * mean) - 2 * d1
+    zero = np.zeros(variance.shape)
+    return Moments(np.ones(variance.shape), zero, d1, d2, -2 * d1.real, zero, zero, zero, zero, zero)
+
+
+def _observe_with_heading(stretch: Stretch, heading: Floats, steps: int, stride: int) -> Observations:
+    starts = np.arange(0, len(stretch.truth) - steps, stride)
+    ends = starts + steps
+    frame = np.exp(1j * heading[starts])
+    said = (stretch.estimate[ends] - stretch.estimate[starts]) * np.exp(-1j * stretch.estimate_heading[starts])
+    driven = (stretch.truth[ends] - stretch.truth[starts]) / frame
+    gained = (stretch.estimate_heading[ends] - stretch.estimate_heading[starts]) - (heading[ends] - heading[starts])
+    e = said - driven
+    return Observations(starts, np.stack([e.real, e.imag, np.sin(gained)], axis=-1), frame, driven)
+
+
+def _expect_with_heading(seen: Observations, w: Moments, truth: TruthNoise) -> tuple[Floats, Floats]:
+    e1, e2 = w.e1 / seen.frame, w.e2 / seen.frame**2
+    sine = w.d1.imag
+    sine_square = -0.5 * (2 * w.d1 + w.d2).real
+    e_sine = (w.b - w.a) / (2j * seen.frame)
+    mean = np.stack([e1.real, e1.imag, sine], axis=-1)
+    spread, skew = w.N - np.abs(e1) ** 2, e2 - e1**2
+    cross = e_sine - e1 * sine
+    cov = _symmetric(
+        (spread + skew.real) / 2, skew.imag / 2, (spread - skew.real) / 2, cross.real, cross.imag, sine_square - sine**2
+    )
+    # a heading error η of the truth at the start turns the estimate by η, and adds η to the heading gained
+    lever = 1j * seen.chord
+    eta = np.stack([lever.real, lever.imag, np.ones(len(sine))], axis=-1)
+    cov += truth.heading_var * eta[:, :, None] * eta[:, None, :]
+    cov += np.diag([2 * truth.position_var, 2 * truth.position_var, truth.heading_var])
+    return mean, cov
+
+
+def _observe_positions(stretch: Stretch, steps: int, stride: int) -> Observations:
+    starts = np.arange(0, len(stretch.truth) - 2 * steps, stride)
+    middle, ends = starts + steps, starts + 2 * steps
+    first, said_first = (x[middle] - x[starts] for x in (stretch.truth, stretch.estimate))
+    usable = np.minimum(np.abs(first), np.abs(said_first)) >= _SHORTEST_CHORD * (
+        stretch.driven[middle] - stretch.driven[starts]
+    )
+    starts, middle, ends = starts[usable], middle[usable], ends[usable]
+    first, said_first = first[usable], said_first[usable]
+    second, said_second = (x[ends] - x[middle] for x in (stretch.truth, stretch.estimate))
+    frame = first / np.abs(first)
+    e = said_second * np.abs(said_first) / said_first - second / frame
+    values = np.stack([np.abs(said_first) - np.abs(first), e.real, e.imag], axis=-1)
+    return Observations(starts, values, frame, np.abs(first).astype(complex))
+
+
+def _expect_positions(seen: Observations, back: Moments, ahead: Moments, truth: TruthNoise) -> tuple[Floats, Floats]:
+    # chords as estimated: first + x, second + y, in the heading of the middle; errors of the truth are minus theirs
+    x1, x2, X = -back.e1, back.e2, back.N
+    y1, y2, Y = ahead.e1, ahead.e2, ahead.N
+    mean_first = seen.chord.real + x1 / seen.frame
+    # where so much noise is tried that nothing is left of the mean chord, the expansion only has to stay finite
+    mean_first = np.where(np.abs(mean_first) > _LEAST_CHORD * seen.chord.real, mean_first, _LEAST_CHORD * seen.chord)
+    c1 = np.abs(mean_first)
+    g = seen.frame * mean_first / c1  # the frame of the mean estimated first chord
+    second = ahead.p / seen.frame
+    c2 = (ahead.p + y1) / g
+    v = truth.position_var
+    cov = np.zeros((len(c1), 4, 4))  # of Re x, Im x, Re y, Im y there
+    cov[:, :2, :2] = _planar_cov(X - np.abs(x1) ** 2 + 4 * v, (x2 - x1**2) / g**2)
+    cov[:, 2:, 2:] = _planar_cov(Y - np.abs(y1) ** 2 + 4 * v, (y2 - y1**2) / g**2)
+    for k in (0, 1):
+        cov[:, k, 2 + k] = cov[:, 2 + k, k] = -v
+
+    # observed: |c1 + x| - first, and z - second with z = (c2 + y) exp(-jψ), ψ = arg(c1 + x) = Im x/c1 - Re x Im x/c1²
+    # up to second order: z = c2 + y - jψ(c2 + y) - ψ² c2/2
+    linear = np.zeros((len(c1), 3, 4))
+    linear[:, 0, 0] = linear[:, 1, 2] = linear[:, 2, 3] = 1.0
+    linear[:, 1, 1], linear[:, 2, 1] = c2.imag / c1, -c2.real / c1
+    form = np.zeros((len(c1), 3, 4, 4))  # symmetric: the second order is v' form v, v as in cov
+    form[:, 0, 1, 1] = 0.5 / c1
+    form[:, 1, 1, 1], form[:, 2, 1, 1] = -0.5 * c2.real / c1**2, -0.5 * c2.imag / c1**2
+    form[:, 1, 1, 3] = form[:, 1, 3, 1] = 0.5 / c1
+    form[:, 2, 1, 2] = form[:, 2, 2, 1] = -0.5 / c1
+    form[:, 1, 0, 1] = form[:, 1, 1, 0] = -0.5 * c2.imag / c1**2
+    form[:, 2, 0, 1] = form[:, 2, 1, 0] = 0.5 * c2.real / c1**2
+    spread = form @ cov[:, None]
+    base = np.stack([c1 - seen.chord.real, (c2 - second).real, (c2 - second).imag], axis=-1)
+    mean = base + np.trace(spread, axis1=2, axis2=3)
+    spread[:, 0] = (
+        0.0  # |c1 + x| varies no more than Re x: what the one has of Im x², the other has with the other sign
+    )
+    return mean, linear @ cov @ np.swapaxes(linear, 1, 2) + 2 * np.einsum("niab,njba->nij", spread, spread)
+
+
+def _planar_cov(spread: Floats, skew: Complexes) -> Floats:
+    xx, yy, xy = (spread + skew.real) / 2, (spread - skew.real) / 2, skew.imag / 2
+    return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+
+
+def _symmetric(xx: Floats, xy: Floats, yy: Floats, xz: Floats, yz: Floats, zz: Floats) -> Floats:
+    rows = [np.stack(row, axis=-1) for row in ([xx, xy, xz], [xy, yy, yz], [xz, yz, zz])]
+    return np.stack(rows, axis=-2)

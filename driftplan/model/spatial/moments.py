@@ -1,0 +1,162 @@
+r"""Error-moment algebra in space: what one step, run or flight does to the first two moments of the drift.
+
+A motion is a pose (S, p); its estimate (G S, p + e) is wrong by a rotation G and a displacement e, both in axes
+parallel to those in which the motion starts. Written as the 4x4 matrix E = [[G, e], [0, 1]], two motions, B already in
+A's starting axes, compose as
+
+    E_AB = T⁻¹ E_A T E_B,   T = translation by p_B,
+
+and so does every representation of these matrices. The smallest that holds all second moments is the symmetric
+square: E X Eᵀ for symmetric 4x4 X, ten numbers (X's upper left 3x3 block, its last column v, its corner). Its
+expectation is multiplicative because steps are independent. Kept as the deviation from the identity, nothing
+cancels for small noise:
+
+    X_AB = X' + X_B + X' X_B,   X' = Sym²(T)⁻¹ X_A Sym²(T).
+
+Exact; associative as an identity of polynomials. If the rotation noise prefers no direction, the same algebra shrinks
+to scalars, vectors and one 3x3 matrix: `driftplan.model.spatial.isotropic`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driftplan.model.spatial.rotations import RotationNoise
+
+Floats = NDArray[np.float64]
+Arrays = Sequence[Floats]
+
+# Symmetric 3x3 matrices as six numbers, in an orthonormal basis so that rotations act by orthogonal matrices.
+_ROW, _COLUMN = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
+_WEIGHT = np.array([1, 1, 1, np.sqrt(2), np.sqrt(2), np.sqrt(2)])
+_BASIS = np.zeros((6, 3, 3))
+for _a in range(6):
+    _BASIS[_a, _ROW[_a], _COLUMN[_a]] += 0.5 * _WEIGHT[_a]
+    _BASIS[_a, _COLUMN[_a], _ROW[_a]] += 0.5 * _WEIGHT[_a]
+_TO_SIX = np.einsum("aik,bjl->ijklab", _BASIS, _BASIS).reshape(81, 36)
+_SYMMETRIC_PRODUCT = np.einsum("aij->iaj", 2 * _BASIS).reshape(3, 18)  # p -> (v -> p vᵀ + v pᵀ), six numbers by three
+_EYE = np.eye(3)
+
+
+class SpatialMoments(NamedTuple):
+    """Moments for any rotation noise, over any leading axes."""
+
+    p: Floats  # (..., 3) true displacement
+    X: Floats  # (..., 9, 10) E[Sym²] - I without its last row, which is zero
+
+    @classmethod
+    def of_step(cls, noise: RotationNoise, bias: Floats, cov: Floats) -> SpatialMoments:
+        """Noise of one step at rest: attitude error R̃, then translation error with the given mean and covariance."""
+        m = noise.mean_offset
+        square = noise.square_offset + np.einsum("...ij,kl->...ijkl", m, _EYE) + np.einsum("ij,...kl->...ijkl", _EYE, m)
+        X = np.zeros((*m.shape[:-2], 9, 10))
+        X[..., :6, :6] = np.einsum("aik,bjl,...ijkl->...ab", _BASIS, _BASIS, square, optimize=True)
+        X[..., 6:, 6:9] = m
+        jitter = np.zeros((*np.broadcast_shapes(bias.shape[:-1], cov.shape[:-2]), 9, 10))
+        jitter[..., :6, 6:9] = _symmetric_product(bias)
+        jitter[..., :6, 9] = _as_six(cov + bias[..., :, None] * bias[..., None, :])
+        jitter[..., 6:, 9] = bias
+        return cls(np.zeros(3), X).append(cls(np.zeros(3), jitter))
+
+    @property
+    def bias(self) -> Floats:
+        """E[e], (..., 3)."""
+        return self.X[..., 6:, 9]
+
+    @property
+    def square(self) -> Floats:
+        """E[e eᵀ], (..., 3, 3)."""
+        return np.asarray(np.einsum("...a,aij->...ij", self.X[..., :6, 9], _BASIS))
+
+    @property
+    def rotation_offset(self) -> Floats:
+        """E[G] - I, (..., 3, 3)."""
+        return self.X[..., 6:, 6:9]
+
+    def append(self, B: SpatialMoments, /) -> SpatialMoments:
+        """This motion, then B, in the same axes."""
+        A = self.moved(B.p)
+        X = A.X[..., :9] @ B.X
+        X += A.X
+        X += B.X
+        return SpatialMoments(A.p, X)
+
+    def moved(self, z: Floats, /) -> SpatialMoments:
+        """This motion, then a translation by z that errs only through the attitude: Sym²(T)⁻¹ X Sym²(T)."""
+        product = _symmetric_product(z)
+        column = z[..., None]
+        old = self.X
+        X = np.array(np.broadcast_to(old, (*np.broadcast_shapes(old.shape[:-2], z.shape[:-1]), 9, 10)))
+        X[..., 9:] += old[..., 6:9] @ column
+        X[..., :6, 6:] += old[..., :6, :6] @ np.concatenate([product, product @ (0.5 * column)], axis=-1)
+        X[..., :6, 6:] -= product @ X[..., 6:, 6:]
+        return SpatialMoments(self.p + z, X)
+
+    def rotated(self, S: Floats, /) -> SpatialMoments:
+        """The same seen from axes in which the motion's own are S."""
+        P = np.zeros((*S.shape[:-2], 9, 9))
+        P[..., :6, :6] = _six_by_six(S)
+        P[..., 6:, 6:] = S
+        X = P @ self.X
+        X[..., :9] = X[..., :9] @ np.swapaxes(P, -1, -2)
+        return SpatialMoments(rotate(S, self.p), X)
+
+    def prefixes(self) -> SpatialMoments:
+        """Moments of the first, the first two, ... of these motions (n,), in the same axes: an associative scan."""
+        p, X = scan(lambda A, B: SpatialMoments(*A).append(SpatialMoments(*B)), self)
+        return SpatialMoments(p, X)
+
+    def spread(self, count: int) -> SpatialMoments:
+        """The same ``count`` times: one leading axis on each array."""
+        return SpatialMoments(spread(self.p, 1, count), spread(self.X, 2, count))
+
+
+def scan(operation: Callable[[Arrays, Arrays], Arrays], pieces: Arrays) -> Arrays:
+    """All prefixes of an associative operation along the first axis, in about 2n vectorised operations.
+
+    Pairs first, then the same for the half as many pairs: rounding grows with the logarithm of n, and numpy is called
+    a few times per halving, not per piece.
+    """
+    count = len(pieces[0])
+    if count == 1:
+        return pieces
+    whole = count - count % 2
+    odd = scan(operation, operation([x[0:whole:2] for x in pieces], [x[1:whole:2] for x in pieces]))
+    prefixes = [np.empty(x.shape) for x in pieces]
+    for result, x, at_odd in zip(prefixes, pieces, odd, strict=True):
+        result[0], result[1::2] = x[0], at_odd
+    if count > 2:
+        even = operation([x[: (count - 1) // 2] for x in odd], [x[2::2] for x in pieces])
+        for result, at_even in zip(prefixes, even, strict=True):
+            result[2::2] = at_even
+    return prefixes
+
+
+def spread(x: Floats, rank: int, count: int) -> Floats:
+    """``count`` times the same array of ``rank`` axes, or the array as it is if it has its leading axis already."""
+    return np.broadcast_to(x, (count, *x.shape[x.ndim - rank :]))
+
+
+def _symmetric_product(p: Floats) -> Floats:
+    """The map v -> p vᵀ + v pᵀ, (..., 6, 3)."""
+    return np.asarray(p @ _SYMMETRIC_PRODUCT).reshape(*p.shape[:-1], 6, 3)
+
+
+def _as_six(Y: Floats) -> Floats:
+    return np.asarray(Y[..., _ROW, _COLUMN] * _WEIGHT)
+
+
+def _six_by_six(R: Floats) -> Floats:
+    """The map Y -> R Y Rᵀ of symmetric matrices."""
+    first, second = R[..., :, _ROW], R[..., :, _COLUMN]  # column a of the map: first_a second_aᵀ, made symmetric
+    mixed = first[..., _ROW, :] * second[..., _COLUMN, :] + first[..., _COLUMN, :] * second[..., _ROW, :]
+    return np.asarray(0.5 * _WEIGHT[:, None] * _WEIGHT * mixed)
+
+
+def rotate(S: Floats, v: Floats) -> Floats:
+    """S v, over any leading axes."""
+    return np.asarray((S @ v[..., None])[..., 0])
