@@ -68,11 +68,11 @@ if TYPE_CHECKING:
     from .model.spatial.simulation import simulate_drift_3d as simulate_drift_3d
     from .model.spatial.steps import flight_steps as flight_steps
     from .planning.collision import use_world as use_world
+    from .planning.comparison import Comparison as Comparison
+    from .planning.comparison import compare_routes as compare_routes
     from .planning.objective import DriftObjective as DriftObjective
     from .planning.ompl_paths import predict_ompl_path as predict_ompl_path
-    from .planning.routes import Comparison as Comparison
     from .planning.routes import Route as Route
-    from .planning.routes import compare_routes as compare_routes
     from .report.plot_beacons import layout_figure as layout_figure
     from .report.plot_beacons import plot_importance as plot_importance
     from .report.plot_beacons import plot_layout as plot_layout
@@ -132,7 +132,8 @@ _HOME = {
     "planning.collision": "use_world",
     "planning.objective": "DriftObjective",
     "planning.ompl_paths": "predict_ompl_path",
-    "planning.routes": "Comparison Route compare_routes",
+    "planning.comparison": "Comparison compare_routes",
+    "planning.routes": "Route",
     "report.plot_beacons": "layout_figure plot_importance plot_layout plot_sawtooth plot_tradeoff",
     "report.plot_fit": "plot_fit",
     "report.plotting": "plot_comparison plot_drift plot_route plot_world",

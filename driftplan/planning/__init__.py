@@ -1,6 +1,7 @@
 """Routes of least drift: prices of motions, OMPL's planners and the project's own. The only wing that imports OMPL.
 
-routes                          plan_route, compare_routes, Route
+routes                          plan_route, Route
+comparison                      compare_routes
 cost                            the additive drift cost, its bracket, the geodesic bound
 
 OMPL, for scripts of one's own

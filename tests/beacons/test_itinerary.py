@@ -16,7 +16,8 @@ from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
-from driftplan.planning.routes import Route, compare_routes
+from driftplan.planning.comparison import compare_routes
+from driftplan.planning.routes import Route
 from driftplan.world.mapfiles import bundled_map, load_world
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
