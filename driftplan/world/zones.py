@@ -52,6 +52,11 @@ class Zone:
         rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(self.polygon))]
         return np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in rings])
 
+    @cached_property
+    def tree(self) -> shapely.STRtree:
+        """The sides, to be searched."""
+        return shapely.STRtree(shapely.linestrings(self.sides))
+
     def __getstate__(self) -> dict[str, Any]:
         return {"polygon": self.polygon, "noise": self.noise}
 
@@ -81,15 +86,7 @@ def pieces_in_zones(zones: Sequence[Zone], a: Floats, b: Floats) -> ZonePieces:
     along = b - a
     length2 = np.einsum("ij,ij->i", along, along)
     for zone in zones:
-        if len(zone.sides) <= _FEW_SIDES:
-            which, at = _crossings(a, along, zone.sides)
-        else:
-            lines = shapely.linestrings(np.stack([a, b], axis=-2))
-            near = np.flatnonzero((length2 > 0) & shapely.intersects(zone.polygon, lines))
-            border = shapely.intersection(lines[near], zone.polygon.boundary)
-            cut, which = shapely.get_coordinates(border, return_index=True)
-            which = near[which]
-            at = np.einsum("ij,ij->i", cut - a[which], along[which]) / length2[which]
+        which, at = _crossings(zone, a, along)
         segment.append(which)
         fraction.append(at)
     cut_segment, cut_fraction = np.concatenate(segment), np.clip(np.concatenate(fraction), 0.0, 1.0)
@@ -105,16 +102,29 @@ def pieces_in_zones(zones: Sequence[Zone], a: Floats, b: Floats) -> ZonePieces:
     return ZonePieces(which[first], start[first], end[last], zone_of[first])
 
 
-def _crossings(a: Floats, along: Floats, sides: Floats) -> tuple[Ints, Floats]:
-    """Which segments from ``a`` (n, 2) cross which sides (m, 2, 2), and where, as fractions of the segment.
+def _crossings(zone: Zone, a: Floats, along: Floats) -> tuple[Ints, Floats]:
+    """Which segments from ``a`` (n, 2) cross sides of the zone, and where, as fractions of the segment.
 
-    A segment along a side crosses the side's neighbours, and one through a corner both that meet there.
+    A segment along a side crosses the side's neighbours, and one through a corner both that meet there. GEOS would cut
+    no segment where it leaves a side that it runs along but for rounding.
     """
-    side = sides[:, 1] - sides[:, 0]
-    to = sides[:, 0] - a[:, None]
-    slant = along[:, None, 0] * side[:, 1] - along[:, None, 1] * side[:, 0]
+    begin, side = zone.sides[:, 0], zone.sides[:, 1] - zone.sides[:, 0]
+    if len(side) <= _FEW_SIDES:
+        at, crossed = _crossing(a[:, None], along[:, None], begin, side)
+        which, k = np.nonzero(crossed)
+        return which, at[which, k]
+    near = _PAST_CORNER * float(np.abs(side).max())
+    lines = shapely.linestrings(np.stack([a, a + along], axis=-2))
+    which, k = zone.tree.query(lines, predicate="dwithin", distance=near)
+    at, crossed = _crossing(a[which], along[which], begin[k], side[k])
+    return which[crossed], at[crossed]
+
+
+def _crossing(a: Floats, along: Floats, begin: Floats, side: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Where on segments they cross sides, as fractions; and whether they do."""
+    to = begin - a
+    slant = along[..., 0] * side[..., 1] - along[..., 1] * side[..., 0]
     with np.errstate(divide="ignore", invalid="ignore"):  # parallel: never a crossing
-        at = (to[..., 0] * side[:, 1] - to[..., 1] * side[:, 0]) / slant
-        on_side = (to[..., 0] * along[:, None, 1] - to[..., 1] * along[:, None, 0]) / slant
-        which, crossed = np.nonzero((at > 0) & (at < 1) & (np.abs(on_side - 0.5) <= 0.5 + _PAST_CORNER))
-    return which, at[which, crossed]
+        at = (to[..., 0] * side[..., 1] - to[..., 1] * side[..., 0]) / slant
+        on_side = (to[..., 0] * along[..., 1] - to[..., 1] * along[..., 0]) / slant
+        return at, (at > 0) & (at < 1) & (np.abs(on_side - 0.5) <= 0.5 + _PAST_CORNER)

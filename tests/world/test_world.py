@@ -317,6 +317,22 @@ def test_cutting_a_path_at_zones_does_not_change_it(seed):
     assert cut_length == pytest.approx(length, rel=1e-9)  # round-off of a few cuts, far from the origin
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_segments_along_a_side_and_on_into_a_zone_of_many_sides_are_cut_at_its_end(seed):
+    rng = np.random.default_rng(seed)
+    angle = np.sort(rng.uniform(0, 2 * np.pi, 48))
+    corners = np.column_stack([np.cos(angle), np.sin(angle)]) * rng.uniform(1, 4, (48, 1)) + 5
+    world = World.from_polygons([], bounds=(0, 0, 10, 10), robot_radius=0.1, zones=[Zone(corners, WET)])
+    side = np.roll(corners, -1, axis=0) - corners
+    a, b = np.concatenate([corners, corners]), np.concatenate([corners + 1.5 * side, corners - 0.5 * side])
+    pieces = world.zone_pieces(a, b)
+    for share in (0.05, 0.35, 0.5, 0.7, 0.95):
+        here = (1 - share) * pieces.start + share * pieces.end
+        points = a[pieces.segment] + here[:, None] * (b - a)[pieces.segment]
+        off = shapely.distance(world.zones[0].polygon.boundary, shapely.points(points)) > 1e-9
+        assert (world.zone_at(points) == pieces.zone)[off].all()
+
+
 def test_the_later_zone_holds_where_two_overlap():
     zones = [Zone(shapely.box(0, 0, 4, 4), WET), Zone(shapely.box(2, 0, 6, 4), CARPET)]
     world = World.from_polygons([], bounds=(-1, -1, 9, 9), robot_radius=0.1, zones=zones)
