@@ -71,6 +71,8 @@ def noise_from(args: argparse.Namespace) -> OdometryNoise:
     ways = [_option(next(iter(way))) for way in (spread, rates, kept) if way]
     if len(ways) > 1:
         raise ValueError(f"expected the noise as spreads, as rates or from a file, got {' and '.join(ways)}")
+    if rates.keys() == {"step_m"}:  # without a variance the odometry would silently be perfect
+        raise ValueError("expected --step-m together with a variance, such as --heading-var-per-step, got it alone")
     if kept:
         noise = _noise_called(args.noise)
     else:

@@ -638,3 +638,11 @@ def test_beacons_are_placed_and_then_used(run, map_file, tmp_path):
     assert route["worst_drift_m"] <= 0.6
     assert placed["command"] == "place"
     assert run("plan", map_file, "--start=-3,-3", "--goal=2,-3", *noise, "--max-drift", "0.01")[0] == 3
+
+
+def test_the_length_of_a_step_alone_is_no_noise(run, tmp_path):
+    file = tmp_path / "path.csv"
+    file.write_text("0,0\n30,0\n")
+    code, out, err = run("predict", file, "--step-m", 1)
+    assert (code, out) == (2, "")
+    assert "expected --step-m together with a variance" in err
