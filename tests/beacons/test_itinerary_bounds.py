@@ -71,6 +71,14 @@ def test_chains_of_ranges_are_refuelling_stations():
     assert least_end_drift(ends, [noise], beacons, 1.0) == pytest.approx(math.sqrt(0.01 * hops[2]))
 
 
+def test_a_bound_is_attained_where_the_last_reading_is_not_perfect():
+    path, noise = np.array([(0.0, 0.0), (30.0, 0.0)]), OdometryNoise(distance_var_per_m=0.01)
+    beacons = (Beacon(BeaconKind.rfid(range_m=1.0, position_std_m=0.2), 20.0, 0.0),)
+    arrives = ItineraryCheck(HALL, noise, beacons).verdict(path).end
+    assert arrives == pytest.approx(math.sqrt(2 * 0.2**2 + 0.01 * 9.0))
+    assert least_end_drift(path, [noise], beacons, 1.0) == pytest.approx(arrives)
+
+
 # The search, against every simple path of a small roadmap, by the exact model
 
 
