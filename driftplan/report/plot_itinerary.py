@@ -67,7 +67,7 @@ def plot_itinerary(
     plot_world(world, ax=on_map)
     drawn = plot_beacons(beacons or itinerary.beacons, ax=on_map, used=itinerary.beacons)
     style = ROUTE_STYLES[0]
-    plot_route(itinerary, ax=on_map, **style)
+    route = plot_route(itinerary, ax=on_map, **style)
     said = f"{itinerary.length:.4g} m, worst {itinerary.worst_drift:.3g} m, at the end {itinerary.rms:.3g} m"
     lines = plot_drift(itinerary, ax=on_drift, label=said, **style)
     if itinerary.max_drift is not None:
@@ -76,7 +76,8 @@ def plot_itinerary(
                 itinerary.max_drift, color="0.3", linestyle="--", label=f"limit {itinerary.max_drift:g} m", linewidth=1
             )
         )
-    figure.legend(handles=[*lines, *_keys(drawn)], loc="outside lower center", ncols=2, frameon=False)
+    ends = [route.start, route.goal, *route.ellipses[:1]]
+    figure.legend(handles=[*lines, *ends, *_keys(drawn)], loc="outside lower center", ncols=2, frameon=False)
     return figure
 
 
