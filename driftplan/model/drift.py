@@ -39,6 +39,12 @@ class PointDrift:
     distance: Floats
     moments: Moments
 
+    def __repr__(self) -> str:
+        """What a person would want to know, not pages of moments."""
+        if not self.rms.ndim:
+            return f"{type(self).__name__}(distance={float(self.distance):.6g} m, rms={float(self.rms):.4g} m)"
+        return f"{type(self).__name__}(shape={self.rms.shape}, greatest rms={np.max(self.rms, initial=0.0):.4g} m)"
+
     @property
     def xy(self) -> Floats:
         """True position, metres, world frame, (..., 2)."""
@@ -107,7 +113,7 @@ class PointDrift:
         return scores.probability_within(radius_m, self.bias, self.cov)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Drift(PointDrift):
     """Drift at every waypoint of a path, (..., n) for paths (..., n, 2); made by `predict_drift`.
 

@@ -405,3 +405,9 @@ def test_same_seed_same_drives():
     one, two = (simulate_drift(ZIGZAG, NOISE, runs=5, rng=3) for _ in range(2))
     np.testing.assert_array_equal(one, two)
     assert not np.array_equal(one, simulate_drift(ZIGZAG, NOISE, runs=5, rng=4))
+
+
+def test_a_drift_prints_in_one_line():
+    drift = predict_drift([(0, 0), (30, 0), (30, 10)], OdometryNoise.from_std(heading_deg=1, distance_m=0, after_m=10))
+    assert repr(drift) == f"Drift(shape=(3,), greatest rms={drift.rms.max():.4g} m)"
+    assert repr(drift.end) == f"PointDrift(distance=40 m, rms={drift.end.rms:.4g} m)"
