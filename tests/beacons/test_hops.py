@@ -141,8 +141,13 @@ def test_a_limit_broken_only_inside_a_piece_is_seen():
     assert min(abs(at_peak - s) for s in drift.distance) > 1.0
     far = [Beacon(TAG, 99, 99)]
     for limit, holds in ((peak * (1 - 1e-7), False), (peak * (1 + 1e-7), True)):
-        _, needs = tracks_of(noise, far, limit, path)
+        tracks, needs = tracks_of(noise, far, limit, path)
         assert needs.holds(np.array([False])) is holds
+        for stepwise in (False, True):
+            spans = Spans(tracks)
+            spans.forgets[:] = stepwise
+            slot, _ = first_breach(spans, drives_of(tracks, np.array([False]), np.arange(1)), needs.limit)
+            assert (slot[0] == HOLDS) is np.bool_(holds)
 
 
 def test_a_radius_is_judged_by_its_quantile():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from driftplan.model.drift import predict_drift
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.worst import worst_radius, worst_rms
+from driftplan.model.worst import _departures, greatest_between, worst_radius, worst_rms
 
 PATH = np.array([(0, 0), (6, 4), (1, -6), (1, -6), (9, -6)], dtype=float)
 CIRCLING = OdometryNoise(heading_var_per_m=1e-6, heading_bias_per_m=0.5)
@@ -102,3 +102,23 @@ def test_what_has_no_bound_is_refused(drift, said):
     for ask in (worst_rms, lambda d: worst_radius(d, 0.9)):
         with pytest.raises(ValueError, match=said):
             ask(drift)
+
+
+def test_a_stretch_is_looked_into_as_long_as_its_sag_could_lift_it_above_the_greatest():
+    """One leg with its peak inside: told of nearly as much elsewhere, the search must still find more in it."""
+    drift = predict_drift(PATH[:3], CIRCLING)
+    leg = int(np.searchsorted(drift.distance, drift.profile(0.01).distance[np.argmax(drift.profile(0.01).rms)])) - 1
+    begun, ends = _departures(drift)[leg : leg + 1], drift.moments.N.real[leg : leg + 2].max()
+    peak = worst_rms(drift) ** 2
+    assert peak > 1.2 * ends
+    for share in (0.9, 0.99, 0.9999):
+        found = greatest_between(
+            begun,
+            drift.runs.lengths[leg : leg + 1],
+            np.zeros(1, dtype=np.intp),
+            [CIRCLING],
+            np.array([ends]),
+            np.zeros(1, dtype=np.intp),
+            np.array([share * peak]),
+        )
+        assert found == pytest.approx(peak, rel=1e-9)
