@@ -131,6 +131,14 @@ class Layout:
     seconds: float
     task: Task
 
+    def __repr__(self) -> str:
+        """What a person would want to know, not pages of moments."""
+        return (
+            f"Layout({len(self.beacons)} beacons of cost {self.cost:g}, at least {self.lower_bound:g}, "
+            f"{'proven' if self.proven else 'not proven'}, {len(self.drifts)} routes, "
+            f"worst drift {self.worst_drift:.4g} m)"
+        )
+
     @property
     def gap(self) -> float:
         """How much dearer than `lower_bound`, as a share of the cost."""

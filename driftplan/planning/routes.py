@@ -31,7 +31,7 @@ _SECONDS = 1.0  # of search, unless told otherwise
 _NO_LIMIT_S = 1e8  # three years
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Route:
     """A collision-free route and the drift along it.
 
@@ -74,6 +74,13 @@ class Route:
     def rms(self) -> float:
         """rms drift at the goal, metres."""
         return float(self.drift.end.rms)
+
+    def __repr__(self) -> str:
+        """What a person would want to know, not a page of waypoints."""
+        return (
+            f"{type(self).__name__}({self.length:.2f} m, rms {self.rms:.4g} m at the goal, least {self.minimise} of "
+            f"{self.planner}, {len(self.path)} waypoints, {self.status.name.lower()})"
+        )
 
 
 def plan_route(

@@ -12,6 +12,7 @@ import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from importlib.metadata import version
 from typing import Any, NoReturn
 
 from driftplan.errors import DriftplanError, InfeasibleError, NoPathError
@@ -73,6 +74,7 @@ def build_parser() -> Parser:
         ".geojson) or the name of one that comes along.",
         epilog="Exit codes: 0 done, 2 bad input, 3 no route or infeasible, 130 interrupted.",
     )
+    parser.add_argument("--version", action="version", version=f"driftplan {version('driftplan')}")
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     demo = subparsers.add_parser(

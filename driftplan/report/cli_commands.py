@@ -76,7 +76,7 @@ def plan(args: argparse.Namespace) -> None:
     from driftplan.beacons.itinerary.itinerary import Itinerary
 
     noise, world = noise_from(args), world_from(args)
-    _talk(f"planning on {args.map} with {args.planner}, {search_effort(args)}")
+    _talk(f"planning on {args.map} with {args.planner}{search_effort(args)}")
     route = planned_route(args, world, noise, start_heading=_heading(args))
     name = _NAMES[route.minimise]
     summary = _planned(name, route)
@@ -190,7 +190,7 @@ def _both(
         "seed": args.seed,
         "start_heading": start_heading,
     }
-    _talk(f"planning with {planner}, {search_effort(args)} per route")
+    _talk(f"planning with {planner}{search_effort(args)}")
     lowest = plan_route(world, start, goal, noise, minimise="drift", **same)
     shortest = plan_route(world, start, goal, noise, minimise="length", candidates=[lowest.path], **same)
     if shortest.rms < lowest.rms:  # found late: the table must not contradict itself

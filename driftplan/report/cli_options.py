@@ -7,7 +7,7 @@ wrong with them is said in one place.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -164,10 +164,10 @@ def add_planning_options(
 
 
 def search_effort(args: argparse.Namespace) -> str:
-    """How long a search may take, in words."""
+    """How long a search may take, in words, if that was said."""
     said = [] if args.time_limit is None else [f"at most {args.time_limit:g} s"]
     said += [] if args.iterations is None else [f"{args.iterations} iterations"]
-    return ", ".join(said) or "as long as is usual"
+    return "".join(f", {part}" for part in said)
 
 
 def add_heading_option(parser: argparse._ActionsContainer) -> None:
@@ -190,7 +190,20 @@ def add_output_options(parser: argparse.ArgumentParser, *kinds: str) -> None:
     }
     group = parser.add_argument_group("files")
     for kind in kinds:
-        group.add_argument(f"--{kind}", type=output_file, metavar="FILE", help=said[kind])
+        group.add_argument(f"--{kind}", type=output_type(kind), metavar="FILE", help=said[kind])
+
+
+def output_type(kind: str) -> Callable[[str], Path]:
+    """The type of an argument that names a file of this kind to write."""
+    return png_file if kind == "png" else output_file
+
+
+def png_file(text: str) -> Path:
+    """An argument that names a picture to write; nothing but PNG is written."""
+    path = output_file(text)
+    if path.suffix.lower() != ".png":
+        raise argparse.ArgumentTypeError(f"expected a file called .png, got {text!r}")
+    return path
 
 
 def output_file(text: str) -> Path:
@@ -206,7 +219,12 @@ def world_from(args: argparse.Namespace) -> World:
     """The world of ``args.map``: a file, or the name of a map that comes with driftplan."""
     from driftplan.world.mapfiles import bundled_map, bundled_maps, load_world
 
-    path = bundled_map(args.map) if args.map in bundled_maps() else args.map
+    if args.map in bundled_maps():
+        path = bundled_map(args.map)
+    elif Path(args.map).suffix:
+        path = Path(args.map)
+    else:
+        raise ValueError(f"expected a map file or one of {', '.join(bundled_maps())}, got {args.map!r}")
     return load_world(
         path,
         robot_radius=args.robot_radius,

@@ -15,7 +15,7 @@ from driftplan.report.cli_options import (
     add_world_options,
     noise_as_json,
     noise_from,
-    output_file,
+    output_type,
     world_from,
 )
 from driftplan.report.itinerary_options import add_start_options, start_fix_from
@@ -81,7 +81,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         ("csv", "write the installers' table: id, place, nearest wall, routes, which failure hurts most"),
         ("png", "draw the design and the one it is compared with"),
     ):
-        files.add_argument(f"--{kind}", type=output_file, metavar="FILE", help=said)
+        files.add_argument(f"--{kind}", type=output_type(kind), metavar="FILE", help=said)
     parser.add_argument("--json", action="store_true", help="print JSON, every key with its unit")
     return parser
 

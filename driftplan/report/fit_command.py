@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from driftplan.report import cli_output as output
-from driftplan.report.cli_options import noise_as_json, output_file
+from driftplan.report.cli_options import noise_as_json, output_file, png_file
 from driftplan.world.files import write_files
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     files = parser.add_argument_group("files")
     files.add_argument("--yaml", type=output_file, metavar="FILE", help="write the fitted noise, with its intervals")
     files.add_argument(
-        "--png", type=output_file, metavar="FILE", help="draw errors against length, measured and predicted"
+        "--png", type=png_file, metavar="FILE", help="draw errors against length, measured and predicted"
     )
     parser.add_argument("--json", action="store_true", help="print JSON, every key with its unit")
     return parser

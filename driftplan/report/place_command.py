@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from driftplan.report import cli_output as output
-from driftplan.report.cli_options import add_noise_options, add_world_options, noise_as_json, noise_from, output_file
+from driftplan.report.cli_options import add_noise_options, add_world_options, noise_as_json, noise_from, output_type
 from driftplan.report.cli_options import world_from as world_of
 from driftplan.world.files import write_files
 
@@ -79,7 +79,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         ("geojson", "write the beacons as GeoJSON points in metres, to be read back with --existing"),
         ("png", "draw the layout on the map, drift against distance and what each failure does (or the trade-off)"),
     ):
-        files.add_argument(f"--{kind}", type=output_file, metavar="FILE", help=said)
+        files.add_argument(f"--{kind}", type=output_type(kind), metavar="FILE", help=said)
     parser.add_argument("--json", action="store_true", help="print JSON, every key with its unit")
     return parser
 
@@ -101,7 +101,12 @@ def place(args: argparse.Namespace) -> None:
         "budget": args.budget,
         "time_limit": args.time_limit,
     }
-    _talk(f"placing beacons for {len(routes)} routes on {args.map}, at most {args.time_limit:g} s")
+    free = [bool(world.segments_free(route[:-1], route[1:]).all()) for route in routes]
+    for file, is_free in zip(args.paths, free, strict=True):
+        if not is_free:
+            _talk(f"{file}: not free of collisions for a robot of radius {world.robot_radius:g} m; taken as it is")
+    count = f"{len(routes)} route{'' if len(routes) == 1 else 's'}"
+    _talk(f"placing beacons for {count} on {args.map}, at most {args.time_limit:g} s")
     if args.tradeoff is None:
         layout = place_beacons(
             world,
@@ -112,7 +117,7 @@ def place(args: argparse.Namespace) -> None:
             progress=_Talker(),
             **options,
         )
-        _tell_layout(args, layout)
+        _tell_layout(args, layout, free)
         return
     for name in ("max_drift", "max_beacons", "csv", "geojson"):
         if getattr(args, name) is not None:
@@ -185,7 +190,7 @@ def _sites(args: argparse.Namespace, world: World, routes: list[Floats]) -> dict
     return {"spacing_m": spacing, "kind": kind_from(args)}
 
 
-def _tell_layout(args: argparse.Namespace, layout: Layout) -> None:
+def _tell_layout(args: argparse.Namespace, layout: Layout, free: list[bool]) -> None:
     from driftplan.beacons.layout_files import installer_table, layout_csv, layout_geojson
     from driftplan.report.plot_beacons import layout_figure
 
@@ -199,9 +204,15 @@ def _tell_layout(args: argparse.Namespace, layout: Layout) -> None:
     write_files(files)
     rows = installer_table(layout)
     routes = [
-        {"file": file, "length_m": float(drift.length), "worst_drift_m": worst, "limit_m": limit}
-        for file, drift, worst, limit in zip(
-            args.paths, layout.drifts, layout.worst_drifts, layout.max_drift, strict=True
+        {
+            "file": file,
+            "length_m": float(drift.length),
+            "worst_drift_m": worst,
+            "limit_m": limit,
+            "collision_free": is_free,
+        }
+        for file, drift, worst, limit, is_free in zip(
+            args.paths, layout.drifts, layout.worst_drifts, layout.max_drift, free, strict=True
         )
     ]
     if args.json:

@@ -34,6 +34,8 @@ class SomeRoute:
 def test_the_least_drift_within_a_number_of_beacons_cannot_be_had_for_less():
     layout = place_beacons(None, ROUTES, NOISE, kind=SIGN, spacing_m=4.0, max_beacons=3)
     assert len(layout.beacons) <= 3
+    assert repr(layout).startswith(f"Layout({len(layout.beacons)} beacons of cost ")
+    assert len(repr(layout)) < 150
     assert layout.proven
     assert layout.drift_bound <= layout.worst_drift <= layout.drift_bound / (1 - 0.005)
     assert layout.worst_drift == pytest.approx(max(worst_rms(d) for d in layout.drifts))

@@ -398,3 +398,11 @@ routes = [plan_route(world, (2, 2), (8, 2), noise, planner=p, time_limit=0.2) fo
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
     assert (done.stdout, done.stderr) == ("", "")
+
+
+def test_a_route_says_in_a_line_what_it_is():
+    route = plan_route(WALL, (2, 2), (8, 2), NOISE, iterations=2)
+    assert repr(route).startswith(
+        f"Route({route.length:.2f} m, rms {route.rms:.4g} m at the goal, least drift of roadmap"
+    )
+    assert len(repr(route)) < 150

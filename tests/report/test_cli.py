@@ -592,6 +592,29 @@ def test_every_option_says_what_it_is_in_which_unit_and_its_default(command):
             assert str(action.default).rstrip("0").rstrip(".") in action.help, action.option_strings
 
 
+def test_the_version_is_that_of_the_package(run):
+    from importlib.metadata import version
+
+    assert run("--version")[:2] == (0, f"driftplan {version('driftplan')}\n")
+
+
+def test_pictures_are_png_and_maps_are_files_or_come_along(refused, map_file, path_file, tmp_path):
+    refused(
+        "predict", path_file, "--png", tmp_path / "drift.pdf", match=r"--png: expected a file called .png, got .*pdf"
+    )
+    ends = ("--start", "1,1", "--goal", "2,2")
+    refused("plan", "warehose", *ends, match="a map file or one of office, warehouse, got 'warehose'")
+
+
+def test_routes_through_walls_are_not_given_beacons_without_a_word(run, map_file, tmp_path):
+    (tmp_path / "wall.csv").write_text("x,y\n-3,-3\n2,-3\n")
+    code, out, err = run("place", map_file, tmp_path / "wall.csv", "--max-drift", 1, "--json")
+    assert code == 0
+    assert "wall.csv: not free of collisions for a robot of radius 0.3 m" in err
+    assert "for 1 route on" in err
+    assert [route["collision_free"] for route in json.loads(out)["layout"]["routes"]] == [False]
+
+
 def test_the_planners_named_in_the_help_are_those_there_are():
     assert set(PLANNERS) == {ROADMAP, *OMPL_PLANNERS}
     assert DEFAULT_PLANNER == ROADMAP

@@ -35,7 +35,7 @@ DEFAULT_DETOUR = 1.5
 _SEARCH_SHARE = 0.75  # of the time limit; the rest is for shortening what was found
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Itinerary(Route):
     """A route that counts on beacons; `drift` has their readings in it.
 
