@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from driftplan.world.world import World
 
 DEMO_RADIUS_M = 0.3
-DEMO_ITERATIONS = 4  # near the optimum of both maps; counted, so that the demo shows the same on every machine
+DEMO_ITERATIONS = 4  # near the optimum of both maps; counted, so that a slow machine shows no worse ones
 DEMO_TRIPS = {"warehouse": ((51.0, 33.0), (23.5, 18.7)), "office": ((36.0, 12.0), (6.0, 5.0))}
 _NAMES = {"drift": "lowest drift", "length": "shortest", "worst_drift": "least worst drift"}
 

@@ -20,7 +20,7 @@ from driftplan.report.cli_options import DEFAULT_PLANNER, PLANNERS
 from driftplan.world.mapfiles import bundled_maps, load_world, save_world
 
 DEFAULT_NOISE = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
-QUICK = ["--iterations", "4"]  # of the roadmap: the same route on any machine
+QUICK = ["--iterations", "4"]  # of the roadmap: the same route however loaded the machine is
 COMMANDS = ["demo", "predict", "plan", "compare", "place", "design", "fit", "maps"]
 
 
