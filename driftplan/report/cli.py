@@ -82,7 +82,7 @@ def build_parser() -> Parser:
         help="lowest-drift against shortest routes on the maps that come along, and RFID tags: tables and pictures",
         description="Plan the lowest-drift and the shortest route on the maps that come along, compare and draw them; "
         "then place the fewest RFID tags that keep five rounds through the warehouse under 0.8 m of drift. Without "
-        "--time-limit and --iterations the roadmap ends after 4 batches, so that how fast the machine is does not matter.",
+        "--time-limit and --iterations the roadmap ends after 4 batches, on a fast machine or a slow one.",
     )
     demo.add_argument(
         "--folder",
