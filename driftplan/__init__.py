@@ -16,25 +16,6 @@ if TYPE_CHECKING:
     from .beacons.beacon import passes as passes
     from .beacons.capture import Capture as Capture
     from .beacons.capture import capture as capture
-    from .beacons.co_design.co_design import co_design as co_design
-    from .beacons.co_design.design import CoDesign as CoDesign
-    from .beacons.co_design.trips import Trip as Trip
-    from .beacons.co_design.trips import load_trips as load_trips
-    from .beacons.itinerary.itinerary import Itinerary as Itinerary
-    from .beacons.itinerary.pareto import pareto_routes as pareto_routes
-    from .beacons.itinerary.roadmap_planner import RoadmapPlanner as RoadmapPlanner
-    from .beacons.layout import Layout as Layout
-    from .beacons.layout_files import installer_table as installer_table
-    from .beacons.layout_files import layout_csv as layout_csv
-    from .beacons.layout_files import layout_geojson as layout_geojson
-    from .beacons.layout_files import load_beacons as load_beacons
-    from .beacons.placement.candidates import grid_sites as grid_sites
-    from .beacons.placement.candidates import route_sites as route_sites
-    from .beacons.placement.candidates import wall_sites as wall_sites
-    from .beacons.placement.place import beacon_tradeoff as beacon_tradeoff
-    from .beacons.placement.place import place_beacons as place_beacons
-    from .beacons.placement.problem import SiteGroup as SiteGroup
-    from .beacons.plan import plan_route as plan_route
     from .errors import DriftplanError as DriftplanError
     from .errors import GoalError as GoalError
     from .errors import InfeasibleError as InfeasibleError
@@ -43,6 +24,21 @@ if TYPE_CHECKING:
     from .errors import PlannerError as PlannerError
     from .errors import StartError as StartError
     from .errors import TrajectoryError as TrajectoryError
+    from .layouts.co_design.co_design import co_design as co_design
+    from .layouts.co_design.design import CoDesign as CoDesign
+    from .layouts.co_design.trips import Trip as Trip
+    from .layouts.co_design.trips import load_trips as load_trips
+    from .layouts.layout import Layout as Layout
+    from .layouts.layout_files import installer_table as installer_table
+    from .layouts.layout_files import layout_csv as layout_csv
+    from .layouts.layout_files import layout_geojson as layout_geojson
+    from .layouts.layout_files import load_beacons as load_beacons
+    from .layouts.placement.candidates import grid_sites as grid_sites
+    from .layouts.placement.candidates import route_sites as route_sites
+    from .layouts.placement.candidates import wall_sites as wall_sites
+    from .layouts.placement.place import beacon_tradeoff as beacon_tradeoff
+    from .layouts.placement.place import place_beacons as place_beacons
+    from .layouts.placement.problem import SiteGroup as SiteGroup
     from .model.calibration.fit import NoiseFit as NoiseFit
     from .model.calibration.fit import fit_noise as fit_noise
     from .model.calibration.noise_check import check_noise as check_noise
@@ -67,11 +63,15 @@ if TYPE_CHECKING:
     from .model.spatial.rotations import RotationNoise as RotationNoise
     from .model.spatial.simulation import simulate_drift_3d as simulate_drift_3d
     from .model.spatial.steps import flight_steps as flight_steps
-    from .planning.collision import use_world as use_world
     from .planning.comparison import Comparison as Comparison
     from .planning.comparison import compare_routes as compare_routes
-    from .planning.objective import DriftObjective as DriftObjective
-    from .planning.ompl_paths import predict_ompl_path as predict_ompl_path
+    from .planning.itinerary.itinerary import Itinerary as Itinerary
+    from .planning.itinerary.pareto import pareto_routes as pareto_routes
+    from .planning.itinerary.roadmap_planner import RoadmapPlanner as RoadmapPlanner
+    from .planning.ompl.collision import use_world as use_world
+    from .planning.ompl.objective import DriftObjective as DriftObjective
+    from .planning.ompl.paths import predict_ompl_path as predict_ompl_path
+    from .planning.plan import plan_route as plan_route
     from .planning.routes import Route as Route
     from .report.plot_beacons import layout_figure as layout_figure
     from .report.plot_beacons import plot_importance as plot_importance
@@ -99,19 +99,19 @@ if TYPE_CHECKING:
 
 _HOME = {
     "beacons.beacon": "Beacon BeaconKind drift_with_beacons passes",
-    "beacons.placement.candidates": "grid_sites route_sites wall_sites",
+    "layouts.placement.candidates": "grid_sites route_sites wall_sites",
     "beacons.capture": "Capture capture",
-    "beacons.co_design.co_design": "co_design",
-    "beacons.co_design.design": "CoDesign",
-    "beacons.itinerary.itinerary": "Itinerary",
-    "beacons.layout": "Layout",
-    "beacons.layout_files": "installer_table layout_csv layout_geojson load_beacons",
-    "beacons.itinerary.pareto": "pareto_routes",
-    "beacons.placement.place": "beacon_tradeoff place_beacons",
-    "beacons.placement.problem": "SiteGroup",
-    "beacons.plan": "plan_route",
-    "beacons.itinerary.roadmap_planner": "RoadmapPlanner",
-    "beacons.co_design.trips": "Trip load_trips",
+    "layouts.co_design.co_design": "co_design",
+    "layouts.co_design.design": "CoDesign",
+    "planning.itinerary.itinerary": "Itinerary",
+    "layouts.layout": "Layout",
+    "layouts.layout_files": "installer_table layout_csv layout_geojson load_beacons",
+    "planning.itinerary.pareto": "pareto_routes",
+    "layouts.placement.place": "beacon_tradeoff place_beacons",
+    "layouts.placement.problem": "SiteGroup",
+    "planning.plan": "plan_route",
+    "planning.itinerary.roadmap_planner": "RoadmapPlanner",
+    "layouts.co_design.trips": "Trip load_trips",
     "errors": ("DriftplanError GoalError InfeasibleError MapError NoPathError PlannerError StartError TrajectoryError"),
     "model.calibration.fit": "NoiseFit fit_noise",
     "model.drift": "Drift PointDrift predict_drift",
@@ -129,9 +129,9 @@ _HOME = {
     "model.spatial.simulation": "simulate_drift_3d",
     "model.spatial.steps": "flight_steps",
     "model.calibration.umbmark": "umbmark",
-    "planning.collision": "use_world",
-    "planning.objective": "DriftObjective",
-    "planning.ompl_paths": "predict_ompl_path",
+    "planning.ompl.collision": "use_world",
+    "planning.ompl.objective": "DriftObjective",
+    "planning.ompl.paths": "predict_ompl_path",
     "planning.comparison": "Comparison compare_routes",
     "planning.routes": "Route",
     "report.plot_beacons": "layout_figure plot_importance plot_layout plot_sawtooth plot_tradeoff",

@@ -24,10 +24,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from driftplan.arrays import Floats, not_negative, number, positive
 from driftplan.beacons.passes import passes_of
 from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.fixes import Fix
-from driftplan.model.inputs import Floats, not_negative, number, positive
 from driftplan.model.noise import Noises, OdometryNoise
 from driftplan.world.world import World
 

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
+from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon, beacon_fixes, floor_of, passes, waypoints_of
 from driftplan.model.drift import PointDrift, predict_drift
 from driftplan.model.fixes import Fix
-from driftplan.model.inputs import Floats
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.world import World
 

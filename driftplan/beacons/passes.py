@@ -14,10 +14,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from driftplan.arrays import Floats, Ints
 from driftplan.world.world import World
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 DISTANCE_DECIMALS = 6  # distances along a path are rounded to this many decimals of a metre
 _TOUCH = 1e-9  # m: a path this far outside a range counts as touching it

@@ -7,6 +7,4 @@ drift, worst, scores            predict_drift; the greatest drift on the way; ra
 simulation                      Monte Carlo dead reckoning, the oracle
 spatial                         the same in space
 calibration                     noise from recorded drives
-literature                      the published formulas, corrected
-inputs                          what public functions accept
 """

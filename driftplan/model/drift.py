@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import scores
-from .elements import run_moments, turn_moments
-from .fixes import Fix, apply_fix
-from .inputs import Floats, as_covariance, as_plane, finite
-from .moments import Moments, compose, scan
-from .noise import Noises, OdometryNoise, noise_of_legs
-from .paths import Runs, read_path
+from driftplan.arrays import Floats, as_covariance, as_plane, finite
+from driftplan.model import scores
+from driftplan.model.elements import run_moments, turn_moments
+from driftplan.model.fixes import Fix, apply_fix
+from driftplan.model.moments import Moments, compose, scan
+from driftplan.model.noise import Noises, OdometryNoise, noise_of_legs
+from driftplan.model.paths import Runs, read_path
 
 _SHORT_HOPS = 16  # legs between fixes: up to here on average they are composed one by one
 

@@ -26,9 +26,10 @@ from math import factorial
 
 import numpy as np
 
-from .heading_laws import law_moments, shifted
-from .moments import Array, Moments, doubled, power
-from .noise import OdometryNoise, steps_in
+from driftplan.arrays import Array
+from driftplan.model.heading_laws import law_moments, shifted
+from driftplan.model.moments import Moments, doubled, power
+from driftplan.model.noise import OdometryNoise, steps_in
 
 _ORDER = 12  # of the Taylor series
 _BLOCK = 8192  # pieces solved at once

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .heading_laws import law_moments
-from .inputs import Floats, covariance, not_negative, number
-from .moments import Moments
+from driftplan.arrays import Floats, covariance, not_negative, number
+from driftplan.model.heading_laws import law_moments
+from driftplan.model.moments import Moments
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

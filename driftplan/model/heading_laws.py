@@ -7,14 +7,12 @@ for translation errors correlated with θ, E[θ r], E[θ r²] and E[θ² r²].
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .noise import HeadingLaw
-
-Array = NDArray[Any]
+from driftplan.arrays import Array
+from driftplan.model.noise import HeadingLaw
 
 _CIRCLE = 256  # nodes on the circle
 

@@ -18,9 +18,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]  # complex, or float where nothing turns: real pieces cost half
+from driftplan.arrays import Array
 
 _SMALLEST_COHERENCE = 1e-100  # a smaller factor is taken for this: what it multiplies is forgotten either way
 _FEW = 16  # up to so many pieces, Python's numbers beat numpy's arrays

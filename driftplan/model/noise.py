@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .inputs import not_negative, number, positive
+from driftplan.arrays import not_negative, number, positive
 
 HeadingLaw = Literal["gaussian", "laplace", "von_mises", "uniform"]
 

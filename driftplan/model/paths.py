@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .inputs import Floats as Floats
-from .inputs import finite, not_negative, number
+from driftplan.arrays import Floats, finite, not_negative, number
 
 _FARTHEST_M = 1e12  # beyond, lengths squared lose the digits of any noise
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from math import sqrt
 from types import MappingProxyType
 
-from .noise import OdometryNoise
+from driftplan.model.noise import OdometryNoise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,7 +165,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
         "textbook_steps": Preset(
             noise=OdometryNoise.per_step(heading_std=0.1, distance_std=0.1, step_m=1.0),
             robot="no robot: 0.1 rad and 0.1 m a step, the values with which the published double sums are illustrated",
-            source="trajectory experiments of the unbounded-drift paper (see driftplan.model.literature)",
+            source="trajectory experiments of the unbounded-drift paper (see driftplan.literature)",
             caution=f"lost after a few steps: {sqrt(10) * 0.1:.2f} rad of heading error after ten",
         ),
     }

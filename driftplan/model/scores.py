@@ -16,9 +16,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from driftplan.arrays import Floats
 
 _LOG_T = np.arange(-75.0, 75.0, 0.2)  # trapezoid nodes: exact to rounding, the integrand is analytic in ln t
 _NODES = 64  # Gauss-Legendre nodes in each of the three panels across the major axis

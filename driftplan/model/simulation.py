@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from .fixes import Fix
-from .noise import Noises, OdometryNoise, noise_of_legs, steps_in
-from .paths import Runs, read_path
-
-Complexes = NDArray[np.complex128]
-Floats = NDArray[np.float64]
+from driftplan.arrays import Floats
+from driftplan.model.fixes import Fix
+from driftplan.model.noise import Noises, OdometryNoise, noise_of_legs, steps_in
+from driftplan.model.paths import Runs, read_path
 
 
 def simulate_drift(

@@ -18,13 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .drift import Drift, PointDrift
-from .elements import run_moments, turn_moments
-from .inputs import Floats
-from .moments import Moments, compose
-from .noise import OdometryNoise
-
-Ints = NDArray[np.intp]
+from driftplan.arrays import Floats, Ints
+from driftplan.model.drift import Drift, PointDrift
+from driftplan.model.elements import run_moments, turn_moments
+from driftplan.model.moments import Moments, compose
+from driftplan.model.noise import OdometryNoise
 
 _CLOSE = 1e-10  # relative: what E|e|² may rise above the greatest value found
 _PARTS = 8  # into which a stretch is cut

@@ -32,11 +32,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from driftplan.arrays import Floats
 from driftplan.model.noise import OdometryNoise
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,13 +12,14 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from driftplan.arrays import Floats
 from driftplan.errors import NoPathError
 from driftplan.model.drift import Drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.cost import CostRates, bracket
-from driftplan.planning.path_polish import polished
-from driftplan.planning.roadmap_pricing import Floats, Pricing, exact_drift
-from driftplan.planning.roadmap_search import Status, check_connected, checked_ends, plan_on_roadmap, said
+from driftplan.planning.roadmap.polish import polished
+from driftplan.planning.roadmap.prices import Pricing, exact_drift
+from driftplan.planning.roadmap.search import Status, check_connected, checked_ends, plan_on_roadmap, said
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
@@ -170,7 +171,7 @@ def plan_route(
     if iterations is not None and not (isinstance(iterations, (int, np.integer)) and iterations >= 1):
         raise ValueError(f"expected iterations a whole number >= 1, got {iterations!r}")
     if planner != ROADMAP:
-        from driftplan.planning.ompl_solve import check_planner
+        from driftplan.planning.ompl.solve import check_planner
 
         check_planner(planner, also=(ROADMAP,))
     elif exact and minimise == "length":
@@ -273,7 +274,7 @@ class _Search:
             except NoPathError:
                 return _Found((), Status.TIME_LIMIT, None)
             return _Found((result.path,), result.status, result.bound)
-        from driftplan.planning.ompl_solve import solve
+        from driftplan.planning.ompl.solve import solve
 
         priced = noise if minimise == "drift" else None
         began = time.perf_counter()

@@ -12,15 +12,15 @@ from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from driftplan.files import write_files
 from driftplan.model.drift import Drift, PointDrift, predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.report import cli_output as output
 from driftplan.report.cli_options import DEFAULT_PLANNER, noise_as_json, noise_from, search_effort, world_from
 from driftplan.report.itinerary_options import itinerary_as_json, itinerary_text, planned_route
-from driftplan.world.files import write_files
 
 if TYPE_CHECKING:
-    from driftplan.beacons.itinerary.itinerary import Itinerary
+    from driftplan.planning.itinerary.itinerary import Itinerary
     from driftplan.planning.routes import Route
     from driftplan.world.world import World
 
@@ -73,7 +73,7 @@ def maps(args: argparse.Namespace) -> None:
 
 def plan(args: argparse.Namespace) -> None:
     """One route."""
-    from driftplan.beacons.itinerary.itinerary import Itinerary
+    from driftplan.planning.itinerary.itinerary import Itinerary
 
     noise, world = noise_from(args), world_from(args)
     _talk(f"planning on {args.map} with {args.planner}{search_effort(args)}")
@@ -106,7 +106,7 @@ def plan(args: argparse.Namespace) -> None:
 
 def compare(args: argparse.Namespace) -> None:
     """Given paths and planned routes."""
-    from driftplan.planning.roadmap_pricing import exact_drift
+    from driftplan.planning.roadmap.prices import exact_drift
     from driftplan.world.trajectories import read_path
 
     if (args.start is None) != (args.goal is None):

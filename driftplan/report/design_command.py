@@ -9,6 +9,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from driftplan.files import write_files
 from driftplan.report import cli_output as output
 from driftplan.report.cli_options import (
     add_noise_options,
@@ -20,10 +21,9 @@ from driftplan.report.cli_options import (
 )
 from driftplan.report.itinerary_options import add_start_options, start_fix_from
 from driftplan.report.place_command import add_kind_options, kind_from
-from driftplan.world.files import write_files
 
 if TYPE_CHECKING:
-    from driftplan.beacons.co_design.design import CoDesign, Design
+    from driftplan.layouts.co_design.design import CoDesign, Design
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -88,9 +88,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def design(args: argparse.Namespace) -> None:
     """The design that the arguments ask for."""
-    from driftplan.beacons.co_design.co_design import co_design
-    from driftplan.beacons.co_design.trips import load_trips
-    from driftplan.beacons.layout_files import layout_csv, layout_geojson, load_beacons
+    from driftplan.layouts.co_design.co_design import co_design
+    from driftplan.layouts.co_design.trips import load_trips
+    from driftplan.layouts.layout_files import layout_csv, layout_geojson, load_beacons
     from driftplan.report.plot_design import plot_design
     from driftplan.world.trajectories import read_path
 

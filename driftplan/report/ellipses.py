@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from math import floor, log, log10
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from driftplan.arrays import Floats
 from driftplan.model.drift import Drift
-
-Floats = NDArray[np.float64]
 
 
 def error_ellipse(cov: ArrayLike, confidence: float = 0.95) -> tuple[Floats, Floats, Floats]:

@@ -8,9 +8,9 @@ from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from driftplan.files import write_files
 from driftplan.report import cli_output as output
 from driftplan.report.cli_options import noise_as_json, output_file, png_file
-from driftplan.world.files import write_files
 
 if TYPE_CHECKING:
     from driftplan.model.calibration.fit import NoiseFit

@@ -7,9 +7,9 @@ from math import radians
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from driftplan.beacons.itinerary.itinerary import Itinerary
     from driftplan.model.fixes import Fix
     from driftplan.model.noise import OdometryNoise
+    from driftplan.planning.itinerary.itinerary import Itinerary
     from driftplan.planning.routes import Route
     from driftplan.world.world import World
 
@@ -73,8 +73,8 @@ def planned_route(
     args: argparse.Namespace, world: World, noise: OdometryNoise, *, start_heading: float | None = None
 ) -> Route:
     """The route that the options ask for: an `Itinerary` when beacons or a limit are among them."""
-    from driftplan.beacons.layout_files import load_beacons
-    from driftplan.beacons.plan import plan_route
+    from driftplan.layouts.layout_files import load_beacons
+    from driftplan.planning.plan import plan_route
 
     beacons = load_beacons(args.beacons) if args.beacons else ()
     options: dict[str, Any] = {

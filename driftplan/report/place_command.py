@@ -8,15 +8,15 @@ from math import isfinite, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from driftplan.files import write_files
 from driftplan.report import cli_output as output
 from driftplan.report.cli_options import add_noise_options, add_world_options, noise_as_json, noise_from, output_type
 from driftplan.report.cli_options import world_from as world_of
-from driftplan.world.files import write_files
 
 if TYPE_CHECKING:
+    from driftplan.arrays import Floats
     from driftplan.beacons.beacon import BeaconKind
-    from driftplan.beacons.layout import Layout
-    from driftplan.model.inputs import Floats
+    from driftplan.layouts.layout import Layout
     from driftplan.world.world import World
 
 _TALK_EVERY_S = 1.0
@@ -86,8 +86,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def place(args: argparse.Namespace) -> None:
     """The layout, or the trade-off curve, that the arguments ask for."""
-    from driftplan.beacons.layout_files import load_beacons
-    from driftplan.beacons.placement.place import beacon_tradeoff, place_beacons
+    from driftplan.layouts.layout_files import load_beacons
+    from driftplan.layouts.placement.place import beacon_tradeoff, place_beacons
     from driftplan.world.trajectories import read_path
 
     noise, world = noise_from(args), world_of(args)
@@ -172,8 +172,8 @@ def kind_from(args: argparse.Namespace) -> BeaconKind:
 
 def _sites(args: argparse.Namespace, world: World, routes: list[Floats]) -> dict[str, Any]:
     """What `place_beacons` is told about kinds and candidates."""
-    from driftplan.beacons.layout_files import load_beacons
-    from driftplan.beacons.placement.candidates import route_sites, wall_sites
+    from driftplan.layouts.layout_files import load_beacons
+    from driftplan.layouts.placement.candidates import route_sites, wall_sites
     from driftplan.world.trajectories import read_path
 
     if args.candidates:
@@ -191,7 +191,7 @@ def _sites(args: argparse.Namespace, world: World, routes: list[Floats]) -> dict
 
 
 def _tell_layout(args: argparse.Namespace, layout: Layout, free: list[bool]) -> None:
-    from driftplan.beacons.layout_files import installer_table, layout_csv, layout_geojson
+    from driftplan.layouts.layout_files import installer_table, layout_csv, layout_geojson
     from driftplan.report.plot_beacons import layout_figure
 
     files: dict[Path, bytes] = {}

@@ -11,9 +11,9 @@ from itertools import cycle
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from driftplan.beacons.layout import Layout
+from driftplan.arrays import Floats
+from driftplan.layouts.layout import Layout
 from driftplan.report.plotting import ROUTE_STYLES, plot_world
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-Floats = NDArray[np.float64]
 
 _NEW = "#D55E00"
 _OLD = "#555555"
@@ -163,7 +162,7 @@ def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwa
     Parameters
     ----------
     curve : sequence of Layout
-        From `driftplan.beacons.placement.place.beacon_tradeoff`.
+        From `driftplan.layouts.placement.place.beacon_tradeoff`.
     """
     from matplotlib.ticker import MaxNLocator
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    from driftplan.beacons.co_design.design import CoDesign, Design
+    from driftplan.layouts.co_design.design import CoDesign, Design
     from driftplan.world.world import World
 
 _NEW: dict[str, Any] = {"facecolor": "#E69F00", "edgecolor": "#8A5F00", "alpha": 0.45, "linewidth": 0.9}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from driftplan.beacons.beacon import Beacon
-from driftplan.beacons.itinerary.pareto import knee
+from driftplan.planning.itinerary.pareto import knee
 from driftplan.report.plotting import ROUTE_STYLES, plot_drift, plot_route, plot_world
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.collections import PatchCollection
     from matplotlib.figure import Figure
 
-    from driftplan.beacons.itinerary.itinerary import Itinerary
+    from driftplan.planning.itinerary.itinerary import Itinerary
     from driftplan.world.world import World
 
 _USED: dict[str, Any] = {"facecolor": "#E69F00", "edgecolor": "#8A5F00", "alpha": 0.35, "linewidth": 0.9}
@@ -88,7 +88,7 @@ def plot_pareto(world: World, routes: Sequence[Itinerary], *, figure: Figure | N
     ----------
     world : World
     routes : sequence of Itinerary
-        As `driftplan.beacons.itinerary.pareto.pareto_routes` returns them.
+        As `driftplan.planning.itinerary.pareto.pareto_routes` returns them.
     figure : Figure, optional
         An empty one to draw into; default: a new one that knows nothing of pyplot.
     """

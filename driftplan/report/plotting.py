@@ -13,8 +13,8 @@ from math import floor, hypot, log10
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from driftplan.arrays import Floats
 from driftplan.model.drift import Drift, PointDrift
 from driftplan.report.ellipses import error_ellipse, magnification, mark_distances, mark_spacing
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from driftplan.planning.routes import Route
     from driftplan.world.world import World
 
-Floats = NDArray[np.float64]
 
 ROUTE_STYLES: tuple[dict[str, Any], ...] = (  # colours of Okabe and Ito, told apart by the colour-blind too
     {"color": "#0072B2", "linestyle": "-", "marker": "o"},

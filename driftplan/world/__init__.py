@@ -7,5 +7,5 @@ cells, cell_pictures            from cells to polygons and back; a YAML file and
 trajectories                    paths and trajectories in files
 odometry_logs, log_tables       recordings: TUM, KITTI, MR.CLAM, CSV, MATLAB
 noise_files                     a noise as YAML
-files, inputs                   files written whole or not at all; what public functions accept
+shapes                          polygons as public functions accept them
 """

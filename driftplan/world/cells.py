@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import MultiPolygon
 
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
+from driftplan.arrays import Bools, Ints
 
 MAX_CELLS = 25_000_000  # 5000 x 5000: a map of 250 m at 0.05 m
 MAX_SIDES = 2_000_000  # between occupied and other cells

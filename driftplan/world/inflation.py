@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import MultiPolygon
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from driftplan.arrays import Bools, Floats
+
 Bounds = tuple[float, float, float, float]
 
 _QUAD_SEGS = 8

@@ -11,11 +11,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from driftplan.arrays import Floats
 from driftplan.errors import TrajectoryError
-
-Floats = NDArray[np.float64]
 
 _MOST_BYTES = 128 << 20  # of text, unpacked: a million steps take half of it
 _BLOCK = 20_000  # lines

@@ -12,7 +12,7 @@ from math import isfinite
 from pathlib import Path
 
 from driftplan.errors import MapError
-from driftplan.world.files import write_files
+from driftplan.files import write_files
 from driftplan.world.geojson_map import geojson_map_files, read_geojson_map
 from driftplan.world.movingai_map import movingai_map_files, read_movingai_map
 from driftplan.world.ros_map import read_ros_map, ros_map_files

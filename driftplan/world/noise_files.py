@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from driftplan.errors import TrajectoryError
+from driftplan.files import write_files
 from driftplan.model.calibration.fit import NoiseFit
 from driftplan.model.noise import OdometryNoise
-from driftplan.world.files import write_files
 
 _KEYS = tuple(f.name for f in fields(OdometryNoise))
 _MOST_BYTES = 1 << 20

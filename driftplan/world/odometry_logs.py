@@ -25,13 +25,12 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from driftplan.arrays import Floats
 from driftplan.errors import TrajectoryError
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.world.log_tables import Table, named, read_table
 
-Floats = NDArray[np.float64]
 Kind = Literal["increments", "velocities", "poses"]
 
 _ALIASES: Mapping[str, Sequence[str]] = {

@@ -13,17 +13,14 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from shapely import MultiPolygon, Polygon
 
+from driftplan.arrays import Bools, Floats, Ints, bounds_of, point_of, points_of
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.inflation import Inflation
-from driftplan.world.inputs import bounds_of, point_of, points_of, polygon_of
+from driftplan.world.shapes import polygon_of
 from driftplan.world.zones import Zone, ZonePieces, pieces_in_zones, zone_at
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 _WALL_DEPTH = 1e-6  # m: a line of sight may graze a wall this deep, so that a beacon mounted on a wall can be seen
 _STEP_IN = 1e-6  # m: a point moved into free space is moved this far past its boundary

@@ -12,11 +12,9 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
+from driftplan.arrays import Floats, Ints
 from driftplan.model.noise import OdometryNoise
-from driftplan.world.inputs import polygon_of
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from driftplan.world.shapes import polygon_of
 
 _FEW_SIDES = 32  # of a zone: then arithmetic on all pairs of sides and segments beats searching
 _PAST_CORNER = 1e-9  # of a side's length: rounding must not let a segment slip through a corner

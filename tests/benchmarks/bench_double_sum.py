@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from driftplan import OdometryNoise, Runs, predict_drift
-from driftplan.model.literature import proposition_1
+from driftplan.literature import proposition_1
 
 HEADING_STD, DISTANCE_STD = 1e-3, 1e-2
 NOISE = OdometryNoise.per_step(heading_std=HEADING_STD, distance_std=DISTANCE_STD, step_m=1.0)

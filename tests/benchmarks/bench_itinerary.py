@@ -9,7 +9,7 @@ import numpy as np
 
 from driftplan import InfeasibleError, OdometryNoise, Trip, World, bundled_map, co_design, load_world
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.beacons.itinerary.itinerary import Itinerary, plan_itinerary
+from driftplan.planning.itinerary.itinerary import Itinerary, plan_itinerary
 
 BERLIN = Path(__file__).resolve().parents[2] / "../shared/data/movingai/Berlin_1_256.map"
 NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.1, after_m=10.0)

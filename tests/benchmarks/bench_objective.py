@@ -17,8 +17,8 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.collision import use_world
-from driftplan.planning.objective import DriftObjective
+from driftplan.planning.ompl.collision import use_world
+from driftplan.planning.ompl.objective import DriftObjective
 from driftplan.world.mapfiles import bundled_map, load_world
 from driftplan.world.world import World
 from driftplan.world.zones import Zone

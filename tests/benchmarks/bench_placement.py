@@ -16,10 +16,10 @@ import numpy as np
 import shapely
 
 from driftplan.beacons.beacon import BeaconKind
-from driftplan.beacons.placement.candidates import grid_sites
-from driftplan.beacons.placement.place import place_beacons
-from driftplan.beacons.placement.problem import placement_problem
-from driftplan.beacons.placement.requirements import DriftRequirements
+from driftplan.layouts.placement.candidates import grid_sites
+from driftplan.layouts.placement.place import place_beacons
+from driftplan.layouts.placement.problem import placement_problem
+from driftplan.layouts.placement.requirements import DriftRequirements
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.world import World
 

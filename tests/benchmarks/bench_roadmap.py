@@ -31,11 +31,11 @@ from ompl import util as ou
 from scipy.sparse import csgraph, csr_matrix
 
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.collision import use_world
 from driftplan.planning.cost import CostRates, edge_cost, geodesic_cost
-from driftplan.planning.objective import DriftObjective
-from driftplan.planning.roadmap_growth import RoadmapSearch
-from driftplan.planning.roadmap_pricing import Pricing
+from driftplan.planning.ompl.collision import use_world
+from driftplan.planning.ompl.objective import DriftObjective
+from driftplan.planning.roadmap.growth import RoadmapSearch
+from driftplan.planning.roadmap.prices import Pricing
 from driftplan.world.mapfiles import bundled_map, load_world
 from driftplan.world.world import World
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from driftplan.literature import StepNoise, dead_reckoning
 from driftplan.model.calibration.fit import PARAMETERS, fit_noise
 from driftplan.model.drift import predict_drift
-from driftplan.model.literature import StepNoise, dead_reckoning
 from driftplan.model.presets import PRESETS
 from driftplan.world.odometry_logs import read_odometry, read_truth
 

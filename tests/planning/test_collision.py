@@ -5,7 +5,7 @@ import pytest
 import shapely
 from ompl import base as ob
 
-from driftplan.planning.collision import use_world
+from driftplan.planning.ompl.collision import use_world
 from driftplan.world.world import World
 
 WORLD = World.from_polygons(

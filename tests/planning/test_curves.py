@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ompl import base as ob
 
-from driftplan.planning.curves import curve_length, dubins_curves, pose_along, reeds_shepp_curves
-from driftplan.planning.spaces import CurveFinder
+from driftplan.planning.ompl.curves import curve_length, dubins_curves, pose_along, reeds_shepp_curves
+from driftplan.planning.ompl.spaces import CurveFinder
 
 FAMILIES = {"dubins": dubins_curves, "reeds_shepp": reeds_shepp_curves}
 RADIUS = 1.7

@@ -13,10 +13,10 @@ from ompl import geometric as og
 
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.collision import use_world
 from driftplan.planning.cost import CostRates, bracket, edge_cost, geodesic_cost, turn_cost
-from driftplan.planning.objective import DriftObjective
-from driftplan.planning.roadmap_pricing import Pricing
+from driftplan.planning.ompl.collision import use_world
+from driftplan.planning.ompl.objective import DriftObjective
+from driftplan.planning.roadmap.prices import Pricing
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 

@@ -14,9 +14,9 @@ from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.spatial.drift import predict_flight_drift
 from driftplan.planning.cost import CostRates, bracket
-from driftplan.planning.objective import DriftObjective
-from driftplan.planning.ompl_paths import predict_ompl_path
-from driftplan.planning.roadmap_pricing import exact_drift
+from driftplan.planning.ompl.objective import DriftObjective
+from driftplan.planning.ompl.paths import predict_ompl_path
+from driftplan.planning.roadmap.prices import exact_drift
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 

@@ -12,8 +12,8 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.collision import use_world
-from driftplan.planning.objective import DriftObjective
+from driftplan.planning.ompl.collision import use_world
+from driftplan.planning.ompl.objective import DriftObjective
 from driftplan.world.world import World
 
 WALL = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
@@ -23,10 +23,10 @@ SOLVE = """
 import sys
 from ompl import base as ob, geometric as og, util as ou
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.collision import use_world
-from driftplan.planning.objective import DriftObjective
-from driftplan.planning.ompl_paths import predict_ompl_path
-from driftplan.planning.roadmap import RoadmapPlanner
+from driftplan.planning.ompl.collision import use_world
+from driftplan.planning.ompl.objective import DriftObjective
+from driftplan.planning.ompl.paths import predict_ompl_path
+from driftplan.planning.ompl.roadmap import RoadmapPlanner
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 

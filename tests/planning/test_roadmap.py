@@ -16,11 +16,11 @@ from ompl import util as ou
 
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.collision import use_world
-from driftplan.planning.objective import DriftObjective
-from driftplan.planning.ompl_paths import predict_ompl_path
-from driftplan.planning.roadmap import RoadmapPlanner
-from driftplan.planning.roadmap_search import plan_on_roadmap
+from driftplan.planning.ompl.collision import use_world
+from driftplan.planning.ompl.objective import DriftObjective
+from driftplan.planning.ompl.paths import predict_ompl_path
+from driftplan.planning.ompl.roadmap import RoadmapPlanner
+from driftplan.planning.roadmap.search import plan_on_roadmap
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
@@ -426,9 +426,9 @@ SCRIPT = """
 import resource, signal, sys, threading, os
 from ompl import base as ob, geometric as og, util as ou
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.collision import use_world
-from driftplan.planning.objective import DriftObjective
-from driftplan.planning.roadmap import RoadmapPlanner
+from driftplan.planning.ompl.collision import use_world
+from driftplan.planning.ompl.objective import DriftObjective
+from driftplan.planning.ompl.roadmap import RoadmapPlanner
 from driftplan.world.world import World
 
 WORLD = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)

@@ -11,13 +11,19 @@ import numpy as np
 import pytest
 
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.exact_cost import identity, run_maps, turn_maps
-from driftplan.planning.exact_polish import ExactJudge
-from driftplan.planning.exact_roadmap import additive_bound, bracketed, exactly_best, probably_best, search_graph
-from driftplan.planning.exact_search import _Search, least_exact_cost
-from driftplan.planning.path_polish import AdditiveJudge, polished, refined
-from driftplan.planning.roadmap_graph import GOAL, START, Roadmap
-from driftplan.planning.roadmap_pricing import Pricing, exact_drift, turn_angles
+from driftplan.planning.roadmap.exact_cost import identity, run_maps, turn_maps
+from driftplan.planning.roadmap.exact_polish import ExactJudge
+from driftplan.planning.roadmap.exact_roadmap import (
+    additive_bound,
+    bracketed,
+    exactly_best,
+    probably_best,
+    search_graph,
+)
+from driftplan.planning.roadmap.exact_search import _Search, least_exact_cost
+from driftplan.planning.roadmap.graph import GOAL, START, Roadmap
+from driftplan.planning.roadmap.polish import AdditiveJudge, polished, refined
+from driftplan.planning.roadmap.prices import Pricing, exact_drift, turn_angles
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 

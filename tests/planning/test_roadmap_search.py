@@ -12,9 +12,9 @@ from driftplan.errors import GoalError, NoPathError, StartError
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.cost import path_cost
-from driftplan.planning.roadmap_growth import RoadmapSearch
-from driftplan.planning.roadmap_pricing import Pricing, exact_drift
-from driftplan.planning.roadmap_search import Status, plan_on_roadmap
+from driftplan.planning.roadmap.growth import RoadmapSearch
+from driftplan.planning.roadmap.prices import Pricing, exact_drift
+from driftplan.planning.roadmap.search import Status, plan_on_roadmap
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 

@@ -19,8 +19,8 @@ from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
 from driftplan.planning.comparison import compare_routes
-from driftplan.planning.ompl_solve import PLANNERS, REFUSED
-from driftplan.planning.roadmap_search import Status
+from driftplan.planning.ompl.solve import PLANNERS, REFUSED
+from driftplan.planning.roadmap.search import Status
 from driftplan.planning.routes import plan_route
 from driftplan.world.mapfiles import load_world
 from driftplan.world.world import World

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.roadmap_pricing import exact_drift
+from driftplan.planning.roadmap.prices import exact_drift
 from driftplan.planning.routes import plan_route
 from driftplan.world.world import World
 from driftplan.world.zones import Zone

@@ -12,8 +12,8 @@ import shapely
 
 from driftplan import PRESETS, OdometryNoise, World, Zone, predict_drift, save_noise
 from driftplan.planning.comparison import compare_routes
-from driftplan.planning.ompl_solve import PLANNERS as OMPL_PLANNERS
-from driftplan.planning.roadmap_pricing import exact_drift
+from driftplan.planning.ompl.solve import PLANNERS as OMPL_PLANNERS
+from driftplan.planning.roadmap.prices import exact_drift
 from driftplan.planning.routes import ROADMAP, plan_route
 from driftplan.report.cli import build_parser, main
 from driftplan.report.cli_options import DEFAULT_PLANNER, PLANNERS

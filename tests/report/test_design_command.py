@@ -8,10 +8,10 @@ import pytest
 from matplotlib.figure import Figure
 
 from driftplan.beacons.beacon import BeaconKind
-from driftplan.beacons.co_design.co_design import co_design
-from driftplan.beacons.co_design.trips import Trip, load_trips
-from driftplan.beacons.layout_files import load_beacons
 from driftplan.errors import InfeasibleError, TrajectoryError
+from driftplan.layouts.co_design.co_design import co_design
+from driftplan.layouts.co_design.trips import Trip, load_trips
+from driftplan.layouts.layout_files import load_beacons
 from driftplan.model.noise import OdometryNoise
 from driftplan.report.design_command import add_parser, design
 from driftplan.report.plot_design import plot_design

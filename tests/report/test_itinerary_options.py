@@ -7,9 +7,9 @@ import math
 import pytest
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.beacons.itinerary.itinerary import Itinerary
-from driftplan.beacons.layout_files import beacons_geojson
+from driftplan.layouts.layout_files import beacons_geojson
 from driftplan.model.noise import OdometryNoise
+from driftplan.planning.itinerary.itinerary import Itinerary
 from driftplan.report.cli_options import add_planning_options
 from driftplan.report.itinerary_options import add_itinerary_options, itinerary_as_json, itinerary_text, planned_route
 from driftplan.world.world import World

@@ -5,8 +5,8 @@ import json
 
 import pytest
 
-from driftplan.beacons.layout_files import load_beacons
 from driftplan.errors import InfeasibleError
+from driftplan.layouts.layout_files import load_beacons
 from driftplan.report.place_command import add_parser, place
 
 MAP = {

@@ -6,7 +6,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.beacons.placement.place import beacon_tradeoff, place_beacons
+from driftplan.layouts.placement.place import beacon_tradeoff, place_beacons
 from driftplan.model.noise import OdometryNoise
 from driftplan.report.cli_output import figure_png
 from driftplan.report.plot_beacons import (

@@ -5,9 +5,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.beacons.itinerary.itinerary import plan_itinerary
-from driftplan.beacons.itinerary.pareto import knee, pareto_routes
 from driftplan.model.noise import OdometryNoise
+from driftplan.planning.itinerary.itinerary import plan_itinerary
+from driftplan.planning.itinerary.pareto import knee, pareto_routes
 from driftplan.report.plot_itinerary import plot_beacons, plot_itinerary, plot_pareto
 from driftplan.world.world import World
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from driftplan.arrays import Floats
 from driftplan.model.calibration.fit_notes import drive_notes, mounting_notes, reference_notes
 from driftplan.model.calibration.matching import Match, MatchCounts, match
 from driftplan.model.calibration.noise_check import Estimate, Truth, checked
@@ -37,7 +38,6 @@ from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.relative_errors import RelativeErrors, pooled, relative_errors
 from driftplan.model.calibration.segment_check import SegmentCheck, check_segments
 from driftplan.model.calibration.segment_ladder import Ladder, drives_of, ladder_of
-from driftplan.model.inputs import Floats
 from driftplan.model.noise import OdometryNoise
 
 PARAMETERS = SYSTEMATIC + RANDOM

@@ -7,12 +7,12 @@ from math import degrees, sqrt
 
 import numpy as np
 
+from driftplan.arrays import Floats
 from driftplan.model.calibration.matching import Match
 from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC, Solution
 from driftplan.model.calibration.segment_check import SegmentCheck
 from driftplan.model.calibration.segment_ladder import Ladder
 from driftplan.model.calibration.segments import TruthNoise
-from driftplan.model.inputs import Floats
 from driftplan.model.noise import OdometryNoise
 
 _ODD_MOUNTING_RAD = 0.2  # a reference's heading turned by more is no matter of a millimetre

@@ -18,10 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from driftplan.arrays import Complexes, Floats
 from driftplan.model.calibration import reference_offsets
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.reference_offsets import clock_offset, interpolated
-from driftplan.model.inputs import Complexes, Floats
 
 _JUMP_SPREADS = (
     10.0  # a truth sample is an outlier if it is farther from the last good one than the odometry's distance

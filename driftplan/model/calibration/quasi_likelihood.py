@@ -29,9 +29,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from driftplan.arrays import Floats
 from driftplan.model.calibration.segment_ladder import Ladder
 from driftplan.model.calibration.segments import TruthNoise
-from driftplan.model.inputs import Floats
 from driftplan.model.noise import OdometryNoise
 
 SYSTEMATIC = ("distance_scale_error", "heading_bias_per_m", "heading_bias_per_rad")

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from driftplan.model.inputs import Complexes, Floats, finite
+from driftplan.arrays import Complexes, Floats, finite
 from driftplan.model.paths import wrap
 
 _STANDING = 0.02  # of the usual speed and turn rate: slower is standing,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from driftplan.arrays import Complexes, Floats
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
-from driftplan.model.inputs import Complexes, Floats
 
 _OFFSETS = 20  # clock offsets tried to either side
 _CLEARLY = 0.95  # an offset must reduce the disagreement of the recordings to this share

@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from driftplan.model.inputs import Floats, finite, whole
+from driftplan.arrays import Floats, finite, whole
 
 KITTI_LENGTHS_M = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
 Pairs = Literal["kitti", "evo"]

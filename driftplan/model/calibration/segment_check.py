@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from driftplan.arrays import Floats
 from driftplan.model.calibration.segment_ladder import Ladder
-from driftplan.model.inputs import Floats
 
 LEVELS = (0.5, 0.9, 0.95)
 

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from driftplan.arrays import Floats
 from driftplan.model.calibration.matching import Match, Stretch, match
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segments import Observations, TruthNoise, Windows, expect, observe, windows_of
-from driftplan.model.inputs import Floats
 from driftplan.model.noise import OdometryNoise
 
 _STRIDES = 4  # segments of a length begin every 1/4 of it

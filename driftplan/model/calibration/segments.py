@@ -24,8 +24,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from driftplan.arrays import Complexes, Floats
 from driftplan.model.calibration.matching import Stretch
-from driftplan.model.inputs import Complexes, Floats
 from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import OdometryNoise
 

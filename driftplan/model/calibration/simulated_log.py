@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from driftplan.arrays import Floats, positive
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
-from driftplan.model.inputs import Floats, positive
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Runs, read_path
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.model.inputs import Floats, finite, positive
+from driftplan.arrays import Floats, finite, positive
 from driftplan.model.noise import OdometryNoise
 
 

@@ -13,8 +13,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from driftplan.arrays import Floats
 from driftplan.model.spatial.isotropic import IsotropicMoments
-from driftplan.model.spatial.moments import Arrays, Floats, SpatialMoments, rotate, scan
+from driftplan.model.spatial.moments import Arrays, SpatialMoments, rotate, scan
 from driftplan.model.spatial.rotations import RotationNoise, orthonormal
 from driftplan.model.spatial.steps import checked_array, read_steps
 

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
-from driftplan.model.spatial.moments import Arrays, Floats, rotate, scan, spread
+from driftplan.arrays import Floats
+from driftplan.model.spatial.moments import Arrays, rotate, scan, spread
 from driftplan.model.spatial.rotations import RotationNoise
 
 _EYE = np.eye(3)

@@ -23,11 +23,10 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from driftplan.arrays import Floats
 from driftplan.model.spatial.rotations import RotationNoise
 
-Floats = NDArray[np.float64]
 Arrays = Sequence[Floats]
 
 # Symmetric 3x3 matrices as six numbers, in an orthonormal basis so that rotations act by orthogonal matrices.

@@ -13,9 +13,10 @@ from functools import cache, cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from driftplan.arrays import Floats
+
 RotationLaw = Literal["gaussian", "brownian", "von_mises_fisher", "anisotropic_gaussian"]
 
 _EYE = np.eye(3)

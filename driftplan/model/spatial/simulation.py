@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from driftplan.arrays import Floats
 from driftplan.model.spatial.rotations import RotationNoise
 from driftplan.model.spatial.steps import read_steps
-
-Floats = NDArray[np.float64]
 
 
 def simulate_drift_3d(

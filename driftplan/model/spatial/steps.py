@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from driftplan.arrays import Floats
 from driftplan.model.noise import steps_in
 from driftplan.model.spatial.rotations import RotationNoise, checked_covariance, orthonormal
-
-Floats = NDArray[np.float64]
 
 _MAX_STEPS = 50_000_000  # of flight_steps: 5 GB of rotations
 _LEAST_ROUGH = 1e-6  # how far from orthonormal a rotation matrix may be before it is called a mistake

@@ -1,0 +1,127 @@
+"""Names for arrays, the checks of what public functions accept, and vectors of the plane as complex numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[Any]  # complex, or float where nothing turns: real pieces cost half
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+Ints = NDArray[np.intp]
+Bools = NDArray[np.bool_]
+
+
+def number(name: str, value: object) -> float:
+    """A finite number."""
+    if isinstance(value, bool) or not hasattr(value, "__float__") or np.ndim(value) != 0:  # type: ignore[arg-type]
+        raise ValueError(f"expected {name} to be a number, got {value!r}")
+    result = float(value)
+    if not isfinite(result):
+        raise ValueError(f"expected {name} finite, got {result!r}")
+    return result
+
+
+def not_negative(name: str, value: object) -> float:
+    """A finite number >= 0."""
+    result = number(name, value)
+    if result < 0:
+        raise ValueError(f"expected {name} >= 0, got {result!r}")
+    return result
+
+
+def positive(name: str, value: object) -> float:
+    """A finite number > 0."""
+    result = number(name, value)
+    if result <= 0:
+        raise ValueError(f"expected {name} > 0, got {result!r}")
+    return result
+
+
+def whole(name: str, value: object, *, least: int) -> int:
+    """A whole number >= least."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise ValueError(f"expected {name} a whole number >= {least}, got {value!r}")
+    return int(value)
+
+
+def finite(name: str, values: Any) -> Floats:
+    """An array of finite numbers."""
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError) as err:
+        raise ValueError(f"expected {name} to be numbers, got {type(values).__name__}: {err}") from None
+    if not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise ValueError(f"expected {name} finite, got {array[where]} at index {where}")
+    return array
+
+
+def shaped(name: str, values: Any, shape: tuple[int, ...]) -> Floats:
+    """An array of finite numbers of exactly this shape."""
+    array = finite(name, values)
+    if array.shape != shape:
+        raise ValueError(f"expected {name} of shape {shape}, got {array.shape}")
+    return array
+
+
+def plane(name: str, values: Any) -> Array:
+    """Planar vectors (..., 2) as complex numbers (...)."""
+    array = finite(name, values)
+    if array.ndim < 1 or array.shape[-1] != 2:
+        raise ValueError(f"expected {name} of shape (..., 2), got {array.shape}")
+    return np.asarray(array[..., 0] + 1j * array[..., 1])
+
+
+def covariance(name: str, matrix: Any, dimensions: Sequence[int] = (2,)) -> Floats:
+    """A covariance matrix of one of these dimensions."""
+    array = finite(name, matrix)
+    if array.ndim != 2 or array.shape[0] != array.shape[1] or array.shape[0] not in dimensions:
+        raise ValueError(
+            f"expected {name} a square matrix of dimension {' or '.join(map(str, dimensions))}, got {array.shape}"
+        )
+    if not np.allclose(array, array.T) or np.linalg.eigvalsh(array)[0] < -1e-12 * np.trace(array):
+        raise ValueError(f"expected {name} symmetric and positive semi-definite, got {array.tolist()}")
+    return array
+
+
+def as_plane(z: ArrayLike) -> Floats:
+    """Complex numbers (...) as planar vectors (..., 2)."""
+    return np.stack([np.real(z), np.imag(z)], axis=-1)
+
+
+def as_covariance(mean: Array, N: Array, e2: Array, u: Array | complex = 1.0) -> Floats:
+    """Covariance (..., 2, 2) of u e, for a planar error e with E e, E|e|² and E e² and a rotation u."""
+    spread, skew = np.maximum(np.real(N) - np.abs(mean) ** 2, 0.0), u * u * (e2 - mean**2)
+    xx, yy, xy = (spread + np.real(skew)) / 2, (spread - np.real(skew)) / 2, np.imag(skew) / 2
+    return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+
+
+def points_of(name: str, value: ArrayLike) -> Floats:
+    try:
+        points = np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as err:
+        raise ValueError(f"expected {name} to be an array of points (..., 2) in metres, got {value!r}") from err
+    if points.ndim < 1 or points.shape[-1] != 2:
+        raise ValueError(f"expected {name} to be points (..., 2) in metres, got an array of shape {points.shape}")
+    if not np.isfinite(points).all():
+        raise ValueError(f"expected {name} finite, got NaN or infinite coordinates")
+    return points
+
+
+def point_of(name: str, value: ArrayLike) -> tuple[float, float]:
+    point = points_of(name, value)
+    if point.shape != (2,):
+        raise ValueError(f"expected {name} to be one point (2,), got an array of shape {point.shape}")
+    return float(point[0]), float(point[1])
+
+
+def bounds_of(value: Sequence[float]) -> tuple[float, float, float, float]:
+    bounds = tuple(float(v) for v in value)
+    if len(bounds) != 4 or not all(isfinite(v) for v in bounds) or bounds[0] >= bounds[2] or bounds[1] >= bounds[3]:
+        raise ValueError(f"expected bounds (xmin, ymin, xmax, ymax), finite and not empty, got {bounds!r}")
+    return bounds

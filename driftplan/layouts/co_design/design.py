@@ -1,0 +1,105 @@
+"""What co_design answers: designs, of beacons and routes, and what they cost."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+from driftplan.arrays import Floats
+from driftplan.beacons.beacon import Beacon
+from driftplan.layouts.co_design.trips import Trip
+from driftplan.layouts.layout import Layout
+from driftplan.planning.itinerary.itinerary import Itinerary
+from driftplan.planning.itinerary.search import length_of
+
+
+class DesignStatus(Enum):
+    """Why the search ended."""
+
+    LOCAL_OPTIMUM = "No neighbour leads to a cheaper design: neither other routes nor fewer beacons pay."
+    ROUNDS_DONE = "All rounds done: the best design so far."
+    TIME_LIMIT = "Time limit reached: the best design so far."
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Design:
+    """Beacons and routes, and what they cost.
+
+    Attributes
+    ----------
+    layout : Layout
+        Of the beacons on the routes; the limit holds on each.
+    paths : tuple of (n, 2) arrays
+        One per trip, metres.
+    beacon_cost : float
+        Of the new beacons.
+    driving_cost : float
+        Weights times lengths times the price of a metre.
+    """
+
+    layout: Layout
+    paths: tuple[Floats, ...]
+    beacon_cost: float
+    driving_cost: float
+
+    @property
+    def beacons(self) -> tuple[Beacon, ...]:
+        """The new ones."""
+        return self.layout.beacons
+
+    @property
+    def cost(self) -> float:
+        return self.beacon_cost + self.driving_cost
+
+    @property
+    def lengths(self) -> tuple[float, ...]:
+        """Metres, one per trip."""
+        return tuple(length_of(path) for path in self.paths)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CoDesign(Design):
+    """Result of `driftplan.layouts.co_design.co_design.co_design`.
+
+    Attributes
+    ----------
+    trips : tuple of Trip
+    routes : tuple of Itinerary
+        The same paths with their drift, the beacons they count on and the probability of every pass.
+    baseline : Design or None
+        Shortest routes, then beacons; None where no beacons hold the limit on the shortest routes.
+    status : DesignStatus
+    rounds : int
+        Passes over all neighbours, the last one without a gain unless ``status`` says otherwise.
+    tried : int
+        Neighbours looked at.
+    history : tuple of float
+        Cost of the best design, after every improvement.
+    seconds : float
+    """
+
+    trips: tuple[Trip, ...]
+    routes: tuple[Itinerary, ...]
+    baseline: Design | None
+    status: DesignStatus
+    rounds: int
+    tried: int
+    history: tuple[float, ...]
+    seconds: float
+
+    @property
+    def gain(self) -> float:
+        """How much cheaper than `baseline`, never negative; infinite where there is no baseline."""
+        return math.inf if self.baseline is None else self.baseline.cost - self.cost
+
+    def __str__(self) -> str:
+        rows = [("shortest routes, then beacons", self.baseline), ("chosen together", self)]
+        lines = [f"{'':30s} {'beacons':>7s} {'their cost':>11s} {'driving':>11s} {'together':>11s}"]
+        for name, design in rows:
+            if design is None:
+                lines.append(f"{name:30s} no layout keeps the limit on the shortest routes")
+            else:
+                numbers = (design.beacon_cost, design.driving_cost, design.cost)
+                lines.append(f"{name:30s} {len(design.beacons):7d} " + " ".join(f"{x:11.2f}" for x in numbers))
+        return "\n".join([*lines, self.status.value])

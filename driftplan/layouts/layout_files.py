@@ -1,0 +1,176 @@
+"""Layouts as files: GeoJSON that driftplan reads back, and what whoever installs the beacons needs to know.
+
+Coordinates are metres of the map's frame, not longitude and latitude.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from math import isfinite, nan
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.errors import MapError
+from driftplan.layouts.layout import Layout
+from driftplan.world.geojson_map import read_features
+
+_KIND = tuple(f.name for f in fields(BeaconKind))
+
+
+class InstallerRow(NamedTuple):
+    """One beacon, for whoever puts it up."""
+
+    id: str
+    kind: str
+    x_m: float
+    y_m: float
+    new: bool
+    nearest_wall_m: float  # nan without a map, or without walls
+    wall_x_m: float
+    wall_y_m: float
+    routes: tuple[int, ...]  # that meet it, by their place in the list, from 0
+    worst_drift_if_dead_m: float  # nan if no route meets it
+    worst_route_if_dead: int  # -1 if no route meets it
+
+
+def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
+    """All beacons of a layout, the ones whose failure hurts most first."""
+    world = layout.task.world
+    walls = None if world is None or world.obstacles.is_empty else world.obstacles
+    rows = []
+    for said in layout.importance:
+        beacon, wall = said.beacon, (nan, nan)
+        if walls is not None:
+            touch = shapely.get_coordinates(shapely.shortest_line(walls.boundary, shapely.Point(beacon.x, beacon.y)))[0]
+            wall = (float(touch[0]), float(touch[1]))
+        rows.append(
+            InstallerRow(
+                id=beacon.id,
+                kind=beacon.kind.name,
+                x_m=beacon.x,
+                y_m=beacon.y,
+                new=beacon in layout.beacons,
+                nearest_wall_m=float(np.hypot(wall[0] - beacon.x, wall[1] - beacon.y)),
+                wall_x_m=wall[0],
+                wall_y_m=wall[1],
+                routes=said.routes,
+                worst_drift_if_dead_m=said.worst_if_dead,
+                worst_route_if_dead=said.worst_route,
+            )
+        )
+    return tuple(
+        sorted(rows, key=lambda row: -row.worst_drift_if_dead_m if isfinite(row.worst_drift_if_dead_m) else 0.0)
+    )
+
+
+def layout_csv(layout: Layout) -> bytes:
+    """The installers' table as CSV, with a header that names units; numbers of routes are separated by spaces."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(InstallerRow._fields)
+    for row in installer_table(layout):
+        writer.writerow([_cell(value) for value in row])
+    return text.getvalue().encode()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return " ".join(map(str, value))
+    return "" if isinstance(value, float) and not isfinite(value) else value
+
+
+def layout_geojson(layout: Layout) -> bytes:
+    """Beacons as points with all that `load_beacons` needs, and what their failure does."""
+    rows = {row.id: row for row in installer_table(layout)}
+    features = []
+    for beacon in (*layout.existing, *layout.beacons):
+        row = rows[beacon.id]
+        said = {
+            "new": row.new,
+            "routes": row.routes,
+            "worst_drift_if_dead_m": row.worst_drift_if_dead_m if isfinite(row.worst_drift_if_dead_m) else None,
+        }
+        features.append(_feature(beacon, **said))
+    summary = {
+        "cost": layout.cost,
+        "lower_bound": layout.lower_bound,
+        "proven": layout.proven,
+        "worst_drift_m": layout.worst_drift,
+    }
+    return _geojson(features, driftplan=summary)
+
+
+def beacons_geojson(beacons: Sequence[Beacon]) -> bytes:
+    """Beacons as points that `load_beacons` reads back.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> tag = Beacon(BeaconKind.rfid(range_m=1.5, position_std_m=0.1), x=3.0, y=4.0, id="A7")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "beacons.geojson")
+    ...     _ = file.write_bytes(beacons_geojson([tag]))
+    ...     load_beacons(file) == (tag,)
+    True
+    """
+    return _geojson([_feature(beacon) for beacon in beacons])
+
+
+def load_beacons(path: str | os.PathLike[str]) -> tuple[Beacon, ...]:
+    """Beacons of a GeoJSON file, as `layout_geojson` and `beacons_geojson` write it.
+
+    Point features in metres; properties by the names of `BeaconKind` (``range_m`` and a ``position_std_m`` or
+    ``heading_std`` at least, ``kind`` for its name) and ``id``. Features that are no points are passed over, so a map
+    and its beacons may share a file; other properties are too. A file without features holds no beacons.
+
+    Raises
+    ------
+    MapError
+        If the file cannot be read or a point is no beacon: the message names the file and the feature.
+    """
+    path = Path(path)
+    try:
+        features = read_features(path)
+    except OSError as err:
+        raise MapError(f"{path}: cannot be read: {err.strerror or err}") from err
+    found = []
+    for number, feature in enumerate(features, start=1):
+        where = f"{path}, feature {number}"
+        geometry = feature.get("geometry") if isinstance(feature, dict) else None
+        if not isinstance(geometry, dict) or geometry.get("type") != "Point":
+            continue
+        properties = feature.get("properties")
+        if not isinstance(properties, dict):
+            raise MapError(f"{where}: expected properties such as range_m and position_std_m, got none")
+        said = {"name": properties.get("kind", "beacon")} | {k: properties[k] for k in _KIND[1:] if k in properties}
+        try:
+            x, y = geometry["coordinates"][:2]
+            found.append(Beacon(BeaconKind(**said), x, y, id=str(properties.get("id", ""))))
+        except (KeyError, TypeError, ValueError) as err:
+            raise MapError(f"{where}: expected a beacon: {err}") from err
+    if features and not found:
+        raise MapError(f"{path}: expected at least one Point feature with the properties of a beacon, got none")
+    return tuple(found)
+
+
+def _feature(beacon: Beacon, **said: Any) -> dict[str, Any]:
+    kind = {name: value for name, value in asdict(beacon.kind).items() if name != "name" and value is not None}
+    return {
+        "type": "Feature",
+        "geometry": {"type": "Point", "coordinates": [beacon.x, beacon.y]},
+        "properties": {"id": beacon.id, "kind": beacon.kind.name, **kind, **said},
+    }
+
+
+def _geojson(features: Sequence[dict[str, Any]], **members: Any) -> bytes:
+    text = json.dumps({"type": "FeatureCollection", "features": features, **members}, indent=2, allow_nan=False)
+    return (text + "\n").encode()

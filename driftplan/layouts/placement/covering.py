@@ -1,0 +1,381 @@
+"""Cheapest covers by implicit hitting sets: the combinatorial core of beacon placement, on plain arrays.
+
+It knows sites (columns with a cost), demands on them and an oracle; it knows no geometry and no drift. With y the 0/1
+vector of chosen sites it solves
+
+    (1)  min  Σ cost_i y_i
+    (2)  Σ w_i y_i >= least         for every demand given, and every cut the oracle may ever return
+    (3)  Σ w_i y_i >= least         for every cap (w <= 0: conflicts, budgets, "at most k of these")
+    (4)  y_i = 1                    for fixed sites
+
+The oracle is asked about whole layouts: it returns no cut if the layout is acceptable, else cuts of form (2) that the
+layout violates and that *every acceptable layout satisfies*. The master problem (1)-(4) with the cuts found so far is a
+relaxation, so its optimum (HiGHS, through scipy) is a lower bound, and when its optimal layout passes the oracle that
+is the optimum. Nothing else is assumed: acceptable layouts need not stay acceptable when a site is added.
+
+In the meantime every rejected layout is completed greedily to an acceptable one, so that there is an answer early.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from math import ceil, inf
+from typing import Protocol
+
+import numpy as np
+
+from driftplan.arrays import Bools, Floats
+from driftplan.layouts.placement.cut_pool import EPS, Cut, CutPool
+from driftplan.layouts.placement.highs import solve
+
+_LONGEST_S = 600.0  # of a search, as far as it is divided into parts
+_PATIENCE = 6  # rounds of the linear relaxation that may pass without raising its bound by a thousandth
+_LP_ROOM = 1e-5  # its optimum is that uncertain
+
+
+class Oracle(Protocol):
+    """Judge of whole layouts."""
+
+    def cuts(self, chosen: Bools, near: int | None = None) -> Sequence[Cut]:
+        """Cuts that ``chosen`` violates and no acceptable layout does; none if it is acceptable.
+
+        With ``near``, only what can have changed by adding or removing that site needs to be looked at.
+        """
+        ...
+
+
+class Outcome(Enum):
+    """How a search ended."""
+
+    OPTIMAL = "Proven optimal."
+    GOOD_ENOUGH = "Good enough for what was asked; not proven optimal."
+    STOPPED_EARLY = "Time limit reached; this is the best answer so far, see `gap`."
+    INFEASIBLE = "Proven that no layout will do."
+    UNKNOWN = "Time limit reached before any answer was found."
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cover:
+    """Result of `cheapest_cover`."""
+
+    outcome: Outcome
+    chosen: Bools | None
+    cost: float  # inf without a layout
+    lower_bound: float
+    hopeless: Cut | None  # when infeasible: a cut that nothing satisfies, if it is a single one
+    rounds: int
+    cuts: int
+
+
+Progress = Callable[[float, float, float], None]  # seconds, cost so far, lower bound
+
+
+def cheapest_cover(
+    cost: Floats,
+    oracle: Oracle,
+    *,
+    demands: Sequence[Cut] = (),
+    caps: Sequence[Cut] = (),
+    fixed: Bools | None = None,
+    hint: Bools | None = None,
+    stop_at_first: bool = False,
+    time_limit: float = inf,
+    progress: Progress | None = None,
+) -> Cover:
+    """The cheapest acceptable layout; see the module's docstring.
+
+    Parameters
+    ----------
+    cost : array (n,), > 0 (fixed sites may cost 0)
+    oracle : Oracle
+    demands, caps : sequences of Cut
+    fixed : bool array (n,)
+        Sites that are there anyway.
+    hint : bool array (n,)
+        A layout to start from.
+    stop_at_first : bool
+        Stop at the first acceptable layout (`Outcome.GOOD_ENOUGH`) instead of looking for the cheapest.
+    time_limit : float
+        Seconds.
+    progress : callable, optional
+        Called with seconds, cost of the best layout and lower bound whenever one of them changes.
+
+    Returns
+    -------
+    Cover
+
+    Examples
+    --------
+    Three sites, of which the oracle wants two neighbours:
+
+    >>> class Neighbours:
+    ...     def cuts(self, chosen, near=None):
+    ...         ok = (chosen[:-1] & chosen[1:]).any()
+    ...         return [] if ok else [Cut(np.flatnonzero(~chosen), np.ones((~chosen).sum()), 1.0)]
+    >>> found = cheapest_cover(np.array([3.0, 1.0, 2.0]), Neighbours())
+    >>> found.chosen.tolist(), found.cost, found.outcome.name
+    ([False, True, True], 3.0, 'OPTIMAL')
+    """
+    search = _Search(cost, oracle, demands, caps, fixed, time_limit, progress)
+    return search.run(hint, stop_at_first)
+
+
+class _Search:
+    def __init__(
+        self,
+        cost: Floats,
+        oracle: Oracle,
+        demands: Sequence[Cut],
+        caps: Sequence[Cut],
+        fixed: Bools | None,
+        time_limit: float,
+        progress: Progress | None,
+    ):
+        self.cost, self.oracle, self.progress = np.asarray(cost, dtype=float), oracle, progress
+        self.n = len(self.cost)
+        self.fixed = np.zeros(self.n, dtype=bool) if fixed is None else np.asarray(fixed, dtype=bool)
+        self.rows, self.caps = CutPool(self.n, demands), CutPool(self.n, caps)
+        self.began = time.monotonic()
+        self.deadline = self.began + time_limit
+        self.step = _common_step(self.cost)
+        self.best: Bools | None = None
+        self.best_cost, self.bound = inf, 0.0
+        self.rounds = 0
+        self.hopeless = next((cut for cut in self.rows.cuts if cut.hopeless), None)
+        self.impossible = False  # as a whole, with no single cut to blame
+
+    # The loop
+
+    def run(self, hint: Bools | None, stop_at_first: bool) -> Cover:
+        if self._impossible():
+            return self._result(Outcome.INFEASIBLE)
+        for start in (hint, self.fixed):
+            if start is not None and (self.best is None or not stop_at_first):
+                self._complete(start | self.fixed)
+        if not (self._closed() or self._impossible() or (stop_at_first and self.best is not None)):
+            self._tighten()
+        while not self._impossible() and not self._closed():
+            if stop_at_first and self.best is not None:
+                return self._result(Outcome.GOOD_ENOUGH)
+            if time.monotonic() >= self.deadline:
+                return self._result(Outcome.UNKNOWN if self.best is None else Outcome.STOPPED_EARLY)
+            self._round()
+        if self.best is None:
+            return self._result(Outcome.INFEASIBLE)
+        if self._impossible():
+            raise RuntimeError("the cuts exclude a layout that the oracle accepts: a bug in the oracle")
+        self._settle()
+        return self._result(Outcome.OPTIMAL)
+
+    def _tighten(self) -> None:
+        """The linear relaxation with as many rows as it takes, and layouts made from its solution."""
+        best, stale = 0.0, 0
+        y = None
+        while stale < _PATIENCE and time.monotonic() < self.deadline:
+            y, bound, solved = self._relaxation(whole=False)
+            if y is None or not solved:
+                break
+            self._raise_bound(bound - _LP_ROOM * max(1.0, abs(bound)))
+            best, stale = (bound, 0) if bound > best * 1.001 else (best, stale + 1)
+            if not self.rows.activate(y):
+                break
+        if y is None or self._impossible():
+            return
+        if not self._closed():
+            self._complete(self.fixed | (y > 0.999), lean=y)
+        if not self._closed():
+            self._confine(self.fixed | (y > EPS))
+
+    def _confine(self, sites: Bools) -> None:
+        """A layout of these sites only, few enough for the master to choose well, in a quarter of the time."""
+        if self.best is not None:
+            sites = sites | self.best
+        until = time.monotonic() + 0.25 * min(self.deadline - time.monotonic(), _LONGEST_S)
+        chosen = None
+        while time.monotonic() < until and not self._impossible():
+            y, _, _ = self._relaxation(whole=True, sites=sites, until=until)
+            if y is None:
+                break
+            chosen = y > 0.5
+            if not self.rows.activate(chosen) and not self._judge(chosen):
+                self._accept(chosen)
+                return
+        if chosen is not None and not self._closed():
+            self._complete(chosen)
+
+    def _round(self) -> None:
+        """Solve the master and ask what is wrong with its layout."""
+        self.rounds += 1
+        y, bound, solved = self._relaxation(whole=True)
+        self._raise_bound(bound)
+        if y is None:
+            return
+        chosen = y > 0.5
+        if self.rows.activate(chosen):
+            self._complete(chosen)
+        elif not self._judge(chosen):
+            self._accept(chosen)
+            if solved:
+                self._raise_bound(float(self.cost @ chosen))
+        elif not self._closed():
+            self._complete(chosen)
+
+    def _result(self, outcome: Outcome) -> Cover:
+        bound = self.best_cost if outcome is Outcome.OPTIMAL else min(self.bound, self.best_cost)
+        return Cover(outcome, self.best, self.best_cost, bound, self.hopeless, self.rounds, len(self.rows.cuts))
+
+    def _impossible(self) -> bool:
+        return self.impossible or self.hopeless is not None
+
+    def _closed(self) -> bool:
+        return self.best is not None and self.best_cost <= self.bound + 1e-9 * max(1.0, self.best_cost)
+
+    def _raise_bound(self, bound: float) -> None:
+        if self.step > 0:
+            bound = self.step * ceil((bound - EPS) / self.step)
+        if bound > self.bound:
+            self.bound = bound
+            self._report()
+
+    def _accept(self, chosen: Bools) -> None:
+        value = float(self.cost @ chosen)
+        if value < self.best_cost - 1e-12:
+            self.best, self.best_cost = chosen.copy(), value
+            self._report()
+
+    def _report(self) -> None:
+        if self.progress is not None:
+            self.progress(time.monotonic() - self.began, self.best_cost, min(self.bound, self.best_cost))
+
+    def _judge(self, chosen: Bools) -> Sequence[Cut]:
+        """The oracle's cuts, remembered."""
+        cuts = self.oracle.cuts(chosen)
+        self.rows.add(cuts)
+        self.hopeless = self.hopeless or next((cut for cut in cuts if cut.hopeless), None)
+        return cuts
+
+    # Lower bounds
+
+    def _relaxation(
+        self, *, whole: bool, sites: Bools | None = None, until: float = inf
+    ) -> tuple[Floats | None, float, bool]:
+        """(1)-(4) with the active rows, whole or fractional: a solution, a lower bound, whether it is optimal.
+
+        Confined to some ``sites`` it is no relaxation: then the bound is none.
+        """
+        from scipy.sparse import vstack
+
+        rows, least = self.rows.active_rows
+        caps, _, cap_least = self.caps.matrix
+        most = np.ones(self.n) if sites is None else sites.astype(float)
+        found = solve(
+            self.cost,
+            vstack([rows, caps], format="csr"),
+            np.concatenate([least, cap_least]),
+            (self.fixed.astype(float), most),
+            whole=whole,
+            time_limit=max(0.05, min(self.deadline, until) - time.monotonic()),
+        )
+        y = None if found.x is None else np.asarray(found.x, dtype=float)
+        if sites is not None:
+            return y, 0.0, False
+        if found.status == 2:
+            self.impossible = True
+        bound = found.mip_dual_bound if whole else found.fun if found.status == 0 else None
+        return y, 0.0 if bound is None or not np.isfinite(bound) else float(bound), found.status == 0
+
+    # Upper bounds
+
+    def _complete(self, start: Bools, lean: Floats | None = None) -> None:
+        """Add sites to ``start`` until the oracle accepts, then drop what is not needed.
+
+        Sites that a fractional solution ``lean`` has more of are preferred.
+        """
+        chosen = start.copy()
+        if not self.caps.satisfied(chosen):
+            chosen = self.fixed.copy()
+            if not self.caps.satisfied(chosen):
+                return
+        for _ in range(4 * self.n + 100):
+            if not self._cover_rows(chosen, lean):
+                return
+            cuts = self._judge(chosen)
+            if not cuts:
+                break
+            if time.monotonic() > self.deadline or self._impossible():
+                return
+        else:
+            return
+        self._accept(chosen)
+        if time.monotonic() < self.deadline:
+            self._accept(self._pruned(chosen))
+
+    def _cover_rows(self, chosen: Bools, lean: Floats | None) -> bool:
+        """Greedy set cover of the known rows; False if it gets stuck."""
+        price = np.maximum(self.cost, 1e-12) if lean is None else np.maximum(self.cost, 1e-12) * (1.01 - lean)
+        missing, room = self.rows.missing(chosen), -self.caps.missing(chosen)
+        while (missing > EPS).any():
+            worth = self.rows.gain(missing) / price
+            worth[chosen | self.caps.forbids(room)] = 0.0
+            site = int(np.argmax(worth))
+            if worth[site] <= 0:
+                return False
+            chosen[site] = True
+            missing -= self.rows.column(site)
+            room += self.caps.column(site)  # weights <= 0
+        return True
+
+    def _pruned(self, chosen: Bools) -> Bools:
+        """Without the sites that are not needed: the dearest are tried first, then the last in the list."""
+        chosen = chosen.copy()
+        mine = np.flatnonzero(chosen & ~self.fixed)
+        for site in sorted(mine.tolist(), key=lambda i: (-self.cost[i], -i)):
+            chosen[site] = False
+            if not self.rows.satisfied(chosen) or self.oracle.cuts(chosen, near=site):
+                chosen[site] = True
+            if time.monotonic() > self.deadline:
+                break
+        return chosen
+
+    def _settle(self) -> None:
+        """The tie-break: exchange sites one by one for equally dear ones listed earlier, while that is accepted."""
+        assert self.best is not None
+        chosen, moved = self.best.copy(), True
+        while moved and time.monotonic() < self.deadline:
+            moved = False
+            for site in np.flatnonzero(chosen & ~self.fixed).tolist():
+                for other in self._stand_ins(chosen, site):
+                    trial = chosen.copy()
+                    trial[site], trial[other] = False, True
+                    fits = self.rows.satisfied(trial) and self.caps.satisfied(trial)
+                    if fits and not any(self.oracle.cuts(trial, near=moved_site) for moved_site in (site, other)):
+                        chosen, moved = trial, True
+                        break
+                    if time.monotonic() > self.deadline:
+                        break
+        self.best = chosen
+
+    def _stand_ins(self, chosen: Bools, site: int) -> list[int]:
+        """Sites listed before ``site``, equally dear, that meet every row which needs it."""
+        without = chosen.copy()
+        without[site] = False
+        missing = self.rows.missing(without)
+        short = np.flatnonzero(missing > EPS)
+        fit = (np.arange(self.n) < site) & ~chosen & (self.cost == self.cost[site])
+        if len(short):
+            rows = self.rows.matrix[0][short].tocsc()
+            columns = np.flatnonzero(fit)
+            enough = (rows[:, columns].toarray() >= missing[short, None] - EPS).all(axis=0)
+            return [int(i) for i in columns[enough]]
+        return [int(i) for i in np.flatnonzero(fit)]
+
+
+def _common_step(cost: Floats) -> float:
+    """The greatest step of which all costs are multiples, if they are whole numbers; else 0."""
+    whole = np.round(cost)
+    if not (len(cost) and np.array_equal(whole, cost) and cost.max() < 1e9):
+        return 0.0
+    return float(np.gcd.reduce(whole.astype(np.int64)))

@@ -1,0 +1,157 @@
+"""Why there is no layout: the words of an `InfeasibleError`, for someone who has to do something about it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from driftplan.arrays import Bools
+from driftplan.layouts.placement.covering import Cover, Outcome, cheapest_cover
+from driftplan.layouts.placement.problem import PlacementProblem
+from driftplan.layouts.placement.requirements import DriftRequirements
+from driftplan.layouts.placement.tracks import Tracks
+
+_NEAREST = 3  # candidates that are named
+_NAMED = 6  # beacons of the layout that comes nearest
+_CLOSE = 0.005  # relative: to which the least factor is found
+
+
+class Obstacle(NamedTuple):
+    """A stretch of a route on which no candidate's reading lasts."""
+
+    route: int
+    start_m: float
+    end_m: float
+    least_drift: float  # rms that can be reached at the worst point of the stretch; a lower bound, exact for one kind
+    sites: tuple[int, ...]  # those that come nearest to it, best first
+
+
+def explain(problem: PlacementProblem, tracks: Tracks, limits: Sequence[float], cover: Cover, time_limit: float) -> str:
+    """What to tell the user when ``cover`` has no layout."""
+    if cover.outcome is not Outcome.INFEASIBLE:
+        return (
+            f"no layout was found in time, nor was it proven that there is none (costs below {cover.lower_bound:g} are "
+            "ruled out): raise time_limit, or begin with a higher max_drift"
+        )
+    if cover.hopeless is not None and cover.hopeless.where[0] == -2:
+        return (
+            f"group {cover.hopeless.where[1]} demands more beacons than it has candidates outside the forbidden areas"
+        )
+    requirements = problem.requirements(tracks, limits)
+    if cover.hopeless is not None:
+        found = obstacle(problem, requirements, *cover.hopeless.where)
+        named = ", ".join(
+            f"{problem.sites[i].id} at ({problem.sites[i].x:g}, {problem.sites[i].y:g})" for i in found.sites
+        )
+        helped = f"; closest candidates: {named}" if named else "; no candidate's range is met before it"
+        spare = "" if problem.task.redundancy == 1 else f" with any {problem.task.redundancy - 1} dead"
+        confidence = problem.task.confidence
+        score, least = ("drift", "least") if confidence is None else (f"{100 * confidence:g} % radius", "least rms")
+        return (
+            f"route {found.route}, from {found.start_m:.2f} m to {found.end_m:.2f} m: no candidates keep the {score} "
+            f"under {limits[found.route]:g} m there{spare}, the {least} that can be reached is "
+            f"{found.least_drift:.3g} m{helped}"
+        )
+    if problem.rules:
+        free = cheapest_cover(
+            problem.cost,
+            requirements,
+            demands=[*problem.demands, *requirements.rows()],
+            fixed=problem.fixed,
+            time_limit=time_limit,
+        )
+        if free.chosen is not None:
+            number = int((free.chosen & ~problem.fixed).sum())
+            return (
+                f"no layout keeps the limit together with {', '.join(problem.rules)}; without them it takes {number} "
+                f"beacons of cost {free.cost:g} (proven: at least {free.lower_bound:g})"
+            )
+    return _said_of(problem, limits, *nearest_layout(problem, tracks, limits, time_limit))
+
+
+def obstacle(problem: PlacementProblem, requirements: DriftRequirements, route: int, slot: int) -> Obstacle:
+    """The stretch around a slot that too few sites can hold, and what comes nearest to holding it."""
+    tracks = requirements.tracks
+    able = requirements.able(route)
+    short = able < problem.task.redundancy
+    short[: int(requirements.reach_of_start[route]) + 1] = False
+    short[slot] = True
+    begin = end = slot
+    while begin > 0 and short[begin - 1]:
+        begin -= 1
+    while end + 1 < len(short) and short[end + 1]:
+        end += 1
+    distance = tracks.distances_of(route)
+    last = min(end + 1, len(distance) - 1)
+    best = [_nearest(requirements, route, j, problem.task.redundancy) for j in range(begin, end + 1)]
+    least, sites = max(best, key=lambda pair: pair[0])
+    return Obstacle(route, float(distance[begin]), float(distance[last]), least, sites)
+
+
+def _nearest(requirements: DriftRequirements, route: int, slot: int, redundancy: int) -> tuple[float, tuple[int, ...]]:
+    """Least rms at a slot's end that survives the deaths allowed, and the sites whose readings give the least."""
+    site, square, at_start = requirements.least_squares(route, slot)
+    order = np.lexsort((site, square))
+    ranked = square[order]
+    least = ranked[redundancy - 1] if len(ranked) >= redundancy else np.inf
+    return float(np.sqrt(min(at_start, least))), tuple(site[order][:_NEAREST].tolist())
+
+
+def nearest_layout(
+    problem: PlacementProblem, tracks: Tracks, limits: Sequence[float], time_limit: float
+) -> tuple[Bools, bool]:
+    """The layout that exceeds its limits by the least factor, to `_CLOSE`; and whether nothing less will do.
+
+    By bisection over the factor, in at most the given seconds.
+    """
+    ends = time.monotonic() + time_limit
+    best = problem.fixed
+    low, high, proven = 1.0, _excess(problem, limits, best), True
+    while high - low > _CLOSE * high:
+        factor = 0.5 * (low + high)
+        requirements = problem.requirements(tracks, [factor * limit for limit in limits])
+        found = cheapest_cover(
+            problem.cost,
+            requirements,
+            demands=[*problem.demands, *requirements.rows()],
+            caps=problem.caps,
+            fixed=problem.fixed,
+            stop_at_first=True,
+            time_limit=max(ends - time.monotonic(), 0.01),
+        )
+        if found.chosen is not None:
+            best, high = found.chosen, min(_excess(problem, limits, found.chosen), factor)
+        elif found.outcome is Outcome.INFEASIBLE:
+            low = factor
+        else:
+            proven = False
+            break
+    return best, proven
+
+
+def _excess(problem: PlacementProblem, limits: Sequence[float], chosen: Bools) -> float:
+    """The greatest drift over its limit, on any route, with the worst deaths."""
+    worst = problem.task.worst_of_failures([problem.sites[i] for i in np.flatnonzero(chosen)], min(limits))
+    return float((worst / np.array(limits)).max())
+
+
+def _said_of(problem: PlacementProblem, limits: Sequence[float], chosen: Bools, proven: bool) -> str:
+    """The words about the layout that comes nearest: where it breaks, by how much, and on which beacons."""
+    task, beacons = problem.task, [problem.sites[i] for i in np.flatnonzero(chosen)]
+    over = task.worst_of_failures(beacons, min(limits)) / np.array(limits)
+    r = int(np.argmax(over))
+    dead, drift = max(task.failures(beacons, r), key=lambda pair: task.worst(pair[1]))
+    profile = drift.profile()
+    beyond = task.score(profile) > limits[r]
+    where = profile.distance[beyond] if beyond.any() else profile.distance[[int(np.argmax(task.score(profile)))]]
+    named = ", ".join(f"{b.id} at ({b.x:g}, {b.y:g})" for b in task.met(beacons, r)[:_NAMED])
+    lost = f" with {' and '.join(b.id for b in dead)} dead" if dead else ""
+    helped = f", with {named} on this route" if named else ""
+    return (
+        f"route {r}, from {where[0]:.2f} m to {where[-1]:.2f} m: no combination of the candidates keeps all limits; "
+        f"{'the least that can be reached' if proven else 'the best found'} is {over[r] * limits[r]:.3g} m there{lost} "
+        f"against a limit of {limits[r]:g} m{helped}"
+    )

@@ -1,0 +1,368 @@
+"""What a drift limit demands of a layout: rows and cuts for `covering`, each valid for every layout that holds.
+
+A slot (see `tracks`) is judged by its *last reading*, the last position reading at or before it. Where every reading is
+sure to succeed, the drift in slot j after the last reading e grows from a fresh position error, so j holds only if j is
+within the reach of e (`hops.reach`). With R_j the sites whose own last reading before j reaches j, and k the redundancy
+(the limit must survive any k - 1 dead beacons), the following hold for every acceptable layout y:
+
+* cover row: Σ_{R_j} y >= k unless j is within reach of the start, or else the members of R_j in y could all be dead;
+* hop cut: if the last reading before j is e, of site i, and e does not reach j, then k y_i <= Σ y over those members of
+  R_j that are read between e and j. A later reading is not always better (a coarse one may replace a good estimate),
+  which is also why adding a site to an acceptable layout may spoil it.
+
+On a route whose readings are sure and all fix position and heading, or all only the position, the state after a reading
+does not depend on the readings before it, the reach is exact and these rows say everything. On other routes the reach
+is an upper bound over all headings that the earlier readings may have left, and rows and cuts of two more kinds help:
+
+* at least so many sites outside a set that cannot hold the slot (`exclusions`);
+* no-good cut, when a layout meets all that and still fails the exact model (`drives.first_breach`): something that the
+  state in the slot depends on must change, Σ_{A} y + Σ_{K} (1 - y) >= 1, K the living sites whose readings it depends
+  on, A the absent sites whose readings would change it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from driftplan.arrays import Bools, Floats, Ints
+from driftplan.layouts.placement.cut_pool import Cut
+from driftplan.layouts.placement.drives import HOLDS, Layouts, drives_of, first_breach
+from driftplan.layouts.placement.exclusions import Chances, Pairs, chance_exclusion, order_exclusion, pair_exclusions
+from driftplan.layouts.placement.hops import Limit, Sources, reach
+from driftplan.layouts.placement.spans import Spans
+from driftplan.layouts.placement.tracks import Tracks
+from driftplan.model.moments import Moments
+
+_ROUNDING = 1e-8  # relative, of E|e|² from sums along a whole route
+_SLOTS_BEFOREHAND = 20  # per route, in which sets that cannot hold are looked for before any layout is judged
+_START = -1  # stands for "no reading yet" where readings are numbered
+
+
+class DriftRequirements:
+    """Oracle for `covering.cheapest_cover`: does a layout keep the drift under a limit on every route?
+
+    Parameters
+    ----------
+    tracks : Tracks
+    sites : int
+    limit : Limit
+    redundancy : int
+        1: all beacons live; k: any k - 1 of them may be dead.
+    """
+
+    def __init__(self, tracks: Tracks, sites: int, limit: Limit, redundancy: int = 1):
+        self.tracks, self.sites, self.limit, self.redundancy = tracks, sites, limit, redundancy
+        self.route = tracks.route
+        self.places, self.turns = ~np.isnan(tracks.trace), ~np.isnan(tracks.heading_d1)
+        self.sure = _every(tracks, tracks.chance == 1)
+        self.blind = ~_every(tracks, self.places)
+        one_kind = _every(tracks, self.turns) | _every(tracks, ~self.turns)
+        self.independent = self.sure & ~self.blind & one_kind  # the state after a reading is known
+        self.sources = _sources(tracks, self.places, self.turns)
+        self.start = Sources(
+            np.arange(tracks.routes),
+            np.zeros(tracks.routes, dtype=np.intp),
+            tracks.start,
+            np.asarray(tracks.start.d1, dtype=complex),
+            np.asarray(tracks.start.d1, dtype=complex),
+        )
+        self.reach_of_start = self._reach(self.start, tracks.slots)
+        self.reach_of = np.where(self.places, self._reach(self.sources, self._before_next_own()), HOLDS)
+        self.spans = Spans(tracks)
+        met = np.unique(tracks.site * np.intp(max(tracks.routes, 1)) + self.route)
+        self._routes_meeting = np.split(
+            met % max(tracks.routes, 1), np.searchsorted(met // max(tracks.routes, 1), np.arange(1, sites))
+        )
+
+    def _reach(self, sources: Sources, stop: Ints) -> Ints:
+        out = np.empty(len(sources.route), dtype=np.intp)
+        for blind in (False, True):
+            some = self.blind[sources.route] == blind
+            out[some] = reach(self.tracks, sources[some], self.limit, stop[some], blind=blind)
+        return out
+
+    def _before_next_own(self) -> Ints:
+        """The last slot before each reading's site is read again: from there on this is not its last reading."""
+        tracks, events = self.tracks, np.arange(len(self.tracks.border))
+        order = np.lexsort((events, tracks.site, self.route))
+        site, route, border = tracks.site[order], self.route[order], tracks.border[order]
+        again = (site[1:] == site[:-1]) & (route[1:] == route[:-1])
+        stop = tracks.slots[route]
+        stop[:-1][again] = border[1:][again] - 1
+        out = np.empty(len(events), dtype=np.intp)
+        out[order] = stop
+        return out
+
+    # Rows known beforehand
+
+    def rows(self) -> list[Cut]:
+        """Demands that are known before any layout is judged, without those that another one implies."""
+        found: list[Cut] = []
+        for route in range(self.tracks.routes):
+            site, first, last = self._stretches(route)
+            slots = self._narrow_slots(route, first, last)
+            if self.sure[route]:
+                for j in slots:
+                    able = np.unique(site[(first <= j) & (j <= last)])
+                    found.append(self._at_least(able, route, j))
+            if self.independent[route] or self.blind[route]:
+                continue
+            for j in slots[:: max(1, len(slots) // _SLOTS_BEFOREHAND)]:
+                if self.sure[route]:
+                    found += self._pair_cuts(route, j, np.zeros(0, dtype=np.intp))
+                else:
+                    found += self._chance_cuts(route, j, min(j + 1, int(self.tracks.slots[route])), [])
+        return found
+
+    def _narrow_slots(self, route: int, first: Ints, last: Ints) -> list[int]:
+        """Slots in which fewest sites can hold: R_j shrinks while j moves on, until a new site comes in."""
+        slots = int(self.tracks.slots[route]) + 1
+        comes = np.bincount(first, minlength=slots + 1)
+        goes = np.bincount(last + 1, minlength=slots + 1)
+        ends = np.flatnonzero(np.append(comes[1:slots], 1) > 0)
+        ends = ends[ends > self.reach_of_start[route]]
+        gone = np.cumsum(goes)[ends]
+        return [int(j) for j in ends[np.diff(gone, prepend=-1) > 0]]
+
+    def _stretches(self, route: int) -> tuple[Ints, Ints, Ints]:
+        """Stretches of slots [first, last] that a site can hold by its own last reading: site, first, last."""
+        here = self.tracks.events_of(route)
+        events = np.arange(here.start, here.stop)[self.places[here]]
+        site, border = self.tracks.site[events], self.tracks.border[events]
+        order = np.lexsort((events, site))
+        site, border, until = site[order], border[order], self.reach_of[events[order]]
+        after = np.append(border[1:], 0)
+        same = np.append(site[1:] == site[:-1], False)
+        until = np.where(same, np.minimum(until, after - 1), until)
+        good = until >= border
+        site, first, last = site[good], border[good], until[good]
+        joins = (site[1:] == site[:-1]) & (first[1:] == last[:-1] + 1)
+        begins = np.flatnonzero(np.concatenate([[True], ~joins])[: len(site)])
+        ends = np.append(begins[1:], len(site)) - 1
+        return site[begins], first[begins], last[ends] if len(site) else last
+
+    def _at_least(self, sites: Ints, route: int, slot: int, count: int = 1) -> Cut:
+        """At least ``count`` living sites of these, whichever others are dead."""
+        return Cut(sites, np.ones(len(sites)), float(count + self.redundancy - 1), (route, slot))
+
+    # The oracle
+
+    def cuts(self, chosen: Bools, near: int | None = None) -> list[Cut]:
+        """Cuts that ``chosen`` violates (see the module's docstring), none if it holds; ``near`` as in `covering`."""
+        routes = np.arange(self.tracks.routes) if near is None else self._routes_meeting[near]
+        layouts = drives_of(self.tracks, chosen, routes, self.redundancy)
+        simple = self.independent[layouts.route]
+        found = [self._sure_cut(chosen, *breach) for breach in self._breached_hops(layouts, simple)]
+        if not simple.all():
+            rest = layouts.only(~simple)
+            slots, early = first_breach(self.spans, rest, self.limit)
+            for k in np.flatnonzero(slots != HOLDS).tolist():
+                alive = rest.event[rest.drive == k]
+                found += self._cuts_of(chosen, int(rest.route[k]), int(slots[k]), bool(early[k]), alive)
+        return found
+
+    def holds(self, chosen: Bools) -> bool:
+        """Whether the layout keeps the limit."""
+        return not self.cuts(chosen)
+
+    def _breached_hops(self, layouts: Layouts, simple: Bools) -> Iterator[tuple[int, int, int]]:
+        """Hops beyond reach, on routes of independent readings: route, first slot that breaks, last reading."""
+        mine = simple[layouts.drive]
+        drives = np.flatnonzero(simple)
+        event = np.concatenate([np.full(len(drives), _START), layouts.event[mine]])
+        drive = np.concatenate([drives, layouts.drive[mine]])
+        border = np.where(event == _START, 0, self.tracks.border[event]) if len(self.tracks.border) else 0 * event
+        order = np.lexsort((event, border, drive))
+        event, drive, border = event[order], drive[order], border[order]
+        latest = np.append((drive[1:] != drive[:-1]) | (border[1:] != border[:-1]), True)[: len(drive)]
+        event, drive, border = event[latest], drive[latest], border[latest]
+        route = layouts.route[drive]
+        until = self.reach_of_start[route]
+        until[event != _START] = self.reach_of[event[event != _START]]
+        final = np.append(drive[1:] != drive[:-1], True)[: len(drive)]
+        needed = np.where(final, self.tracks.slots[route], np.append(border[1:], 0)[: len(border)] - 1)
+        for k in np.flatnonzero(until < needed).tolist():
+            yield int(route[k]), int(until[k]) + 1, int(event[k])
+
+    def _cuts_of(self, chosen: Bools, route: int, slot: int, early: bool, alive: Ints) -> list[Cut]:
+        """Cuts for a drive with the readings ``alive`` that breaks the limit in ``slot``, of any kinds."""
+        before = alive[self.tracks.border[alive] <= slot]
+        placing = before[self.places[before]]
+        found: list[Cut] = []
+        if self.sure[route]:
+            latest = int(placing[-1]) if len(placing) else _START
+            until = self.reach_of_start[route] if latest == _START else self.reach_of[latest]
+            if until < slot:
+                return [self._sure_cut(chosen, route, slot, latest)]
+            if not self.blind[route]:
+                found = self._pair_cuts(route, slot, np.unique(self.tracks.site[placing]))
+        else:
+            border = slot if early else slot + 1
+            found = self._chance_cuts(route, slot, border, np.unique(self.tracks.site[placing]).tolist())
+        return found or [self._no_good(chosen, route, slot, before)]
+
+    def _sure_cut(self, chosen: Bools, route: int, slot: int, latest: int) -> Cut:
+        """The cover row of the slot if it is violated, else the hop cut of the last reading."""
+        last = self._last_readings(route, slot)
+        able = last[self.reach_of[last] >= slot]
+        sites = self.tracks.site[able]
+        if self.reach_of_start[route] < slot and chosen[sites].sum() < self.redundancy:
+            return self._at_least(np.sort(sites), route, slot)
+        after = np.sort(self.tracks.site[able[able > latest]])
+        own = self.tracks.site[latest]
+        weights = np.append(np.ones(len(after)), -float(self.redundancy))
+        return Cut(np.append(after, own), weights, 0.0, (route, slot))
+
+    def _last_readings(self, route: int, slot: int) -> Ints:
+        """The last position reading of every site at or before a slot, in driving order."""
+        events = self._events_before(route, slot)
+        _, back = np.unique(self.tracks.site[events][::-1], return_index=True)
+        return np.sort(events[len(events) - 1 - back])
+
+    def _events_before(self, route: int, slot: int) -> Ints:
+        """Position readings of all sites at or before a slot."""
+        here = self.tracks.events_of(route)
+        stop = here.start + int(np.searchsorted(self.tracks.border[here], slot, side="right"))
+        events = np.arange(here.start, stop)
+        return events[self.places[events]]
+
+    def _pair_cuts(self, route: int, slot: int, within: Ints) -> list[Cut]:
+        """Cuts from sets around ``within`` in which no heading and position together hold the slot."""
+        if self.reach_of_start[route] >= slot:
+            return []
+        pairs = self._pairs(route, slot)
+        exclusions = pair_exclusions(pairs, np.isin(pairs.site, within))
+        return [self._at_least(np.sort(pairs.site[~W]), route, slot) for W in exclusions]
+
+    def _pairs(self, route: int, slot: int) -> Pairs:
+        """Which last readings, and which two of them, hold a slot."""
+        last = self._last_readings(route, slot)
+        turns = self.turns[last]
+        bar = self._bar(route)
+        kept = self.spans.c[self.spans.first[route] + self.tracks.border[last]]
+        left = np.where(turns, (1 + self.tracks.heading_d1[last]) / kept, 0.0)  # E r, as if set at the start
+        begun = 1 + self.tracks.start.d1[route]
+        in_reach = self.reach_of[last] >= slot
+        alone, together = in_reach.copy(), np.outer(turns, in_reach & ~turns) & np.less.outer(last, last)
+        for border in {slot, min(slot + 1, int(self.tracks.slots[route]))}:
+            base, lever = (x[self.tracks.border[last]] for x in self.spans.to(route, border))
+            base = base + self.tracks.trace[last]
+            lever = lever * kept
+            alone &= turns | (base - 2 * (begun * lever).real <= bar)
+            together &= base - 2 * np.multiply.outer(left, lever).real <= bar
+        return Pairs(self.tracks.site[last], turns, alone, together)
+
+    def _chance_cuts(self, route: int, slot: int, border: int, within: list[int]) -> list[Cut]:
+        """At least so many sites outside a set that cannot hold the slot, judged at one border; none if it may."""
+        events = self._events_before(route, slot)
+        at_start, squares = self._least_squares(route, border, events)
+        chances = Chances(at_start, self.tracks.site[events], self.tracks.chance[events], squares, self._bar(route))
+        everyone = set(chances.site.tolist())
+        W, need = chance_exclusion(chances, within)
+        if need == 0:
+            found = order_exclusion(chances, within)
+            if found is None:
+                return []
+            W, need = found, 1
+        return [self._at_least(np.array(sorted(everyone - W), dtype=np.intp), route, slot, need)]
+
+    def _no_good(self, chosen: Bools, route: int, slot: int, alive: Ints) -> Cut:
+        """Something that the state in the slot depends on must change."""
+        tracks, here = self.tracks, self.tracks.events_of(route)
+        certain = tracks.chance[alive] == 1
+        placing = alive[certain & self.places[alive]]
+        placed = int(placing[-1]) if len(placing) else _START
+        turning = alive[certain & self.turns[alive] & (alive <= placed)]
+        turned = int(turning[-1]) if len(turning) else _START
+        stop = here.start + int(np.searchsorted(tracks.border[here], slot, side="right"))
+        events = np.arange(here.start, stop)
+        matters = np.where(self.turns[events], events >= turned, events >= placed)
+        living = np.isin(events, alive)
+        keep = np.unique(tracks.site[events[matters & living]])
+        absent = np.unique(tracks.site[events[matters & ~chosen[tracks.site[events]]]])
+        columns = np.concatenate([absent, keep])
+        weights = np.concatenate([np.ones(len(absent)), -np.ones(len(keep))])
+        return Cut(columns, weights, 1.0 - len(keep), (route, slot))
+
+    # For messages
+
+    def able(self, route: int) -> Ints:
+        """How many sites can hold each slot of a route by their own last reading, (slots,)."""
+        _, first, last = self._stretches(route)
+        slots = int(self.tracks.slots[route]) + 1
+        change = np.bincount(first, minlength=slots + 1) - np.bincount(last + 1, minlength=slots + 1)
+        return np.asarray(np.cumsum(change)[:slots], dtype=np.intp)
+
+    def least_squares(self, route: int, slot: int) -> tuple[Ints, Floats, float]:
+        """Sites read at or before a slot, the least E|e|² at its end after the last reading of each, and after none."""
+        last = self._last_readings(route, slot)
+        border = min(slot + 1, int(self.tracks.slots[route]))
+        at_start, squares = self._least_squares(route, border, last)
+        return self.tracks.site[last], squares, at_start
+
+    def _least_squares(self, route: int, border: int, events: Ints) -> tuple[float, Floats]:
+        """Least E|e|² at a border after nothing but the start, and after each of the readings, had it come last."""
+        tracks, borders = self.tracks, self.tracks.border[events]
+        if self.blind[route]:
+            along = self.spans.translation[self.spans.first[route] + np.arange(border + 1)]
+            noise = along[border] - along
+            return float(tracks.start.N[route].real + noise[0]), tracks.trace[events] + noise[borders]
+        base, lever = self.spans.to(route, border)
+        turned = (1 + tracks.start.d1[route]) * lever[0]
+        at_start = float(tracks.start.N[route].real + base[0] - 2 * np.real(turned))
+        lever = lever[borders]
+        low, high = 1 + self.sources.low[events], 1 + self.sources.high[events]
+        most = np.maximum(low.real * lever.real, high.real * lever.real)
+        most = most + np.maximum(-low.imag * lever.imag, -high.imag * lever.imag)
+        return at_start, tracks.trace[events] + base[borders] - 2 * most
+
+    def _bar(self, route: int) -> float:
+        """The limit squared, and a little more: rounding must not exclude a layout that just holds."""
+        return float(self.limit.metres[route]) ** 2 * (1 + _ROUNDING)
+
+
+def _every(tracks: Tracks, what: Bools) -> Bools:
+    """Per route: whether ``what`` is true of all its readings."""
+    fails: Ints = np.bincount(tracks.route[~what], minlength=tracks.routes)
+    return np.asarray(fails == 0)
+
+
+def _sources(tracks: Tracks, places: Bools, turns: Bools) -> Sources:
+    """The state after every reading, had it come last and succeeded, and the headings it may find."""
+    n = len(tracks.border)
+    low, high = np.zeros(n, dtype=complex), np.zeros(n, dtype=complex)
+    d2 = np.where(turns, tracks.heading_d2, 0.0).astype(complex)
+    for r in range(tracks.routes):
+        here, pieces = tracks.events_of(r), tracks.pieces[np.arange(*tracks.pieces_of(r).indices(len(tracks.length)))]
+        kept = np.concatenate([[1.0], np.cumprod(1 + pieces.d1)])[tracks.border[here]]  # E r of the way here
+        begun = 1 + tracks.start.d1[r]
+        left = np.where(
+            turns[here], (1 + tracks.heading_d1[here]) / kept, begun
+        )  # E r when set here, as if at the start
+        re = np.stack(
+            [
+                np.minimum.accumulate(np.minimum(left.real, begun.real)),
+                np.maximum.accumulate(np.maximum(left.real, begun.real)),
+            ]
+        )
+        im = np.stack(
+            [
+                np.minimum.accumulate(np.minimum(left.imag, begun.imag)),
+                np.maximum.accumulate(np.maximum(left.imag, begun.imag)),
+            ]
+        )
+        corners = kept * (re[:, None] + 1j * im[None, :]).reshape(4, -1) - 1
+        low[here] = corners.real.min(axis=0) + 1j * corners.imag.min(axis=0)
+        high[here] = corners.real.max(axis=0) + 1j * corners.imag.max(axis=0)
+        twice = np.concatenate([[1.0], np.cumprod(1 + 2 * pieces.d1 + pieces.d2)])[tracks.border[here]]
+        begun_twice = 1 + 2 * tracks.start.d1[r] + tracks.start.d2[r]
+        alone = twice * begun_twice - 2 * (kept * begun - 1) - 1
+        d2[here] = np.where(turns[here], d2[here], alone)
+    low[turns] = high[turns] = tracks.heading_d1[turns]
+    zero = np.zeros(n)
+    state = Moments(
+        np.ones(n), zero, low, d2, -2 * low.real, zero, np.where(places, tracks.trace, 0.0), zero, zero, zero
+    )
+    return Sources(tracks.route, tracks.border, state, low, high)

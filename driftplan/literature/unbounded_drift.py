@@ -1,0 +1,301 @@
+r"""Propositions 1 and 2 of the unbounded-drift paper with its Tables I and II, corrected, in O(n) instead of O(n²).
+
+Model: step i turns by θ_i and drives d_i. The odometry reports both with independent Gaussian errors, of deviation δ_θ
+for the turn (drawn before the step moves) and δ_d for the distance. Letters as in the paper: T_i is the heading after i
+turns, η_i the sum of their errors, and ::
+
+    h_i = E cos η_i = exp(-i δ_θ²/2)       g_i = E cos 2η_i = exp(-2 i δ_θ²)       k = exp(-(p - i) δ_θ²/2)
+    α = E (cos η_i - 1)(cos η_p - 1)       β = E sin η_i sin η_p                    for i <= p
+
+Writing a_i = 1 - h_i and b_i = h_i - g_i, both small and free of cancellation, the kernels separate, ::
+
+    α + β = a_i (1 + k)        α - β = a_i - k b_i
+
+so that every double sum of the paper becomes a running sum whose past fades by exp(-δ_θ²/2) per step.
+
+Frame: the paper measures headings from its y axis, so that its y is the cosine coordinate and its x the sine
+coordinate. The tables keep the paper's coordinates; everything else is in driftplan's frame (x forward at heading 0,
+y to the left), in which the paper's (x, y) is (y, x).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from driftplan.arrays import Array, Complexes, Floats, as_covariance, as_plane, finite, not_negative
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Table:
+    """The entries of Table I (or II: A1 … F1) in m², paper coordinates, over any leading axes.
+
+    ``A + B + C`` is the second moment of the error in the paper's x (sine) and ``D + E + F`` in its y (cosine): A and D
+    come from single steps, B and E from pairs of steps, C and F from the distance errors.
+    """
+
+    A: Floats
+    B: Floats
+    C: Floats
+    D: Floats
+    E: Floats
+    F: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Proposition1:
+    """Mean and covariance of the odometry error e = estimate - truth of a known path, over any leading axes (...).
+
+    Attributes
+    ----------
+    bias : array, shape (..., 2)
+        E[e], metres.
+    cov : array, shape (..., 2, 2)
+        Covariance of e, m², with the x-y entry that the paper leaves out.
+    table : Table
+        Table I, corrected.
+    """
+
+    bias: Floats
+    cov: Floats
+    table: Table
+
+    @property
+    def rms(self) -> Floats:
+        """sqrt(E|e|²), metres, (...)."""
+        return np.asarray(np.sqrt((self.bias**2).sum(-1) + self.cov[..., 0, 0] + self.cov[..., 1, 1]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Proposition2:
+    """What is known of the odometry error when only the measurements are, over any leading axes (...).
+
+    Attributes
+    ----------
+    bias : array, shape (..., 2)
+        E[e | measurements], metres: e is the error of fresh measurements of the unknown true path.
+    total_cov : array, shape (..., 2, 2)
+        Covariance of e given the measurements, m². This is what the sums of Table II give.
+    average_true_cov : array, shape (..., 2, 2)
+        Covariance of e for a known path, averaged over the true paths, m². This is what equation (6) announces; it is
+        smaller by the spread of the bias over the true paths.
+    measured_path_bias : array, shape (..., 2)
+        E[measured end - true end | measurements], metres: the posterior mean of the error that *has been* made. Not the
+        same as ``bias``; at first order it has the opposite sign.
+    table : Table
+        Table II, corrected.
+    """
+
+    bias: Floats
+    total_cov: Floats
+    average_true_cov: Floats
+    measured_path_bias: Floats
+    table: Table
+
+
+def proposition_1(
+    distances_m: ArrayLike, turns_rad: ArrayLike, *, heading_std_rad: float, distance_std_m: float
+) -> Proposition1:
+    """Bias and covariance of the odometry error at the end of a known path (Proposition 1, Table I).
+
+    Corrected: entry A is printed with 1 + exp(-2iδ_θ²) where 1 - exp(-2iδ_θ²) is right, entries C and F without their
+    factor δ_d².
+
+    Parameters
+    ----------
+    distances_m, turns_rad : array, shape (..., n)
+        True distance (metres) of each step and the turn before it (rad, positive to the left).
+    heading_std_rad, distance_std_m : float
+        δ_θ and δ_d: deviations of each turn's and each distance's error.
+
+    Returns
+    -------
+    Proposition1
+
+    Raises
+    ------
+    ValueError
+        For arrays of different or empty shape, values that are not finite, negative deviations.
+
+    Examples
+    --------
+    >>> found = proposition_1([1.0, 1.2, 0.8], [0.3, -0.2, 0.5], heading_std_rad=0.1, distance_std_m=0.1)
+    >>> found.cov.diagonal().round(6)
+    array([0.038969, 0.119953])
+    """
+    path = _Path.read(distances_m, turns_rad, heading_std_rad, distance_std_m)
+    z, a, b, g, c = path.z, path.a, path.b, path.g, path.c
+    fresh = path.distance_var * path.d.shape[-1]
+    weighted = z * a
+    N = (
+        2 * _sum(np.abs(z) ** 2 * a)
+        + 2 * (_pairs(np.conj(weighted), z, 1.0) + _pairs(np.conj(weighted), z, c)).real
+        + fresh
+    )
+    e2 = (
+        _sum(z**2 * (a - b))
+        + 2 * (_pairs(weighted, z, 1.0) - _pairs(z * b, z, c))
+        + path.distance_var * _sum(path.u**2 * g)
+    )
+    mean = -_sum(weighted)
+    return Proposition1(bias=as_plane(mean), cov=as_covariance(mean, N, e2), table=_table_1(path))
+
+
+def proposition_2(
+    distances_m: ArrayLike, turns_rad: ArrayLike, *, heading_std_rad: float, distance_std_m: float
+) -> Proposition2:
+    """Bias and covariance of the odometry error when only measurements are known (Proposition 2, Table II).
+
+    The true path is taken to be the measured one minus errors of the same law (flat prior), and the odometry error e is
+    that of fresh measurements of it. After D. Lerro and Y. Bar-Shalom, IEEE Trans. Aerospace and Electronic Systems
+    29(3), 1993, pp. 1015-1022, doi:10.1109/7.220948, whose average true moments are the case of one step.
+
+    Corrected: in Table II the signs and factors of A1 and D1, the factor (d² + δ_d²) in both, and δ_d² in C1 and F1;
+    and the sums of the table, less the squared mean, are the *total* covariance, not the average true one of equation
+    (6).
+
+    Parameters
+    ----------
+    distances_m, turns_rad : array, shape (..., n)
+        Measured distance (metres) of each step and the measured turn before it (rad).
+    heading_std_rad, distance_std_m : float
+        δ_θ and δ_d.
+
+    Returns
+    -------
+    Proposition2
+
+    Raises
+    ------
+    ValueError
+        As `proposition_1`.
+
+    Examples
+    --------
+    >>> found = proposition_2([1.0, 1.2, 0.8], [0.3, -0.2, 0.5], heading_std_rad=0.1, distance_std_m=0.1)
+    >>> found.total_cov.diagonal().round(6), found.average_true_cov.diagonal().round(6)
+    (array([0.040357, 0.118745]), array([0.040352, 0.118732]))
+    """
+    path = _Path.read(distances_m, turns_rad, heading_std_rad, distance_std_m)
+    z, a, b, g, h, c = path.z, path.a, path.b, path.g, path.h, path.c
+    single = np.abs(z) ** 2 + path.distance_var  # E d̄²
+    single2 = path.u**2 * (path.d**2 + path.distance_var) * g
+    fresh = path.distance_var * path.d.shape[-1]
+
+    weighted = np.conj(z * a)
+    N = 2 * _sum(single * a) + 2 * (_pairs(weighted, z, c) + _pairs(weighted, z, c * c)).real + fresh
+    e2 = (
+        _sum(single2 * (a - b))
+        + 2 * (_pairs(z * g * a, z, c) - _pairs(z * g * b, z, c * c))
+        + path.distance_var * _sum(path.u**2 * g * g)
+    )
+    mean = -_sum(z * h * a)
+    # μ = E[e | true path] is linear in the true steps: its own second moments
+    mu_N = _sum(single * a**2) + 2 * _pairs(weighted, z * a, c).real
+    mu_e2 = _sum(single2 * a**2) + 2 * _pairs(z * g * a, z * a, c)
+    return Proposition2(
+        bias=as_plane(mean),
+        total_cov=as_covariance(mean, N, e2),
+        average_true_cov=as_covariance(np.zeros_like(mean), N - mu_N, e2 - mu_e2),
+        measured_path_bias=as_plane(_sum(z * a)),
+        table=_table_2(path),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Path:
+    """A path and its noise in the letters of the module's docstring, arrays of shape (..., n) or (n,)."""
+
+    d: Floats
+    u: Complexes  # exp(j T_i)
+    distance_var: float
+    c: float  # exp(-δ_θ²/2)
+    a: Floats
+    b: Floats
+    g: Floats
+    h: Floats
+
+    @property
+    def z(self) -> Complexes:
+        return self.d * self.u
+
+    @classmethod
+    def read(cls, distances_m: ArrayLike, turns_rad: ArrayLike, heading_std_rad: float, distance_std_m: float) -> _Path:
+        d, turns = finite("distances_m", distances_m), finite("turns_rad", turns_rad)
+        if d.shape != turns.shape or d.ndim < 1 or d.shape[-1] < 1:
+            raise ValueError(
+                f"expected distances_m and turns_rad of one shape (..., n), n >= 1, got {d.shape} and {turns.shape}"
+            )
+        var = not_negative("heading_std_rad", heading_std_rad) ** 2
+        i = np.arange(1, d.shape[-1] + 1)
+        h = np.exp(-0.5 * i * var)
+        return cls(
+            d=d,
+            u=np.exp(1j * np.cumsum(turns, axis=-1)),
+            distance_var=not_negative("distance_std_m", distance_std_m) ** 2,
+            c=exp(-0.5 * var),
+            a=-np.expm1(-0.5 * i * var),
+            b=-h * np.expm1(-1.5 * i * var),
+            g=np.exp(-2 * i * var),
+            h=h,
+        )
+
+
+def _table_1(path: _Path) -> Table:
+    d, a, b, g, c = path.d, path.a, path.b, path.g, path.c
+    forward, left = path.u.real, path.u.imag  # cos T, sin T: the paper's y and x
+
+    def entries(own: Floats, other: Floats) -> tuple[Floats, Floats, Floats]:
+        single = _sum(d**2 * (own**2 * (a + 0.5 * (a - b)) + other**2 * 0.5 * (a + b)))
+        pairs = 2 * _pairs(d * own * a, d * own, 1.0)
+        pairs = pairs + _pairs(d * own * (a - b), d * own, c) + _pairs(d * other * (a + b), d * other, c)
+        return single, pairs, path.distance_var * _sum(0.5 * own**2 * (1 + g) + 0.5 * other**2 * (a + b))
+
+    A, B, C = entries(left, forward)
+    D, E, F = entries(forward, left)
+    return Table(A=A, B=B, C=C, D=D, E=E, F=F)
+
+
+def _table_2(path: _Path) -> Table:
+    """As Table I, with sin², cos² and sin·cos of the true heading averaged over what the measured one leaves open."""
+    d, a, b, g, c = path.d, path.a, path.b, path.g, path.c
+    forward, left = path.u.real, path.u.imag
+    half = 0.5 * (1 - g)
+    mean_left2, mean_forward2 = half + g * left**2, half + g * forward**2  # E sin² T̄, E cos² T̄: the paper's S and K
+    mixed = g * left * forward  # E sin T̄ cos T̄
+    moved = d**2 + path.distance_var
+
+    def entries(own: Floats, other: Floats, own2: Floats, other2: Floats) -> tuple[Floats, Floats, Floats]:
+        single = _sum(moved * (own2 * (a + 0.5 * (a - b)) + other2 * 0.5 * (a + b)))
+        pairs: Floats = np.zeros(single.shape)
+        # k α and k β, split by their power of k; the later heading is written out about the earlier one
+        for fade, alpha, beta in ((c, a, 0.0), (c * c, 0.5 * (a - b), 0.5 * (a + b))):
+            from_own = own2 * own * alpha + mixed * other * (alpha - beta) + other2 * own * beta
+            from_other = own2 * other * alpha - mixed * own * (alpha - beta) + other2 * other * beta
+            pairs = pairs + 2 * (_pairs(d * from_own, d * own, fade) + _pairs(d * from_other, d * other, fade))
+        return single, pairs, path.distance_var * _sum(0.5 * (1 + g) * own2 + 0.5 * (a + b) * other2)
+
+    A, B, C = entries(left, forward, mean_left2, mean_forward2)
+    D, E, F = entries(forward, left, mean_forward2, mean_left2)
+    return Table(A=A, B=B, C=C, D=D, E=E, F=F)
+
+
+def _sum(x: Array) -> Array:
+    return np.asarray(x.sum(axis=-1))
+
+
+def _pairs(earlier: Array, later: Array, fade: float) -> Array:
+    """Σ_{i<p} earlier_i later_p fade^(p-i) along the last axis, in O(n log n) at most."""
+    n = earlier.shape[-1]
+    past = np.array(np.broadcast_arrays(earlier, later)[0])
+    if fade == 1:
+        np.cumsum(past, axis=-1, out=past)
+    else:
+        shift = 1
+        while shift < n and (remains := fade**shift) > 0:
+            past[..., shift:] = past[..., shift:] + remains * past[..., :-shift]
+            shift *= 2
+    return np.asarray((fade * past[..., :-1] * later[..., 1:]).sum(axis=-1))

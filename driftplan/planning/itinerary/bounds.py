@@ -1,0 +1,129 @@
+"""What no route can do better, beacons or not, obstacles or not: proven lower bounds for itineraries.
+
+After its last position reading, of standard deviation σ per axis, a robot that drives L metres and ends a distance d
+away from there has
+
+    E|e|² >= 2σ² + q_p L + Λ(σ_H) q_h d³/3
+
+(`driftplan.planning.cost`): position noise adds up whatever is done about the heading, and the heading part holds while
+no beacon fixes headings alone. So position readings cannot be farther apart than a limit lets them, and a route that
+keeps it is at least as long as the shortest chain of ranges from start to goal whose gaps are within reach: a
+refuelling problem, solved by Dijkstra's method. Noise must be white and uncorrelated; systematic and correlated errors
+can cancel, and then only geometry is left. Zones count with the best of them everywhere. A reading that is not certain
+is taken for perfect.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driftplan.arrays import Floats
+from driftplan.beacons.beacon import Beacon
+from driftplan.model.noise import OdometryNoise
+from driftplan.planning.cost import CostRates, bracket
+
+_HALVINGS = 40
+
+
+class Unaided:
+    """Least E|e|² of driving straight for d metres without a position reading: ``position`` d + ``heading`` d³/3."""
+
+    def __init__(self, kinds: Sequence[OdometryNoise], beacons: Sequence[Beacon], most_sq: float) -> None:
+        rates = [CostRates.of(kind) for kind in kinds]
+        white = not any(k.heading_distance_corr != 0 or k.is_systematic for k in kinds)
+        self.position = min(r.position for r in rates) if white else 0.0
+        self.heading = 0.0
+        sure = all(b.kind.position_std_m is not None and b.kind.detection_probability == 1 for b in beacons)
+        plain = white and not any(k.heading_var_per_rad for k in kinds)
+        if plain and sure and self.position > 0 and math.isfinite(most_sq):
+            # no longer than this before position noise alone has used the limit up
+            heading_std = math.sqrt(max(r.heading for r in rates) * most_sq / self.position)
+            self.heading = float(bracket(heading_std)) * min(r.heading for r in rates)
+
+    def square(self, d: Floats) -> Floats:
+        return np.asarray(self.position * d + self.heading * d**3 / 3)
+
+
+def least_length(
+    ends: Floats, kinds: Sequence[OdometryNoise], beacons: Sequence[Beacon], max_drift: float | None
+) -> float:
+    """No route that keeps ``max_drift`` is shorter, metres; infinite where none can keep it.
+
+    Parameters
+    ----------
+    ends : (2, 2) start and goal, metres
+    kinds : noises that occur, of zones too
+    beacons : all there are
+    max_drift : metres, or None
+
+    Examples
+    --------
+    >>> noise = OdometryNoise(distance_var_per_m=0.1)
+    >>> least_length(np.array([(0, 0), (50, 0)]), [noise], [], 1.0), least_length(np.eye(2), [noise], [], 1.0)
+    (inf, 1.4142135623730951)
+    """
+    straight = float(np.linalg.norm(ends[1] - ends[0]))
+    if max_drift is None:
+        return straight
+    return max(straight, _Chain(ends, kinds, beacons, max_drift**2).length(max_drift**2))
+
+
+def least_end_drift(ends: Floats, kinds: Sequence[OdometryNoise], beacons: Sequence[Beacon], found: float) -> float:
+    """No route arrives with a smaller rms drift, metres, given that one arrives with ``found``."""
+    return min(math.sqrt(float(_Chain(ends, kinds, beacons, found**2).at_goal.min())), found)
+
+
+def least_worst_drift(ends: Floats, kinds: Sequence[OdometryNoise], beacons: Sequence[Beacon], found: float) -> float:
+    """No route keeps its drift below this everywhere, metres, given that one keeps it below ``found``."""
+    chain = _Chain(ends, kinds, beacons, found**2)
+    low, high = float(chain.at_goal.min()), found**2
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if math.isfinite(chain.length(middle)) else (middle, high)
+    return math.sqrt(min(low, found**2))
+
+
+def reach_of(most_sq: float, heading: float, position: float, most: float) -> float:
+    """Greatest d <= ``most`` with ``position`` d + ``heading`` d³/3 <= ``most_sq``, metres."""
+    if position * most + heading * most**3 / 3 <= most_sq:
+        return most
+    low, high = 0.0, most
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if position * middle + heading * middle**3 / 3 <= most_sq else (low, middle)
+    return high
+
+
+class _Chain:
+    """Start, the ranges of beacons that give positions, and goal, with the gaps between them."""
+
+    def __init__(self, ends: Floats, kinds: Sequence[OdometryNoise], beacons: Sequence[Beacon], most_sq: float) -> None:
+        stations = [b for b in beacons if b.kind.position_std_m is not None]
+        xy = np.array([ends[0], *(b.xy for b in stations), ends[1]])
+        radius = np.array([0.0, *(b.kind.range_m for b in stations), 0.0])
+        apart = np.hypot(*np.moveaxis(xy[:, None] - xy, -1, 0))
+        self.gap = np.maximum(apart - radius[:, None] - radius, 0.0)
+        unaided = Unaided(kinds, beacons, most_sq)
+        sure = [(b.kind.position_std_m or 0.0) if b.kind.detection_probability == 1 else 0.0 for b in stations]
+        after = np.array([0.0, *(2 * std**2 for std in sure)])  # least E|e|² on leaving each, the start known exactly
+        self.arrival: Floats = after[:, None] + unaided.square(self.gap[:-1])
+        self.at_goal: Floats = self.arrival[:, -1]
+
+    def length(self, limit_sq: float) -> float:
+        """Of the shortest chain in which every gap keeps E|e|² within ``limit_sq``; infinite if there is none."""
+        usable: NDArray[np.bool_] = self.arrival <= limit_sq
+        best = np.full(len(self.gap), math.inf)
+        best[0] = 0.0
+        todo = np.ones(len(self.gap), dtype=bool)
+        while todo[-1]:
+            here = int(np.argmin(np.where(todo, best, math.inf)))
+            if not todo[here] or not math.isfinite(best[here]):
+                return math.inf
+            todo[here] = False
+            if here < len(usable):
+                best = np.where(usable[here], np.minimum(best, best[here] + self.gap[here]), best)
+        return float(best[-1])

@@ -1,0 +1,162 @@
+"""pareto_routes: what less drift costs in length, as a few routes that differ enough to be worth showing."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from driftplan.arrays import Floats
+from driftplan.beacons.beacon import Beacon
+from driftplan.errors import InfeasibleError
+from driftplan.model.noise import OdometryNoise
+from driftplan.planning.itinerary.itinerary import Itinerary, plan_itinerary
+from driftplan.world.world import World
+
+
+def pareto_routes(
+    world: World,
+    start: ArrayLike,
+    goal: ArrayLike,
+    noise: OdometryNoise,
+    *,
+    beacons: Sequence[Beacon],
+    most: int = 6,
+    max_detour: float = 1.5,
+    difference: float = 0.02,
+    time_limit: float = 30.0,
+    **options: Any,
+) -> tuple[Itinerary, ...]:
+    """Routes of which none is better than another in length, worst drift and end drift at once.
+
+    The shortest route, the one with the least worst drift, the one that ends with the least drift, and shortest routes
+    for limits on the drift between (the ε-constraint method), as far as none is beaten by another.
+
+    Parameters
+    ----------
+    world, start, goal, noise, beacons :
+        As for `driftplan.planning.itinerary.itinerary.plan_itinerary`.
+    most : int
+        At most so many routes, >= 3.
+    max_detour : float
+        No route is longer than this multiple of the shortest, >= 1.
+    difference : float
+        Routes differ by at least this share in length, worst drift or end drift.
+    time_limit : float
+        Seconds for all of them. Unless they run out (the `status` of a route says so) the same seed gives the same
+        routes.
+    **options :
+        ``redundancy``, ``min_capture``, ``initial``, ``start_heading``, ``nodes``, ``seed`` of `plan_itinerary`.
+
+    Returns
+    -------
+    tuple of Itinerary
+        By length, the shortest first. `knee` says which is the best compromise.
+
+    Raises
+    ------
+    ValueError
+        For input that makes no sense.
+
+    Examples
+    --------
+    >>> from driftplan.beacons.beacon import BeaconKind
+    >>> world = World.from_polygons([], bounds=(0, 0, 60, 30), robot_radius=0.5)
+    >>> noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
+    >>> sign = BeaconKind.landmark(range_m=3.0, position_std_m=0.05, heading_std=0.01)
+    >>> signs = [Beacon(sign, 20, 14), Beacon(sign, 40, 14)]
+    >>> routes = pareto_routes(world, (2, 5), (58, 5), noise, beacons=signs, most=3, nodes=100, time_limit=60)
+    >>> len(routes) > 1, routes[0].length < routes[-1].length, routes[0].worst_drift > routes[-1].worst_drift
+    (True, True, True)
+    """
+    if not (isinstance(most, int) and most >= 3):
+        raise ValueError(f"expected most a whole number >= 3, got {most!r}")
+    if not 0 <= difference < 1:
+        raise ValueError(f"expected difference in [0, 1), got {difference!r}")
+    deadline = time.monotonic() + time_limit
+
+    def plan(share: float, **asked: Any) -> Itinerary:
+        left = max(deadline - time.monotonic(), 0.1)
+        return plan_itinerary(
+            world,
+            start,
+            goal,
+            noise,
+            beacons=beacons,
+            max_detour=max_detour,
+            time_limit=share * left,
+            **{**options, **asked},
+        )
+
+    shortest = plan(0.2, minimise="length")
+    steady = plan(0.3, minimise="worst_drift")
+    found = [shortest, steady, plan(0.3, minimise="drift")]
+    high, low = shortest.worst_if_dead, steady.worst_if_dead
+    if low < high:
+        limits = np.geomspace(high, low, most)[1:-1].tolist()
+        for k, limit in enumerate(limits):
+            if time.monotonic() > deadline:
+                break
+            try:
+                found.append(plan(1 / (len(limits) - k), minimise="length", max_drift=limit))
+            except InfeasibleError:  # not within the roadmap, or not in time
+                continue
+    return _thinned(non_dominated(found), difference, most)
+
+
+def non_dominated(routes: Sequence[Itinerary]) -> list[Itinerary]:
+    """Those that no other beats in length, worst drift and end drift at once; by length. Of equals the first."""
+    scores = np.array([_scores(route) for route in routes])
+    keep = []
+    for k, mine in enumerate(scores):
+        better = (scores <= mine).all(axis=1) & ((scores < mine).any(axis=1) | (np.arange(len(scores)) < k))
+        if not better.any():
+            keep.append(routes[k])
+    return sorted(keep, key=lambda route: route.length)
+
+
+def knee(routes: Sequence[Itinerary]) -> int:
+    """Index of the best compromise between length and worst drift.
+
+    On logarithmic scales, stretched so that the routes span the unit square: the route that lies farthest below the
+    diagonal from least length and greatest drift to greatest length and least drift, and so the one whose two scaled
+    scores have the least sum. Where the routes differ in only one of the two there is no compromise: the first.
+
+    Examples
+    --------
+    >>> knee([])
+    Traceback (most recent call last):
+    ...
+    ValueError: expected at least one route, got none
+    """
+    if not routes:
+        raise ValueError("expected at least one route, got none")
+    curve = np.log(np.maximum([[route.length, route.worst_if_dead] for route in routes], 1e-300))
+    span = np.ptp(curve, axis=0)
+    if (span <= 0).any():
+        return 0
+    scaled = (curve - curve.min(axis=0)) / span
+    return int(np.argmin(scaled.sum(axis=1)))
+
+
+def _scores(route: Itinerary) -> Floats:
+    return np.array([route.length, route.worst_if_dead, route.rms])
+
+
+def _thinned(routes: list[Itinerary], difference: float, most: int) -> tuple[Itinerary, ...]:
+    """Without those that are nearly the same as a shorter one; the steadiest always stays."""
+    kept: list[Itinerary] = []
+    steadiest = min(routes, key=lambda route: route.worst_if_dead)
+    for route in routes:
+        ratio = [np.abs(np.log(_scores(route) / np.maximum(_scores(other), 1e-300))).max() for other in kept]
+        if route is steadiest or min(ratio, default=math.inf) >= difference:
+            kept.append(route)
+    while len(kept) > most:  # the two most alike in worst drift become one
+        gaps = np.abs(np.diff(np.log([max(route.worst_if_dead, 1e-300) for route in kept])))
+        k = int(np.argmin(gaps[:-1])) if len(gaps) > 1 else 0
+        del kept[k + 1 if kept[k + 1] is not steadiest else k]
+    return tuple(kept)

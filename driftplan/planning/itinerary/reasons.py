@@ -1,0 +1,113 @@
+"""Why no itinerary keeps a limit: the words of an `InfeasibleError`, for someone who has to do something about it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from driftplan.arrays import Floats
+from driftplan.beacons.beacon import Beacon
+from driftplan.planning.itinerary.beacon_roadmap import BeaconRoadmap
+from driftplan.planning.roadmap.search import said
+
+if TYPE_CHECKING:
+    from driftplan.planning.itinerary.search import ItinerarySearch
+
+_SURE_HEADING = 1e-6  # rad
+_LABELS = 5_000  # of a search that only explains,
+_SLACK = 0.05  # and of its labels, as a share of the limit squared
+
+
+def why_infeasible(search: ItinerarySearch, limit: float, longest: float) -> str:
+    """What to tell the user when ``search`` found no path."""
+    asked = f"no route that keeps the drift under {limit:g} m everywhere" if math.isfinite(limit) else "no route"
+    if math.isfinite(longest):
+        asked += f" and is no longer than {longest:.4g} m"
+    if search.check.redundancy > 1:
+        asked += ", with any one beacon dead"
+    if search.timed_out:
+        return f"{asked} was found in time, nor was it ruled out: raise time_limit, or begin with a higher max_drift"
+    if search.exhausted:
+        return (
+            f"{asked} was found among {search.labels} partial routes, nor was it ruled out: begin with a higher "
+            "max_drift, or take fewer nodes"
+        )
+    search.most_labels = _LABELS
+    accuracy = [b.kind.position_std_m * 2**0.5 for b in search.beacons if b.kind.position_std_m is not None]
+    reasons = []
+    if search.check.initial is not None and search.check.drift(search.shortest).moments.N[0].real > limit**2:
+        reasons.append("the drift at the start is above it already")
+    elif not accuracy:
+        reasons.append("no beacon gives a position")
+    elif min(accuracy) > limit:
+        reasons.append(f"the most accurate beacon leaves an rms error of {min(accuracy):.3g} m itself")
+    elif _captures_would_help(search, limit, longest):
+        reasons.append(
+            "beacons that could hold it would be missed: having drifted, the robot comes within their ranges less "
+            f"surely than min_capture={search.check.min_capture:g} demands; larger ranges or more beacons would help"
+        )
+    elif _headings_would_help(search, limit, longest):
+        reasons.append(
+            "position fixes alone cannot hold it because the heading is never fixed well enough: with beacons that "
+            "also fix the heading the limit could be kept"
+        )
+    place, left = search.nearest
+    if left > 0:  # else the graph had a route, which the exact model found too lost
+        nearest = _nearest_beacon(search, place)
+        reasons.append(
+            f"the best attempt gets to {said(place)}, {left:.4g} m short of the goal"
+            + (f"; {nearest}" if nearest else "")
+        )
+    least = _least_limit(search, limit, longest)
+    if least is not None:
+        reasons.append(f"a limit of {least:.3g} m can be kept")
+    return f"{asked} (roadmap of {search.nodes} nodes)" + (": " + "; ".join(reasons) if reasons else "")
+
+
+def _captures_would_help(search: ItinerarySearch, limit: float, longest: float) -> bool:
+    """Whether the limit could be kept if the robot came within every range as planned."""
+    if search.check.min_capture == 0:
+        return False
+    check, search.check = search.check, replace(search.check, min_capture=0.0)
+    found = search.any_within(limit, longest, _SLACK)
+    search.check = check
+    return found is not None
+
+
+def _headings_would_help(search: ItinerarySearch, limit: float, longest: float) -> bool:
+    """Whether the limit could be kept if every position fix were a full fix."""
+    lacking = [b for b in search.beacons if b.kind.heading_std is None]
+    if not lacking:
+        return False
+    graph = search.graph(0.0, longest)
+    full = [_full(b) for b in graph.beacons]
+    edges = np.stack([graph.tail, graph.head], axis=1)[graph.tail < graph.head]
+    graph = BeaconRoadmap.of(graph.xy, edges, search.noise, full, search.world)
+    return search.walk(graph, limit, longest, most_labels=_LABELS).nodes is not None
+
+
+def _full(beacon: Beacon) -> Beacon:
+    kind = beacon.kind
+    if kind.heading_std is not None or kind.position_std_m is None:
+        return beacon
+    return replace(beacon, kind=replace(kind, heading_std=_SURE_HEADING))
+
+
+def _least_limit(search: ItinerarySearch, limit: float, longest: float) -> float | None:
+    """A limit that can be kept, if one is found soon; the least of those tried."""
+    if not math.isfinite(limit):
+        return None
+    found = search.least_worst_drift(math.inf, longest, shorten=False)
+    return None if found is None else search.check.verdict(found).worst
+
+
+def _nearest_beacon(search: ItinerarySearch, place: Floats) -> str:
+    if not search.beacons:
+        return ""
+    distance = [math.hypot(b.x - place[0], b.y - place[1]) for b in search.beacons]
+    k = int(np.argmin(distance))
+    name = search.beacons[k].id or f"number {k}"
+    return f"the beacon nearest to that place, {name} at {said(search.beacons[k].xy)}, is {distance[k]:.4g} m away"

@@ -1,0 +1,8 @@
+"""OMPL, for scripts of one's own: the objective, the planner, and what they need of OMPL's spaces.
+
+objective, motion_prices        DriftObjective, and the prices of single motions for its callbacks
+spaces, curves, zone_lookup     which spaces can be priced, Dubins and Reeds-Shepp curves, zones one motion at a time
+collision                       validity of states and motions over a World
+paths, solve                    the exact drift of OMPL's paths; one quiet run of an OMPL planner
+roadmap                         RoadmapPlanner, with roadmap_spaces and roadmap_targets: what it plans in and for
+"""

@@ -1,0 +1,336 @@
+"""Prices of single OMPL motions as functions of two states, written for callbacks: plain floats, no arrays.
+
+Each function returned holds numbers, an OMPL space at most, and reads its states at once: OMPL reuses their memory.
+The formulas are those of `driftplan.planning.cost`, which explains them and does the same in bulk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import atan2, cos, hypot, pi, remainder, sin, sqrt, tau
+from typing import Any
+
+from ompl import base as ob
+
+from driftplan.planning.cost import CostRates
+from driftplan.planning.ompl.curves import after_arc
+from driftplan.planning.ompl.spaces import CurveFinder, SpaceKind
+from driftplan.planning.ompl.zone_lookup import ZoneLookup
+
+Price = Callable[[Any, Any], Any]
+Point = tuple[float, ...]
+
+_ROUND_DOWN = 1 - 1e-14  # a heuristic equals the cost on straight runs at the goal; rounding must not lift it above
+
+
+def motion_cost_of(
+    space: Any, kind: SpaceKind, goal: Point, rates: CostRates, zones: ZoneLookup[CostRates] | None
+) -> Price:
+    """The cost of an OMPL motion between two states of ``space``, m²."""
+    if kind is SpaceKind.PLANE:
+        return _plane(goal, rates) if zones is None else _zoned_plane(goal, zones)
+    if kind is SpaceKind.POSE:
+        return _pose(goal, rates) if zones is None else _zoned_pose(goal, zones)
+    if kind is SpaceKind.SPACE:
+        return _space(goal, rates)
+    if kind is SpaceKind.FLIGHT:
+        return _flight(goal, rates)
+    return _curve(CurveFinder(space), goal, rates, zones)
+
+
+def heuristic_of(space: Any, kind: SpaceKind, goal: Point, rates: CostRates) -> Price:
+    """A lower bound, m², of the cost of any way between two states; ``rates`` are the least of the whole map."""
+    if kind is SpaceKind.PLANE:
+        return _plane_bound(goal, rates)
+    if kind in (SpaceKind.SPACE, SpaceKind.FLIGHT):
+        return _space_bound(kind, goal, rates)
+    return _pose_bound(space, kind, goal, rates)
+
+
+# Straight motions
+
+
+def _plane(goal: Point, rates: CostRates) -> Price:
+    # With s = w0 + w1, d = w0 - w1: (|w0|² + w0·w1 + |w1|²)/3 = (3|s|² + |d|²)/12, which takes the fewest operations.
+    # Closure variables are looked up faster than attributes and globals.
+    Cost, root = ob.Cost, sqrt
+    gx, gy = 2 * goal[0], 2 * goal[1]
+    by_sum, by_step, q = rates.heading / 4, rates.heading / 12, rates.position
+
+    def motion(a: Any, b: Any) -> Any:
+        x0 = a[0]
+        y0 = a[1]
+        x1 = b[0]
+        y1 = b[1]
+        u = gx - x0 - x1
+        v = gy - y0 - y1
+        dx = x0 - x1
+        dy = y0 - y1
+        d = dx * dx + dy * dy
+        return Cost((by_sum * (u * u + v * v) + by_step * d + q) * root(d))
+
+    return motion
+
+
+def _zoned_plane(goal: Point, zones: ZoneLookup[CostRates]) -> Price:
+    Cost = ob.Cost
+
+    def motion(a: Any, b: Any) -> Any:
+        return Cost(_over_zones(zones, goal, a[0], a[1], b[0], b[1], 0.0))
+
+    return motion
+
+
+def _pose(goal: Point, rates: CostRates) -> Price:
+    Cost, root, full_turn, rest = ob.Cost, sqrt, tau, remainder
+    gx, gy = 2 * goal[0], 2 * goal[1]
+    by_sum, by_step, q = rates.heading / 4, rates.heading / 12, rates.position
+
+    def motion(a: Any, b: Any) -> Any:
+        x0 = a.getX()
+        y0 = a.getY()
+        x1 = b.getX()
+        y1 = b.getY()
+        u = gx - x0 - x1
+        v = gy - y0 - y1
+        dx = x0 - x1
+        dy = y0 - y1
+        d = dx * dx + dy * dy
+        return Cost((by_sum * (u * u + v * v) + by_step * d + q) * root(d))
+
+    if rates.turn_heading == rates.turn_position == 0:
+        return motion
+    turn_by_sum, turn_by_step, turn_q = rates.turn_heading / 4, rates.turn_heading / 12, rates.turn_position
+
+    def turning_motion(a: Any, b: Any) -> Any:
+        x0 = a.getX()
+        y0 = a.getY()
+        x1 = b.getX()
+        y1 = b.getY()
+        u = gx - x0 - x1
+        v = gy - y0 - y1
+        dx = x0 - x1
+        dy = y0 - y1
+        d = dx * dx + dy * dy
+        s = u * u + v * v
+        turn = abs(rest(b.getYaw() - a.getYaw(), full_turn))
+        return Cost((by_sum * s + by_step * d + q) * root(d) + (turn_by_sum * s + turn_by_step * d + turn_q) * turn)
+
+    return turning_motion
+
+
+def _zoned_pose(goal: Point, zones: ZoneLookup[CostRates]) -> Price:
+    Cost = ob.Cost
+
+    def motion(a: Any, b: Any) -> Any:
+        turn = abs(remainder(b.getYaw() - a.getYaw(), tau))
+        return Cost(_over_zones(zones, goal, a.getX(), a.getY(), b.getX(), b.getY(), turn))
+
+    return motion
+
+
+def _straight(rates: CostRates, x0: float, y0: float, x1: float, y1: float, turn: float) -> float:
+    """Cost of a straight run between levers while the heading turns at a constant rate."""
+    length = hypot(x0 - x1, y0 - y1)
+    mean_square = (x0 * (x0 + x1) + y0 * (y0 + y1) + x1 * x1 + y1 * y1) / 3
+    by_heading = rates.heading * length + rates.turn_heading * turn
+    return by_heading * mean_square + rates.position * length + rates.turn_position * turn
+
+
+def _over_zones(
+    zones: ZoneLookup[CostRates], goal: Point, x0: float, y0: float, x1: float, y1: float, turn: float
+) -> float:
+    wx, wy = goal[0] - x0, goal[1] - y0
+    dx, dy = x0 - x1, y0 - y1
+    total = 0.0
+    for begin, end, rates in zones.pieces(x0, y0, x1, y1):
+        total += _straight(rates, wx + begin * dx, wy + begin * dy, wx + end * dx, wy + end * dy, (end - begin) * turn)
+    return total
+
+
+def _space(goal: Point, rates: CostRates) -> Price:
+    Cost, root = ob.Cost, sqrt
+    gx, gy, gz = (2 * g for g in goal)
+    by_sum, by_step, q = rates.heading / 4, rates.heading / 12, rates.position
+
+    def motion(a: Any, b: Any) -> Any:
+        x0, y0, z0, x1, y1, z1 = a[0], a[1], a[2], b[0], b[1], b[2]
+        u, v, w = gx - x0 - x1, gy - y0 - y1, gz - z0 - z1
+        dx, dy, dz = x0 - x1, y0 - y1, z0 - z1
+        d = dx * dx + dy * dy + dz * dz
+        return Cost((by_sum * (u * u + v * v + w * w) + by_step * d + q) * root(d))
+
+    return motion
+
+
+def _flight(goal: Point, rates: CostRates) -> Price:
+    Cost, root = ob.Cost, sqrt
+    gx, gy, gz = (2 * g for g in goal)
+    by_sum, by_step, q = rates.heading / 4, rates.heading / 12, rates.position
+    turn_by_sum, turn_by_step, turn_q = rates.turn_heading / 4, rates.turn_heading / 12, rates.turn_position
+    has_turns = not rates.turn_heading == rates.turn_position == 0
+
+    def motion(a: Any, b: Any) -> Any:
+        x0, y0, z0, x1, y1, z1 = a.getX(), a.getY(), a.getZ(), b.getX(), b.getY(), b.getZ()
+        u, v, w = gx - x0 - x1, gy - y0 - y1, gz - z0 - z1
+        dx, dy, dz = x0 - x1, y0 - y1, z0 - z1
+        d = dx * dx + dy * dy + dz * dz
+        s = u * u + v * v + w * w
+        cost = (by_sum * s + by_step * d + q) * root(d)
+        if has_turns:
+            cost += (turn_by_sum * s + turn_by_step * d + turn_q) * attitude_step(a.rotation(), b.rotation())
+        return Cost(cost)
+
+    return motion
+
+
+def attitude_step(p: Any, q: Any) -> float:
+    """Angle in [0, π] between two attitudes (OMPL's SO(3) states), exact for small ones too."""
+    px, py, pz, pw, qx, qy, qz, qw = p.x, p.y, p.z, p.w, q.x, q.y, q.z, q.w
+    apart = hypot(px - qx, py - qy, pz - qz, pw - qw)
+    opposite = hypot(px + qx, py + qy, pz + qz, pw + qw)
+    return 4 * atan2(min(apart, opposite), max(apart, opposite))
+
+
+# Curves
+
+
+def _curve(finder: CurveFinder, goal: Point, rates: CostRates, zones: ZoneLookup[CostRates] | None) -> Price:
+    Cost = ob.Cost
+    radius = finder.turning_radius
+    if zones is not None:
+        return _zoned_curve(finder, goal, zones)
+
+    def motion(a: Any, b: Any) -> Any:
+        yaw = a.getYaw()
+        wx, wy, c, s = goal[0] - a.getX(), goal[1] - a.getY(), cos(yaw), sin(yaw)
+        total = 0.0
+        for turns, sense in finder(a, b):
+            if turns == 0.0:
+                continue
+            length = turns * radius
+            if sense == 0:
+                x, y = wx - length * c, wy - length * s
+                squares = abs(length) * (wx * wx + wx * x + x * x + wy * wy + wy * y + y * y) / 3
+                total += rates.heading * squares + rates.position * abs(length)
+                wx, wy = x, y
+            else:
+                yaw += turns * sense
+                total += _arc(rates, wx, wy, c, s, length, sense / radius)
+                c1, s1 = cos(yaw), sin(yaw)
+                wx, wy = wx - sense * radius * (s1 - s), wy - sense * radius * (c - c1)
+                c, s = c1, s1
+        return Cost(total)
+
+    return motion
+
+
+def _zoned_curve(finder: CurveFinder, goal: Point, zones: ZoneLookup[CostRates]) -> Price:
+    Cost = ob.Cost
+    gx, gy = goal
+    radius = finder.turning_radius
+
+    def motion(a: Any, b: Any) -> Any:
+        x, y, yaw = a.getX(), a.getY(), a.getYaw()
+        total = 0.0
+        for length, sense in finder(a, b):
+            length *= radius
+            curvature = sense / radius
+            for px, py, heading, part, there in zones.arc_pieces(x, y, yaw, length, curvature):
+                total += _arc(there, gx - px, gy - py, cos(heading), sin(heading), part, curvature)
+            x, y, yaw = after_arc(x, y, yaw, length, curvature)
+        return Cost(total)
+
+    return motion
+
+
+def _arc(rates: CostRates, wx: float, wy: float, c: float, s: float, length: float, curvature: float) -> float:
+    """Cost of an arc of signed length that begins at lever (wx, wy) in direction (c, s); see
+    `driftplan.planning.cost.arc_cost`."""
+    t = curvature * length
+    if abs(t) < 0.1:
+        t2 = t * t
+        swing = 0.5 - t2 / 24 * (1 - t2 / 30 * (1 - t2 / 56))  # (1 - cos t)/t²
+        bend = (1 - t2 / 20 * (1 - t2 / 42 * (1 - t2 / 72))) / 6  # (t - sin t)/t³
+    else:
+        swing = (1 - cos(t)) / (t * t)
+        bend = (t - sin(t)) / (t * t * t)
+    along, across = wx * c + wy * s, wx * s - wy * c
+    squares = abs(length) * (
+        wx * wx + wy * wy - 2 * length * (swing * along - t * bend * across) + 2 * length * length * bend
+    )
+    bent = abs(curvature)
+    by_heading = (rates.heading + rates.turn_heading * bent) * max(squares, 0.0)
+    return by_heading + (rates.position + rates.turn_position * bent) * abs(length)
+
+
+# Lower bounds
+
+
+def _plane_bound(goal: Point, rates: CostRates) -> Price:
+    Cost = ob.Cost
+    gx, gy = goal
+    q_h, q_p = rates.heading * _ROUND_DOWN, rates.position * _ROUND_DOWN
+
+    def bound(a: Any, b: Any) -> Any:
+        x0, y0, x1, y1 = a[0], a[1], b[0], b[1]
+        dx, dy = x1 - x0, y1 - y0
+        return Cost(q_h * _geodesic(gx - x0, gy - y0, gx - x1, gy - y1, dx, dy) + q_p * hypot(dx, dy))
+
+    return bound
+
+
+def _pose_bound(space: Any, kind: SpaceKind, goal: Point, rates: CostRates) -> Price:
+    Cost = ob.Cost
+    gx, gy = goal
+    q_h, q_p = rates.heading * _ROUND_DOWN, rates.position * _ROUND_DOWN
+    # OMPL's distance is the length driven, and a metric; not so where Dubins curves may be driven either way.
+    is_metric = kind is SpaceKind.REEDS_SHEPP or (kind is SpaceKind.DUBINS and not space.hasSymmetricDistance())
+    driven = space.distance if is_metric else None
+
+    def bound(a: Any, b: Any) -> Any:
+        x0, y0, x1, y1 = a.getX(), a.getY(), b.getX(), b.getY()
+        dx, dy = x1 - x0, y1 - y0
+        length = hypot(dx, dy) if driven is None else driven(a, b)
+        return Cost(q_h * _geodesic(gx - x0, gy - y0, gx - x1, gy - y1, dx, dy) + q_p * length)
+
+    return bound
+
+
+def _geodesic(wx0: float, wy0: float, wx1: float, wy1: float, dx: float, dy: float) -> float:
+    """Length in the metric |w|²|dw| of the shortest way between two levers; (dx, dy) is the step between the points."""
+    r0, r1 = hypot(wx0, wy0), hypot(wx1, wy1)
+    return _cone_distance(r0, r1, dx * (wx0 + wx1) + dy * (wy0 + wy1), abs(dx * wy0 - dy * wx0), wx0 * wx1 + wy0 * wy1)
+
+
+def _cone_distance(r0: float, r1: float, growth: float, cross: float, dot: float) -> float:
+    """See `driftplan.planning.cost.geodesic_cost`; ``growth`` is r0² - r1², formed without cancellation."""
+    if r0 == 0.0 or r1 == 0.0:
+        return (r0**3 + r1**3) / 3
+    angle = atan2(cross, dot)
+    if angle >= pi / 3:
+        return (r0**3 + r1**3) / 3
+    radial = growth / (r0 + r1) * (r0 * r0 + r0 * r1 + r1 * r1)
+    rr = r0 * r1
+    return hypot(radial, 2 * rr * sqrt(rr) * sin(1.5 * angle)) / 3
+
+
+def _space_bound(kind: SpaceKind, goal: Point, rates: CostRates) -> Price:
+    Cost = ob.Cost
+    gx, gy, gz = goal
+    q_h, q_p = rates.heading * _ROUND_DOWN, rates.position * _ROUND_DOWN
+    indexed = kind is SpaceKind.SPACE
+
+    def bound(a: Any, b: Any) -> Any:
+        if indexed:
+            x0, y0, z0, x1, y1, z1 = a[0], a[1], a[2], b[0], b[1], b[2]
+        else:
+            x0, y0, z0, x1, y1, z1 = a.getX(), a.getY(), a.getZ(), b.getX(), b.getY(), b.getZ()
+        dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
+        ax, ay, az, bx, by, bz = gx - x0, gy - y0, gz - z0, gx - x1, gy - y1, gz - z1
+        cross = hypot(dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax)
+        growth = dx * (ax + bx) + dy * (ay + by) + dz * (az + bz)
+        metric = _cone_distance(hypot(ax, ay, az), hypot(bx, by, bz), growth, cross, ax * bx + ay * by + az * bz)
+        return Cost(q_h * metric + q_p * hypot(dx, dy, dz))
+
+    return bound

@@ -1,0 +1,302 @@
+"""RoadmapPlanner: the roadmap search as an OMPL planner, for SimpleSetup, planner allocators and OMPL's Benchmark."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from math import atan2, inf
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from ompl import base as ob
+from ompl import geometric as og
+
+from driftplan.arrays import Floats, Ints
+from driftplan.errors import PlannerError
+from driftplan.planning.ompl.roadmap_spaces import Asked, Boxed, box_of
+from driftplan.planning.ompl.roadmap_targets import Target, target_of
+from driftplan.planning.ompl.spaces import SpaceKind, space_kind
+from driftplan.planning.roadmap.exact_roadmap import Bound
+from driftplan.planning.roadmap.graph import Roadmap
+from driftplan.planning.roadmap.growth import RoadmapSearch
+from driftplan.planning.roadmap.prices import Pricing, Space
+from driftplan.world.world import World
+
+_SAME_PLACE = 1e-9  # m: how far the problem's goal may be from the one that the objective weighs drift by
+
+
+class RoadmapPlanner(ob.Planner):
+    """Plans straight runs and turns on the spot over a growing roadmap: near the optimum long before trees are.
+
+    An anytime planner: it adds batches of nodes until the termination condition says stop, the objective is satisfied,
+    or nothing better can be left. Calling ``solve`` again goes on; ``clear`` starts afresh, with the same samples for
+    the same seed. Of the paths found it returns the one of least exact drift.
+
+    Parameters
+    ----------
+    si : ompl.base.SpaceInformation
+        Over RealVectorStateSpace(2), or SE2StateSpace together with a ``world``: then turns on the spot at the start,
+        at waypoints and at the goal are states of their own, and turn noise counts from the start's heading.
+    objective : DriftObjective, PathLengthOptimizationObjective or a MultiOptimizationObjective of these, optional
+        Default: that of the problem. Where the problem has several goals at different places, a DriftObjective made
+        for any one of them does: each goal is planned for with drift weighed by the distance to itself, and the path
+        of least exact drift is returned. Where the problem's goal is a region, the path leads to the place that the
+        DriftObjective was made for, which must be in it.
+    world : World, optional
+        Collisions are then tested in bulk, and corners are known; the validity checkers of ``si`` are not asked.
+        Without it every motion is put to ``si.checkMotion``. An objective with zones needs its world here.
+    seed : int
+        Of the samples.
+    exact : bool
+        After the roadmap has been grown, search it for the least exact drift; see `plan_on_roadmap`. The roadmap is
+        then kept small and the search may go on after the last batch until the termination condition says stop.
+    name : str
+        As OMPL and its benchmarks show it.
+
+    Raises
+    ------
+    PlannerError
+        For state spaces of other motions, objectives of other kinds, and goals of a problem that are not where the
+        objective weighs drift.
+
+    Examples
+    --------
+    >>> from driftplan import DriftObjective, OdometryNoise
+    >>> from driftplan.planning.ompl.collision import use_world
+    >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
+    >>> space = ob.RealVectorStateSpace(2)
+    >>> space.setBounds(0, 10)
+    >>> setup = og.SimpleSetup(space)
+    >>> si = setup.getSpaceInformation()
+    >>> use_world(si, world)
+    >>> start, goal = si.allocState(), si.allocState()
+    >>> start[0], start[1], goal[0], goal[1] = 2.0, 2.0, 8.0, 2.0
+    >>> setup.setStartAndGoalStates(start, goal)
+    >>> objective = DriftObjective(si, OdometryNoise(heading_var_per_m=1e-4), (8.0, 2.0))
+    >>> setup.setOptimizationObjective(objective)
+    >>> planner = RoadmapPlanner(si, objective, world)
+    >>> setup.setPlanner(planner)
+    >>> from ompl import util as ou
+    >>> ou.setLogLevel(ou.LOG_NONE)
+    >>> bool(setup.solve(0.2)), setup.getSolutionPath().check()
+    (True, True)
+    >>> nodes, edges = planner.roadmap()
+    >>> nodes[:2].tolist(), edges.shape[1]
+    ([[2.0, 2.0], [8.0, 2.0]], 2)
+    """
+
+    def __init__(
+        self,
+        si: Any,
+        objective: Any = None,
+        world: World | None = None,
+        *,
+        seed: int = 0,
+        exact: bool = False,
+        name: str = "Roadmap",
+    ) -> None:
+        super().__init__(si, name)
+        kind = space_kind(si.getStateSpace())
+        if kind is not SpaceKind.PLANE and not (kind is SpaceKind.POSE and world is not None):
+            said = f"{type(si.getStateSpace()).__name__} {'without' if world is None else 'with'} a world"
+            raise PlannerError(
+                "expected RealVectorStateSpace(2), or SE2StateSpace with a world, since the roadmap drives straight "
+                f"and turns on the spot; got {said}"
+            )
+        self._has_headings = kind is SpaceKind.POSE
+        self._world = world
+        self._target = None if objective is None else target_of(objective)
+        self._seed = int(seed)
+        self._exact = bool(exact)
+        self._queries: list[_Query] = []
+        self._scale = 1.0
+        self._bound: Bound | None = None
+
+    def clear(self) -> None:
+        """Forget the roadmap; OMPL may call this twice."""
+        super().clear()
+        self._queries, self._bound = [], None
+
+    def roadmap(self) -> tuple[Floats, Ints]:
+        """Nodes (n, 2) in metres and edges (m, 2) of the roadmap so far; node 0 is the start, node 1 the goal.
+
+        With several starts, the roadmap of the one whose path is best. (OMPL's own ``getPlannerData`` stays empty: the
+        binding does not allow a planner in Python to fill it.)
+        """
+        if not self._queries:
+            return np.zeros((0, 2)), np.zeros((0, 2), dtype=np.int64)
+        roadmap = self._best().search.roadmap
+        return roadmap.xy, roadmap.edges
+
+    def bound(self) -> tuple[float, float]:
+        """A proven lower bound over the paths of the roadmap, and the heading standard deviation up to which it holds.
+
+        See ``bound`` and ``bound_heading_std`` of `driftplan.planning.roadmap.search.RoadmapResult`. Zero without a
+        path.
+        """
+        if not self._queries or self._best().search.path is None:
+            return 0.0, inf
+        if self._bound is None:
+            self._bound, _ = self._best().search.finish(lambda: True)
+        return self._bound.mean_square, self._bound.heading_std
+
+    def solve(self, ptc: Any) -> Any:
+        """OMPL's entry: plan until ``ptc``, a termination condition or a number of seconds, says stop."""
+        if not callable(ptc):
+            ptc = ob.timedPlannerTerminationCondition(float(ptc))
+        self.checkValidity()
+        problem = self.getProblemDefinition()
+        objective = problem.getOptimizationObjective()
+        if not self._queries:
+            target = self._target or target_of(objective)
+            starts, goals = self._ends(target)
+            if not starts or not goals:
+                wrong = ob.PlannerStatus.INVALID_START if not starts else ob.PlannerStatus.INVALID_GOAL
+                return ob.PlannerStatus(wrong)
+            self._scale = target.scale
+            self._queries = [self._query(target, start, goal) for goal in goals for start in starts]
+        self._bound = None
+        while not ptc():
+            growing = [query.search for query in self._queries if not query.search.is_done]
+            if not growing or objective.isSatisfied(ob.Cost(self._scale * self._best().search.additive_cost)):
+                break
+            for search in growing:
+                search.grow(ptc)
+        best = self._best()
+        if best.search.path is None:
+            return ob.PlannerStatus(ob.PlannerStatus.TIMEOUT)
+        if best.search.exact and not ptc():
+            self._bound, _ = best.search.finish(ptc)
+        problem.clearSolutionPaths()  # OMPL would rank this one among earlier ones by length
+        problem.addSolutionPath(self._as_ompl_path(best), False, 0.0, self.getName())
+        return ob.PlannerStatus(True, False)
+
+    def _best(self) -> _Query:
+        return min(self._queries, key=lambda query: query.search.cost)
+
+    def _ends(self, target: Target) -> tuple[list[_Pose], list[_Pose]]:
+        """The valid starts and goals."""
+        inputs = self.getPlannerInputStates()
+        inputs.restart()
+        starts, goals = [], []
+        while inputs.haveMoreStartStates() and (state := inputs.nextStart()) is not None:
+            starts.append(self._read(state))
+        goal = self.getProblemDefinition().getGoal()
+        if not isinstance(goal, (ob.GoalState, ob.GoalStates)):
+            return starts, self._within(goal, target)
+        while inputs.haveMoreGoalStates() and (state := inputs.nextGoal()) is not None:
+            goals.append(self._read(state))
+        if goals and target.goal is not None:
+            places = [(goal.x, goal.y) for goal in goals]
+            if all(np.abs(np.subtract(place, target.goal)).max() > _SAME_PLACE for place in places):
+                raise PlannerError(
+                    f"expected the problem's goal where the objective weighs drift, at {target.goal}, got "
+                    f"{places[0] if len(places) == 1 else places}: make the DriftObjective for that goal"
+                )
+        return starts, goals
+
+    def _within(self, region: Any, target: Target) -> list[_Pose]:
+        """The place in a goal region that the objective was made for, if that is valid."""
+        si = self.getSpaceInformation()
+        if target.goal is None:
+            raise PlannerError(
+                f"expected goal states for the shortest path, got a {type(region).__name__}: the roadmap needs to know "
+                "where it is to lead"
+            )
+        state = si.allocState()
+        if self._has_headings:
+            state.setXY(*target.goal)
+            state.setYaw(0.0)
+        else:
+            state[0], state[1] = target.goal
+        if not region.isSatisfied(state):
+            raise PlannerError(
+                f"expected a goal region around the place where the objective weighs drift, {target.goal}, which is "
+                "not in it: make the DriftObjective for a place in the region"
+            )
+        x, y = target.goal
+        return [_Pose(x, y, None)] if si.isValid(state) else []
+
+    def _read(self, state: Any) -> _Pose:
+        if self._has_headings:
+            return _Pose(state.getX(), state.getY(), state.getYaw())
+        return _Pose(state[0], state[1], None)
+
+    def _query(self, target: Target, start: _Pose, goal: _Pose) -> _Query:
+        place = np.array(goal[:2])
+        si = self.getSpaceInformation()
+        zones = target.zones(self._world)
+        box = box_of(si.getStateSpace())
+        space: Space = Asked(si, box) if self._world is None else Boxed(self._world, box, zones)
+        pricing = Pricing(space, place, target.noise, target.minimise)
+        search = self._search(pricing, np.array(start[:2]), start.yaw)
+        return _Query(search, goal.yaw)
+
+    def _search(self, pricing: Pricing, start: Floats, start_heading: float | None) -> Growing:
+        """What looks for paths from one start to one goal; planners that know more have another."""
+        return RoadmapSearch(pricing, start, seed=self._seed, start_heading=start_heading, exact=self._exact)
+
+    def _as_ompl_path(self, query: _Query) -> Any:
+        si = self.getSpaceInformation()
+        path, state = og.PathGeometric(si), si.allocState()
+        xy = query.search.path
+        assert xy is not None
+        if not self._has_headings:
+            for state[0], state[1] in xy.tolist():
+                path.append(state)
+            return path
+        for x, y, yaw in _poses(xy, query.search.start_heading or 0.0, query.goal_yaw):
+            state.setXY(x, y)
+            state.setYaw(yaw)
+            path.append(state)
+        return path
+
+
+class Growing(Protocol):
+    """An anytime search for a path from one start to one goal: `RoadmapSearch`, or one that knows of more."""
+
+    @property
+    def start_heading(self) -> float | None: ...
+    @property
+    def exact(self) -> bool: ...
+    @property
+    def roadmap(self) -> Roadmap: ...
+    @property
+    def path(self) -> Floats | None: ...
+    @property
+    def cost(self) -> float: ...
+    @property
+    def additive_cost(self) -> float: ...
+    @property
+    def is_done(self) -> bool: ...
+    def grow(self, stop: Callable[[], bool], /) -> None: ...
+    def finish(self, stop: Callable[[], bool], /) -> tuple[Bound, bool]: ...
+
+
+class _Query(NamedTuple):
+    """From one start to one goal."""
+
+    search: Growing
+    goal_yaw: float | None  # rad; any where it is None
+
+
+class _Pose(NamedTuple):
+    """A start or goal, metres and rad; without a heading where there are none, or any will do."""
+
+    x: float
+    y: float
+    yaw: float | None
+
+
+def _poses(xy: Floats, start_yaw: float, goal_yaw: float | None) -> Iterator[tuple[float, float, float]]:
+    """Poses along a path, turns on the spot as two poses at one place."""
+    yaw = start_yaw
+    yield *xy[0].tolist(), yaw
+    for (x0, y0), (x1, y1) in pairwise(xy.tolist()):
+        course = atan2(y1 - y0, x1 - x0)
+        if course != yaw:
+            yield x0, y0, course
+        yield x1, y1, course
+        yaw = course
+    if goal_yaw is not None and goal_yaw != yaw:
+        yield *xy[-1].tolist(), goal_yaw

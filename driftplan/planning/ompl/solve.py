@@ -1,0 +1,125 @@
+"""One run of an OMPL planner in the plane, quietly: a world and two points in, waypoints out.
+
+No OMPL object leaves this module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
+
+from driftplan.arrays import Floats
+from driftplan.errors import PlannerError
+from driftplan.model.noise import OdometryNoise
+from driftplan.planning.ompl.collision import use_world
+from driftplan.planning.ompl.objective import DriftObjective
+from driftplan.world.world import World
+
+PLANNERS = {
+    "rrtstar": og.RRTstar,
+    "informed_rrtstar": og.InformedRRTstar,
+    "sorrtstar": og.SORRTstar,
+    "bitstar": og.BITstar,
+}
+
+_FEASIBLE_ONLY = "it stops at the first path and never asks what a path costs"
+_DEADLOCK = "it prices paths in a thread that waits for ever for a Python objective"
+_COST_AS_METRIC = "it takes the cost for the metric of its nearest-neighbour search, which drift is not"
+_UNBOUND = "OMPL's Python package cannot create it"
+_ABSENT = "OMPL's Python package does not have it"
+REFUSED = {
+    **dict.fromkeys(("prm", "prmstar"), _DEADLOCK),
+    **dict.fromkeys(("rrt", "rrtconnect", "kpiece1", "bkpiece1", "lbkpiece1"), _FEASIBLE_ONLY),
+    **dict.fromkeys(("est", "syclop", "syclopest", "sycloprrt"), _FEASIBLE_ONLY),  # of ompl.control
+    **dict.fromkeys(("fmt", "bfmt"), _COST_AS_METRIC),
+    "aorrtc": "it minimises length whatever the objective says",
+    **dict.fromkeys(("sst", "pdst"), _UNBOUND),
+    **dict.fromkeys(("abitstar", "aitstar", "blitstar", "eitstar", "eirmstar", "cforest", "rrtsharp"), _ABSENT),
+    **dict.fromkeys(("rrtxstatic", "lbtrrt", "lazylbtrrt", "trrt", "bitrrt", "strrtstar", "vfrrt", "tsrrt"), _ABSENT),
+    **dict.fromkeys(("lazyrrt", "prrt", "rlrt", "birlrt", "sbl", "psbl", "stride", "biest", "projest"), _ABSENT),
+    **dict.fromkeys(("lazyprm", "lazyprmstar", "spars", "spars2", "xxl", "anytimepathshortening"), _ABSENT),
+}
+"""Planners of OMPL that cannot minimise drift, by name in small letters, and why."""
+
+
+def check_planner(planner: str, also: tuple[str, ...] = ()) -> None:
+    """Raise `PlannerError` unless the planner is one that can minimise drift; ``also`` names those known elsewhere."""
+    known = (*also, *PLANNERS)
+    if planner in known:
+        return
+    can = f"choose one of {', '.join(known)}"
+    reason = REFUSED.get(str(planner).lower().replace("*", "star").replace("_", "").replace("-", ""))
+    if reason is not None:
+        raise PlannerError(f"planner {planner!r} cannot minimise drift: {reason}; {can}")
+    raise PlannerError(f"unknown planner {planner!r}: {can}")
+
+
+def solve(
+    world: World,
+    start: Floats,
+    goal: Floats,
+    noise: OdometryNoise | None,
+    *,
+    planner: str,
+    time_limit: float,
+    seed: int,
+    iterations: int | None = None,
+) -> Floats | None:
+    """Waypoints (n, 2) of the best path the planner found within ``time_limit`` seconds, or None.
+
+    With a noise it minimises `DriftObjective`, without one OMPL's path length. OMPL seeds its random numbers per
+    process: the same seed gives the same samples, but how many are drawn depends on the time, unless the number of
+    ``iterations`` ends the search.
+    """
+    with _quiet():
+        ou.RNG.setSeed(seed + 1)  # OMPL refuses 0
+        space = ob.RealVectorStateSpace(2)
+        bounds = ob.RealVectorBounds(2)
+        xmin, ymin, xmax, ymax = world.bounds
+        for axis, (low, high) in enumerate(((xmin, xmax), (ymin, ymax))):
+            bounds.setLow(axis, low)
+            bounds.setHigh(axis, high)
+        space.setBounds(bounds)
+        si = ob.SpaceInformation(space)
+        use_world(si, world)
+        si.setup()
+        a, b = si.allocState(), si.allocState()
+        (a[0], a[1]), (b[0], b[1]) = start.tolist(), goal.tolist()
+        pdef = ob.ProblemDefinition(si)
+        pdef.setStartAndGoalStates(a, b)
+        if noise is None:
+            pdef.setOptimizationObjective(ob.PathLengthOptimizationObjective(si))
+        else:
+            pdef.setOptimizationObjective(DriftObjective(si, noise, goal, world=world))
+        chosen = PLANNERS[planner](si)
+        chosen.setProblemDefinition(pdef)
+        chosen.setup()
+        condition = ob.timedPlannerTerminationCondition(float(time_limit))
+        if iterations is not None:
+            enough = ob.PlannerTerminationCondition(lambda: chosen.numIterations() >= iterations)
+            condition = ob.plannerOrTerminationCondition(condition, enough)
+        chosen.solve(condition)
+        if not pdef.hasExactSolution():
+            return None
+        states = pdef.getSolutionPath().getStates()
+        path = np.array([(q[0], q[1]) for q in states])
+        del states
+    moves = np.concatenate([[True], (np.diff(path, axis=0) != 0).any(axis=1)])
+    return np.asarray(path[moves])
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without OMPL's talk on stdout and stderr."""
+    level: Any = ou.getLogLevel()
+    ou.setLogLevel(ou.LOG_NONE)
+    try:
+        yield
+    finally:
+        ou.setLogLevel(level)

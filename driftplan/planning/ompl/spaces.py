@@ -1,0 +1,187 @@
+"""Which OMPL state spaces can be priced, how motions run in them, and how to read their states and goals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from enum import Enum
+from itertools import chain
+from math import cos, isfinite, sin
+from typing import Any
+
+import numpy as np
+from ompl import base as ob
+
+from driftplan.planning.ompl.curves import (
+    SAME_LENGTH,
+    Curve,
+    curve_length,
+    dubins_curves,
+    pose_along,
+    reeds_shepp_curves,
+)
+
+_PROBE = 0.37  # of the way: where a curve is compared with OMPL's
+
+
+class SpaceKind(Enum):
+    """How a motion between two states runs."""
+
+    PLANE = "R^2: straight"
+    POSE = "SE(2): straight, the heading turns at a constant rate along the way"
+    DUBINS = "Dubins: the shortest forward curve of bounded curvature"
+    REEDS_SHEPP = "Reeds-Shepp: the shortest curve of bounded curvature, forwards and backwards"
+    SPACE = "R^3: straight"
+    FLIGHT = "SE(3): straight, the attitude turns at a constant rate along the way"
+
+    @property
+    def dimensions(self) -> int:
+        """Of the positions: 2 or 3."""
+        return 3 if self in (SpaceKind.SPACE, SpaceKind.FLIGHT) else 2
+
+    @property
+    def is_curved(self) -> bool:
+        """Whether motions are curves of bounded curvature."""
+        return self in (SpaceKind.DUBINS, SpaceKind.REEDS_SHEPP)
+
+
+_KINDS: dict[type, SpaceKind] = {
+    ob.SE2StateSpace: SpaceKind.POSE,
+    ob.DubinsStateSpace: SpaceKind.DUBINS,
+    ob.ReedsSheppStateSpace: SpaceKind.REEDS_SHEPP,
+    ob.SE3StateSpace: SpaceKind.FLIGHT,
+}
+
+
+def space_kind(space: Any) -> SpaceKind:
+    """How motions run in an OMPL state space.
+
+    Raises
+    ------
+    ValueError
+        For a space whose motions have no closed-form drift here.
+
+    Examples
+    --------
+    >>> space_kind(ob.RealVectorStateSpace(2))
+    <SpaceKind.PLANE: 'R^2: straight'>
+    """
+    if type(space) is ob.RealVectorStateSpace and space.getDimension() in (2, 3):
+        return SpaceKind.PLANE if space.getDimension() == 2 else SpaceKind.SPACE
+    if type(space) in _KINDS:
+        return _KINDS[type(space)]
+    said = type(space).__name__
+    if isinstance(space, ob.RealVectorStateSpace):
+        said += f" of dimension {space.getDimension()}"
+    raise ValueError(
+        "expected a state space of known motions (RealVectorStateSpace of 2 or 3 dimensions, SE2StateSpace, "
+        f"DubinsStateSpace, ReedsSheppStateSpace or SE3StateSpace), got {said}"
+    )
+
+
+class CurveFinder:
+    """The curve that OMPL drives between two states of a Dubins or Reeds-Shepp space, arc by arc.
+
+    Several curves may be equally short (always so in Reeds-Shepp spaces for some poses); OMPL is asked for a point of
+    its own, so that the curve priced is the curve driven.
+    """
+
+    def __init__(self, space: Any) -> None:
+        self._space = space
+        self._scratch = space.allocState()
+        a, b = space.allocState(), space.allocState()
+        a.setXY(0.0, 0.0), a.setYaw(0.0), b.setXY(1.0, 0.0), b.setYaw(0.0)
+        self.turning_radius = 1.0 / space.getPath(a, b).length()  # metres; OMPL's lengths are in units of it
+        self._is_reeds_shepp = space_kind(space) is SpaceKind.REEDS_SHEPP
+        self._is_reversible = not self._is_reeds_shepp and space.hasSymmetricDistance()
+
+    def __call__(self, a: Any, b: Any) -> Curve:
+        """The curve from state ``a`` to state ``b``; lengths in turning radii."""
+        radius, scratch = self.turning_radius, self._scratch
+        length = self._space.distance(a, b) / radius
+        if length == 0.0:
+            return []
+        self._space.interpolate(a, b, _PROBE, scratch)
+        x, y, yaw = a.getX(), a.getY(), a.getYaw()
+        c, s = cos(yaw) / radius, sin(yaw) / radius
+        dx, dy = scratch.getX() - x, scratch.getY() - y
+        there = c * dx + s * dy, c * dy - s * dx  # seen from the start, in turning radii
+        ends = (b.getX() - x) / radius, (b.getY() - y) / radius, yaw, b.getYaw()
+        for curve in self._candidates(*ends, length):
+            px, py, _ = pose_along(curve, _PROBE * length)
+            if abs(px - there[0]) < SAME_LENGTH and abs(py - there[1]) < SAME_LENGTH:
+                return curve
+        return min(self._candidates(*ends, None), key=lambda curve: _miss(curve, length, there), default=[])
+
+    def _candidates(
+        self, dx: float, dy: float, yaw_start: float, yaw_end: float, length: float | None
+    ) -> Iterator[Curve]:
+        if self._is_reeds_shepp:
+            return reeds_shepp_curves(dx, dy, yaw_start, yaw_end, length)
+        forwards = dubins_curves(dx, dy, yaw_start, yaw_end, length)
+        if not self._is_reversible:
+            return forwards
+        # A symmetric Dubins space drives the way back in reverse where that is shorter.
+        back = dubins_curves(-dx, -dy, yaw_end, yaw_start, length)
+        return chain(forwards, ([(-part, sense) for part, sense in reversed(curve)] for curve in back))
+
+
+def _miss(curve: Curve, length: float, there: tuple[float, float]) -> float:
+    """How far a curve is from one of a given length that comes by ``there`` on its way."""
+    x, y, _ = pose_along(curve, _PROBE * length)
+    return max(abs(curve_length(curve) - length), abs(x - there[0]), abs(y - there[1]))
+
+
+def position_reader(kind: SpaceKind) -> Callable[[Any], tuple[float, ...]]:
+    """A function that copies the position out of a state: (x, y) or (x, y, z), metres."""
+    readers: dict[SpaceKind, Callable[[Any], tuple[float, ...]]] = {
+        SpaceKind.PLANE: lambda s: (s[0], s[1]),
+        SpaceKind.SPACE: lambda s: (s[0], s[1], s[2]),
+        SpaceKind.FLIGHT: lambda s: (s.getX(), s.getY(), s.getZ()),
+    }
+    return readers.get(kind, lambda s: (s.getX(), s.getY()))
+
+
+def goal_position(goal: Any, kind: SpaceKind) -> tuple[float, ...]:
+    """Where accuracy is wanted: one point, metres.
+
+    Parameters
+    ----------
+    goal : sequence of 2 (or 3) numbers, State, GoalState, or GoalStates
+        Several goal states must share one position and differ in heading only.
+
+    Raises
+    ------
+    ValueError
+        For coordinates that are not finite, several goal positions, and goal regions. Drift is weighed by the distance
+        to the goal, so another goal position is another objective, and no single additive cost fits them all.
+    """
+    read = position_reader(kind)
+    if isinstance(goal, ob.State):
+        points = [read(goal)]
+    elif isinstance(goal, ob.GoalState):
+        points = [read(goal.getState())]
+    elif isinstance(goal, ob.GoalStates):
+        points = [read(goal.getState(i)) for i in range(goal.getStateCount())]
+    elif isinstance(goal, ob.Goal):
+        raise ValueError(
+            f"expected a goal at one position, got a {type(goal).__name__}: a region has no single place where "
+            "accuracy is wanted. Give the point that matters, for instance the region's centre, as goal=(x, y): paths "
+            "may end anywhere in the region"
+        )
+    else:
+        try:
+            points = [tuple(float(v) for v in np.asarray(goal, dtype=float))]
+        except (TypeError, ValueError):
+            raise ValueError(f"expected goal to be a point in metres or an OMPL state or goal, got {goal!r}") from None
+    if not points:
+        raise ValueError("expected a goal at one position, got GoalStates without any state")
+    point = points[0]
+    if len(point) != kind.dimensions or not all(isfinite(v) for v in point):
+        raise ValueError(f"expected goal to be {kind.dimensions} finite coordinates in metres, got {point}")
+    if any(other != point for other in points):
+        raise ValueError(
+            f"expected goal states that share one position, got {len(set(points))} different ones: the cost of drift "
+            "depends on which goal is reached, and no sum over motions knows that. Make one objective per goal and "
+            "keep the route of least exact drift; RoadmapPlanner, given the objective of one goal, does so by itself"
+        )
+    return point

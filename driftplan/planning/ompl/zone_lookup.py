@@ -1,0 +1,162 @@
+"""Zones one motion at a time: what a planner's callback needs, at the least cost per call.
+
+The answers are those of `World.zone_pieces`, which does the same in bulk, and for arcs, which it does not do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import atan2, cos, sin, sqrt, tau
+from typing import Generic, TypeVar
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from driftplan.planning.ompl.curves import after_arc
+from driftplan.world.zones import Zone
+
+T = TypeVar("T")  # of what each zone has its own: rates, or noise
+
+_FEW = 60  # edges of a zone: a Python loop over so many is faster than numpy
+
+
+class ZoneLookup(Generic[T]):
+    """What holds along a segment or an arc, cut exactly where zones begin and end. Of overlapping zones the later one
+    holds."""
+
+    def __init__(self, zones: Sequence[Zone], values: Sequence[T], elsewhere: T) -> None:
+        self._elsewhere = elsewhere
+        self._zones = [
+            (zone.polygon, zone.polygon.bounds, _Outline(zone), value)
+            for zone, value in zip(zones, values, strict=True)
+        ][::-1]
+        for polygon, *_ in self._zones:
+            shapely.prepare(polygon)
+
+    def at(self, x: float, y: float) -> T:
+        """What holds at a point."""
+        for polygon, (left, low, right, high), _, value in self._zones:
+            if left <= x <= right and low <= y <= high and shapely.intersects_xy(polygon, x, y):
+                return value
+        return self._elsewhere
+
+    def pieces(self, x0: float, y0: float, x1: float, y1: float) -> list[tuple[float, float, T]]:
+        """The segment from (x0, y0) to (x1, y1) in pieces: from and to, as fractions, and what holds between."""
+        near = self._near(min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1))
+        if not near:
+            return [(0.0, 1.0, self._elsewhere)]
+        dx, dy = x1 - x0, y1 - y0
+        cuts = [0.0, 1.0]
+        for outline in near:
+            cuts += outline.crossings(x0, y0, dx, dy)
+        return [
+            (begin, end, self.at(x0 + 0.5 * (begin + end) * dx, y0 + 0.5 * (begin + end) * dy))
+            for begin, end in _between(cuts)
+        ]
+
+    def arc_pieces(
+        self, x: float, y: float, yaw: float, length: float, curvature: float
+    ) -> list[tuple[float, float, float, float, T]]:
+        """An arc of signed length, at most a full turn, in pieces: where each begins (x, y, heading), its signed length
+        and what holds on it."""
+        if curvature == 0:
+            end = after_arc(x, y, yaw, length, 0.0)
+            return [
+                (*after_arc(x, y, yaw, begin * length, 0.0), (stop - begin) * length, value)
+                for begin, stop, value in self.pieces(x, y, end[0], end[1])
+            ]
+        radius = 1 / abs(curvature)
+        cx, cy = x - sin(yaw) / curvature, y + cos(yaw) / curvature
+        near = self._near(cx - radius, cy - radius, cx + radius, cy + radius)
+        if not near:
+            return [(x, y, yaw, length, self._elsewhere)]
+        turn = curvature * length
+        cuts = [0.0, 1.0]
+        for outline in near:
+            for px, py in outline.circle_crossings(cx, cy, radius):
+                turned = atan2((px - cx) * curvature, (cy - py) * curvature) - yaw
+                turned = turned % tau if turn > 0 else -turned % tau
+                if turned < abs(turn):
+                    cuts.append(turned / abs(turn))
+        found = []
+        for begin, stop in _between(cuts):
+            middle = after_arc(x, y, yaw, 0.5 * (begin + stop) * length, curvature)
+            start = after_arc(x, y, yaw, begin * length, curvature)
+            found.append((*start, (stop - begin) * length, self.at(middle[0], middle[1])))
+        return found
+
+    def _near(self, xmin: float, ymin: float, xmax: float, ymax: float) -> list[_Outline]:
+        """Outlines of the zones that a box comes near."""
+        return [
+            outline
+            for _, (left, low, right, high), outline, _ in self._zones
+            if xmin <= right and xmax >= left and ymin <= high and ymax >= low
+        ]
+
+
+class _Outline:
+    """The border of a zone as edges: a corner and the step to the next."""
+
+    def __init__(self, zone: Zone) -> None:
+        rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(zone.polygon))]
+        edges = np.concatenate([np.c_[ring[:-1], np.diff(ring, axis=0)] for ring in rings])
+        edges = edges[(edges[:, 2:] != 0).any(axis=1)]  # corners may be repeated
+        self._edges = edges.T.copy()  # (4, n): x, y, step x, step y
+        self._few = [tuple(edge) for edge in edges.tolist()] if len(edges) <= _FEW else None
+
+    def crossings(self, x: float, y: float, dx: float, dy: float) -> list[float]:
+        """Fractions of the segment from (x, y) by (dx, dy) at which it meets the border. Edges that it runs along do
+        not count: their neighbours do."""
+        squared = dx * dx + dy * dy
+        if squared == 0:
+            return []
+        found = []
+        for ax, ay, ex, ey in self._few if self._few is not None else self._across_line(x, y, dx, dy):
+            side = (ax - x) * dy - (ay - y) * dx
+            other = side + ex * dy - ey * dx
+            if side * other <= 0 and side != other:
+                u = side / (side - other)
+                t = ((ax + u * ex - x) * dx + (ay + u * ey - y) * dy) / squared
+                if 0 < t < 1:
+                    found.append(t)
+        return found
+
+    def circle_crossings(self, cx: float, cy: float, radius: float) -> list[tuple[float, float]]:
+        """Where a circle meets the border."""
+        found = []
+        for ax, ay, ex, ey in self._few if self._few is not None else self._across_circle(cx, cy, radius):
+            fx, fy = ax - cx, ay - cy
+            a, b, c = ex * ex + ey * ey, fx * ex + fy * ey, fx * fx + fy * fy - radius * radius
+            d = b * b - a * c
+            if d >= 0:
+                root = sqrt(d)
+                for u in ((-b - root) / a, (-b + root) / a):
+                    if 0 <= u <= 1:
+                        found.append((ax + u * ex, ay + u * ey))
+        return found
+
+    def _across_line(self, x: float, y: float, dx: float, dy: float) -> list[list[float]]:
+        """Of many edges those that meet a line."""
+        ax, ay, ex, ey = self._edges
+        side = (ax - x) * dy - (ay - y) * dx
+        return self._some(side * (side + ex * dy - ey * dx) <= 0)
+
+    def _across_circle(self, cx: float, cy: float, radius: float) -> list[list[float]]:
+        """Of many edges those whose line meets a circle."""
+        ax, ay, ex, ey = self._edges
+        fx, fy = ax - cx, ay - cy
+        a, b, c = ex * ex + ey * ey, fx * ex + fy * ey, fx * fx + fy * fy - radius * radius
+        nearest = np.clip(-b / a, 0.0, 1.0)
+        return self._some((b * b >= a * c) & (c + nearest * (2 * b + nearest * a) <= 1e-9 * radius * radius))
+
+    def _some(self, which: NDArray[np.bool_]) -> list[list[float]]:
+        edges: list[list[float]] = self._edges[:, which].T.tolist()
+        return edges
+
+
+def _between(cuts: list[float]) -> list[tuple[float, float]]:
+    """The stretches between cuts."""
+    cuts.sort()
+    return [(begin, end) for begin, end in pairwise(cuts) if end - begin > 1e-12]

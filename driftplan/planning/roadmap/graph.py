@@ -1,0 +1,232 @@
+"""A roadmap: points of free space joined by straight collision-free motions, grown in batches and searched in bulk.
+
+Nodes 0 and 1 are start and goal. New nodes are joined to their nearest neighbours, edges that no improving path can
+use are dropped before they are checked for collisions, and all of it is done by numpy, scipy and shapely on arrays.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csgraph, csr_matrix
+from scipy.spatial import cKDTree
+
+from driftplan.arrays import Floats, Ints
+from driftplan.planning.roadmap.prices import Pricing
+
+START, GOAL = 0, 1
+_LOOK_ROUND = 160  # nearest nodes of a corner among which it looks for the nearest in every direction
+_SECTORS, _PER_SECTOR = 8, 3
+
+
+class Shortest(NamedTuple):
+    """The cheapest path of a roadmap: its cost, infinite when there is none, and its nodes."""
+
+    cost: float
+    nodes: Ints
+
+
+class Transitions(NamedTuple):
+    """Directed edges of a roadmap and the turns between them."""
+
+    tail: Ints  # (d,)
+    head: Ints  # (d,)
+    edge: Ints  # (d,) which undirected edge it is
+    cost: Floats  # (d,)
+    zone: Ints  # (d,) in which the edge leaves its tail
+    before: Ints  # (t,) directed edges
+    after: Ints  # (t,) that can follow each other
+    turn_rad: Floats  # (t,) angle between them
+    turn_cost: Floats  # (t,)
+
+
+class Roadmap:
+    """Nodes (n, 2) and undirected edges (m, 2) towards the goal of a `Pricing`."""
+
+    def __init__(self, pricing: Pricing, start: Floats, start_heading: float | None = None) -> None:
+        self.pricing = pricing
+        self.start_heading = start_heading
+        self.xy = np.stack([start, pricing.goal])
+        self.edges = np.zeros((0, 2), dtype=np.int64)
+        self.prices = pricing.edges(self.xy[:0], self.xy[:0])
+        self.from_start, self.to_goal = self._bounds(self.xy)
+        self._connect(np.array([[START, GOAL]]), math.inf)
+
+    def add(
+        self, points: Floats, neighbours: int, limit: float, *, chain: bool = False, all_round: bool = False
+    ) -> None:
+        """Add free ``points`` (k, 2), each with edges to its nearest nodes.
+
+        With ``chain`` they are the waypoints of a path between start and goal, which is added too. With ``all_round``
+        they are corners: they crowd together, so each is also joined to the nearest ones in every direction.
+
+        ``limit`` is the cost that paths through the new edges must be able to beat.
+        """
+        first, count = len(self.xy), len(points)
+        if not count:
+            return
+        self.xy = np.concatenate([self.xy, points])
+        from_start, to_goal = self._bounds(points)
+        self.from_start, self.to_goal = np.append(self.from_start, from_start), np.append(self.to_goal, to_goal)
+        k = min(neighbours + 1, len(self.xy))
+        tree = cKDTree(self.xy)
+        _, near = tree.query(points, k=k)
+        pairs = [np.stack([np.repeat(np.arange(first, first + count), k), near.ravel()], axis=1)]
+        if chain:
+            along = np.concatenate([[START], np.arange(first, first + count), [GOAL]])
+            pairs.append(np.stack([along[:-1], along[1:]], axis=1))
+        if all_round:
+            _, far = tree.query(points, k=min(_LOOK_ROUND, len(self.xy)))
+            pairs.append(_nearest_all_round(self.xy, np.arange(first, first + count), np.asarray(far)))
+        self._connect(np.concatenate(pairs), limit)
+
+    def prune(self, limit: float) -> None:
+        """Drop the nodes and edges that no path cheaper than ``limit`` can use."""
+        keep = self.from_start + self.to_goal < limit
+        keep[:2] = True
+        number = np.cumsum(keep) - 1
+        useful = keep[self.edges].all(axis=1) & self._promising(self.edges, self.prices.cost, limit)
+        self.edges, self.prices = number[self.edges[useful]], self.prices.pick(useful)
+        self.xy, self.from_start, self.to_goal = self.xy[keep], self.from_start[keep], self.to_goal[keep]
+
+    def shortest(self, limit: float = math.inf) -> Shortest:
+        """The cheapest path from start to goal, turns on the spot included; none if it costs more than ``limit``."""
+        if not len(self.edges):
+            return Shortest(math.inf, np.zeros(0, dtype=np.int64))
+        if self.pricing.has_turns:
+            return self._shortest_with_turns(limit)
+        distance, before = self.distances(self.prices.cost + self._tie_break(), START)
+        if not math.isfinite(distance[GOAL]):
+            return Shortest(math.inf, np.zeros(0, dtype=np.int64))
+        return self._priced(_traced(before, GOAL))
+
+    def distances(self, weight: Floats, node: int) -> tuple[Floats, NDArray[np.int32]]:
+        """Least sum of the edges' ``weight`` from ``node`` to every node, and each one's predecessor on the way."""
+        return _dijkstra(weight, self.edges[:, 0], self.edges[:, 1], len(self.xy), node, directed=False)
+
+    def transitions(self, limit: float = math.inf) -> Transitions:
+        """Every pair of edges that can be driven one after the other, there and straight back excluded.
+
+        Edges that no path cheaper than ``limit`` uses, turns left out, are left out.
+        """
+        m = len(self.edges)
+        cost = self.prices.cost
+        arc = np.arange(2 * m)
+        tail, head = self.edges.T.ravel(), self.edges[:, ::-1].T.ravel()
+        if math.isfinite(limit):
+            from_start, _ = self.distances(cost, START)
+            to_goal, _ = self.distances(cost, GOAL)
+            arc = np.flatnonzero(from_start[tail] + np.tile(cost, 2) + to_goal[head] <= limit * (1 + 1e-9))
+        tail, head, edge = tail[arc], head[arc], arc % m
+        zone = np.concatenate([self.prices.zone_a, self.prices.zone_b])[arc]
+        order = np.argsort(tail, kind="stable")
+        degree = np.bincount(tail, minlength=len(self.xy))
+        first = np.cumsum(degree) - degree
+        choices = degree[head]
+        before = np.repeat(np.arange(len(arc)), choices)
+        rank = np.arange(len(before)) - np.repeat(np.cumsum(choices) - choices, choices)
+        after = order[first[head[before]] + rank]
+        keep = edge[after] != edge[before]
+        before, after = before[keep], after[keep]
+        step = (self.xy[head] - self.xy[tail]) @ np.array([1.0, 1j])
+        turn = np.angle(step[after] * np.conj(step[before]))
+        turn_cost = self.pricing.turns(self.xy[tail[after]], turn, zone[after])
+        return Transitions(tail, head, edge, cost[edge], zone, before, after, turn, turn_cost)
+
+    def first_turns(self, moves: Transitions) -> tuple[Ints, Floats, Floats]:
+        """The directed edges that leave the start, the turn (rad) before each from the start heading, and its cost."""
+        leaving = np.flatnonzero(moves.tail == START)
+        if self.start_heading is None:
+            return leaving, np.zeros(len(leaving)), np.zeros(len(leaving))
+        step = (self.xy[moves.head[leaving]] - self.xy[START]) @ np.array([1.0, 1j])
+        turn = np.angle(step * np.exp(-1j * self.start_heading))
+        return leaving, turn, self.pricing.turns(self.xy[moves.tail[leaving]], turn, moves.zone[leaving])
+
+    def costs_after_edges(self, moves: Transitions) -> Floats:
+        """Cost of the cheapest way to the goal once a directed edge has been driven, turns included."""
+        arriving = np.flatnonzero(moves.head == GOAL)
+        source = len(moves.tail)
+        row = np.append(moves.after, np.full(len(arriving), source))
+        column = np.append(moves.before, arriving)
+        weight = np.append(moves.cost[moves.after] + moves.turn_cost, np.zeros(len(arriving)))
+        return _dijkstra(weight, row, column, source + 1, source, directed=True)[0][:-1]
+
+    def _shortest_with_turns(self, limit: float) -> Shortest:
+        """Dijkstra over directed edges: node e of this graph is 'edge e has been driven', the last is the start."""
+        moves = self.transitions(limit)
+        leaving, _, turn_cost = self.first_turns(moves)
+        source = len(moves.tail)
+        row = np.append(moves.before, np.full(len(leaving), source))
+        column = np.append(moves.after, leaving)
+        weight = (moves.cost + self._tie_break()[moves.edge])[column] + np.append(moves.turn_cost, turn_cost)
+        distance, before = _dijkstra(weight, row, column, source + 1, source, directed=True)
+        arriving = np.flatnonzero(moves.head == GOAL)
+        if not len(arriving) or not math.isfinite(distance[arriving].min()):
+            return Shortest(math.inf, np.zeros(0, dtype=np.int64))
+        driven = _traced(before, int(arriving[np.argmin(distance[arriving])]))[1:]
+        return self._priced(np.append(moves.tail[driven], GOAL))
+
+    def _priced(self, nodes: Ints) -> Shortest:
+        return Shortest(self.pricing.path(self.xy[nodes], self.start_heading), nodes)
+
+    def _connect(self, pairs: NDArray[np.int64], limit: float) -> None:
+        pairs = np.unique(np.sort(pairs, axis=1), axis=0)
+        a, b = self.xy[pairs[:, 0]], self.xy[pairs[:, 1]]
+        apart = (a != b).any(axis=1)
+        pairs, a, b = pairs[apart], a[apart], b[apart]
+        prices = self.pricing.edges(a, b)
+        cheap = self._promising(pairs, prices.cost, limit)
+        free = np.zeros(len(pairs), dtype=bool)
+        free[cheap] = self.pricing.space.segments_free(a[cheap], b[cheap])
+        self.edges = np.concatenate([self.edges, pairs[free]])
+        self.prices = self.prices.joined(prices.pick(free))
+
+    def _promising(self, pairs: NDArray[np.int64], cost: Floats, limit: float) -> NDArray[np.bool_]:
+        """Whether a path through the edge, driven the better way round, could be cheaper than ``limit``."""
+        i, j = pairs[:, 0], pairs[:, 1]
+        around = np.minimum(self.from_start[i] + self.to_goal[j], self.from_start[j] + self.to_goal[i])
+        return np.asarray(around + cost <= limit)
+
+    def _bounds(self, points: Floats) -> tuple[Floats, Floats]:
+        lower = self.pricing.lower_bound
+        return lower(self.xy[START], points), lower(points, self.xy[GOAL])
+
+    def _tie_break(self) -> Floats:
+        """A price too small to matter: where driving costs nothing, the shorter way is taken."""
+        length = np.linalg.norm(self.xy[self.edges[:, 0]] - self.xy[self.edges[:, 1]], axis=1)
+        scale = float(self.prices.cost.max(initial=0.0)) or 1.0
+        return np.asarray(length * (1e-12 * scale / max(float(length.max(initial=0.0)), 1e-300)))
+
+
+def _nearest_all_round(xy: Floats, nodes: Ints, near: Ints) -> Ints:
+    """Pairs of each node and the nearest few in each of eight directions, of its neighbours ``near`` by distance."""
+    away = (xy[near] - xy[nodes, None]) @ np.array([1.0, 1j])
+    sector = np.round(np.angle(away) * (_SECTORS / (2 * np.pi))).astype(np.int64) % _SECTORS
+    sector[away == 0] = -1
+    pairs = []
+    for direction in range(_SECTORS):
+        inside = sector == direction
+        row, column = np.nonzero(inside & (np.cumsum(inside, axis=1) <= _PER_SECTOR))
+        pairs.append(np.stack([nodes[row], near[row, column]], axis=1))
+    return np.concatenate(pairs)
+
+
+def _dijkstra(
+    weight: Floats, row: Ints, column: Ints, size: int, source: int, *, directed: bool
+) -> tuple[Floats, NDArray[np.int32]]:
+    """Distance of every node from ``source``, and the node before it on the way (negative where there is none)."""
+    search: Any = csgraph.dijkstra
+    graph = csr_matrix((weight, (row, column)), shape=(size, size))
+    distance, before = search(graph, directed=directed, indices=source, return_predecessors=True)
+    return distance, before
+
+
+def _traced(before: NDArray[np.int32], end: int) -> Ints:
+    """The chain of predecessors that leads to ``end``, in driving order."""
+    chain = [end]
+    while (previous := int(before[chain[-1]])) >= 0:
+        chain.append(previous)
+    return np.array(chain[::-1], dtype=np.int64)

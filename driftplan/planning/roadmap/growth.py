@@ -1,0 +1,236 @@
+"""RoadmapSearch: a roadmap that grows in batches towards a goal, and the best path found so far.
+
+Each batch adds nodes (ever more points of a low-discrepancy sequence, the corners of the inflated obstacles, and the
+waypoints of the best path so far), finds the cheapest path of the roadmap and polishes it. What cannot beat the best
+path is dropped: a node whose obstacle-free geodesic bounds from the start and to the goal add up to more than the best
+cost. Same seed, same batches, same path.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from driftplan.arrays import Floats, Ints
+from driftplan.planning.cost import bracket
+from driftplan.planning.roadmap.exact_cost import turns_matter
+from driftplan.planning.roadmap.exact_polish import ExactJudge
+from driftplan.planning.roadmap.exact_roadmap import GAP, TIMES, Bound, bracketed, exactly_best, is_plain, probably_best
+from driftplan.planning.roadmap.exact_search import MOST_LABELS
+from driftplan.planning.roadmap.graph import Roadmap
+from driftplan.planning.roadmap.polish import polished, refined
+from driftplan.planning.roadmap.prices import Pricing, exact_drift
+
+_FIRST_BATCH = 128  # samples; every later batch has twice as many, and the next two have corners too
+_LARGEST_BATCH = 8192
+_MOST_NODES = 40_000  # then a new roadmap is begun
+_CHUNK = 512  # points joined to the roadmap before the clock is looked at again
+_FEW_CORNERS = 200  # no more than these: then all of them at once
+_NEIGHBOURS = 14
+_EXACT_NODES = 1500  # as many nodes as that search can deal with,
+_EXACT_NODES_TURNING = 600  # and when it must look at every pair of edges
+_EXACT_ROUNDS = 2  # a better path is polished, joined to the roadmap, and the search repeated
+_LOOSEST = 3.0  # times the least additive cost is looked at for paths of less exact cost
+# Additive recurrence by the inverse powers of the plastic number g, g³ = g + 1: evenly spread however many are drawn.
+# (M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018.)
+_STEP = 1.32471795724474602596 ** -np.array([1.0, 2.0])
+_DRAWS = 16  # times as many points are drawn, at most, as a batch wants: the informed region may be tiny
+
+
+class RoadmapSearch:
+    """An anytime search: `grow` adds a batch of nodes and improves `path`, `finish` says what is proven about it.
+
+    With ``exact`` the roadmap keeps what may be better by the exact cost though it is worse by the additive one, and
+    `finish` searches it for the least exact cost.
+    """
+
+    def __init__(
+        self,
+        pricing: Pricing,
+        start: Floats,
+        *,
+        seed: int = 0,
+        start_heading: float | None = None,
+        exact: bool = False,
+    ) -> None:
+        self.pricing = pricing
+        self.start_heading = start_heading
+        self.exact = exact and pricing.minimise == "drift"
+        self.roadmap = Roadmap(pricing, start, start_heading)
+        self.batches = 0
+        self.path: Floats | None = None
+        self.cost = math.inf  # of the path, exact
+        self.additive_cost = math.inf
+        self.heading_std = math.inf  # at its end
+        self._least_additive = math.inf  # of any path found
+        self._joined: Floats | None = None  # the latest path that is part of the roadmap
+        self._first_sample = np.random.default_rng(seed).random(2)
+        self._drawn = 0
+        self._corners_left: list[Floats] | None = None  # of those asked for; None before any were
+        self._has_all_corners = False
+        self._search_s_per_edge = 0.0
+        self._consider(self.roadmap.shortest().nodes, lambda: False)
+
+    @property
+    def is_optimal(self) -> bool:
+        """Whether no path at all can have less additive cost than the best one found."""
+        bound = float(self.pricing.lower_bound(self.roadmap.xy[0], self.roadmap.xy[1]))
+        return self.path is not None and self._least_additive <= bound * (1 + 1e-9)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether there is no point in growing the roadmap: the best path is optimal, or it is for an exact search and
+        as large as that can deal with."""
+        return self._room <= 0 if self.exact else self.is_optimal
+
+    @property
+    def reserve_s(self) -> float:
+        """Seconds, about, that it takes to search what has been added so far and to say what is proven about it."""
+        return 2 * self._search_s_per_edge * len(self.roadmap.edges)
+
+    @property
+    def _room(self) -> int:
+        """How many samples may be added at once."""
+        if not self.exact:
+            return _LARGEST_BATCH
+        most = _EXACT_NODES_TURNING if turns_matter(self.pricing.noise, self.pricing.space) else _EXACT_NODES
+        return most - len(self.roadmap.xy)
+
+    @property
+    def limit(self) -> float:
+        """Additive cost that a path must stay below to be of use."""
+        if not self.exact or self.path is None:
+            return self._least_additive
+        most_var = (TIMES * self.heading_std) ** 2
+        if not is_plain(self.pricing.noise, self.pricing.space) or not math.isfinite(most_var):
+            return _LOOSEST * self._least_additive
+        return min(self.cost / max(float(bracket(most_var**0.5)), 1e-9), _LOOSEST * self._least_additive)
+
+    def grow(self, stop: Callable[[], bool] = lambda: False) -> None:
+        """Add a batch of nodes, search, polish. ``stop`` cuts it short; what has been added by then is searched."""
+        if len(self.roadmap.xy) > _MOST_NODES:
+            self._renew()
+        roadmap = self.roadmap
+        corners = self._next_corners()
+        while corners and not stop():
+            roadmap.add(corners.pop(0), _NEIGHBOURS, self.limit, all_round=True)
+        self._join()
+        samples = self._samples(min(_FIRST_BATCH << min(self.batches, 20), self._room))
+        done = 0
+        while done < len(samples) and not stop():
+            roadmap.add(samples[done : done + _CHUNK], _NEIGHBOURS, self.limit)
+            done += _CHUNK
+        began = time.perf_counter()
+        found = roadmap.shortest(self._least_additive)
+        self._search_s_per_edge = (time.perf_counter() - began) / max(len(roadmap.edges), 1)
+        self._consider(found.nodes, stop)
+        if not stop():
+            roadmap.prune(self.limit * (1 + 1e-9))
+        if done >= len(samples) and not corners:
+            self.batches += 1
+
+    def finish(self, stop: Callable[[], bool] = lambda: False, most_labels: int = MOST_LABELS) -> tuple[Bound, bool]:
+        """The bound on paths of the roadmap, the best path included, and whether that path is proven to be as good as
+        the best of them. With ``exact``, first the search for a better one, until ``stop`` says so or
+        it has kept so many labels."""
+        noise, roadmap = self.pricing.noise, self.roadmap
+        assert self.path is not None, "there is nothing to finish without a path"
+        self._joined = None  # it may have been pruned since
+        self._join()
+        if self.pricing.minimise == "length":
+            return Bound(min(roadmap.shortest().cost, self.cost), math.inf), False
+        if not self.exact:
+            bound = bracketed(roadmap, noise, self.heading_std, self._least_additive)
+            return bound._replace(mean_square=min(bound.mean_square, self.cost)), False
+        judge = ExactJudge(self.pricing.space, noise, self.pricing.goal, self.start_heading)
+        if not stop() and (path := probably_best(roadmap, noise)) is not None:
+            self._offer(path)
+        for _ in range(_EXACT_ROUNDS):
+            self._offer(refined(judge, self.pricing.space, self.path, stop))
+            self._join()
+            found, bound, finished = exactly_best(
+                roadmap, noise, self.cost, self.heading_std, stop, self._least_additive, most_labels
+            )
+            if found is None or not self._offer(found) or stop():
+                break
+        bound = bound._replace(mean_square=min(bound.mean_square, self.cost))
+        return bound, finished and bound.mean_square >= self.cost * (1 - 1.5 * GAP)
+
+    def consider(self, path: Floats, stop: Callable[[], bool] = lambda: False) -> None:
+        """Take a collision-free path (n, 2) from start to goal, as it is or polished, if it is better than the best."""
+        path = path[np.append(True, (np.diff(path, axis=0) != 0).any(axis=1))]
+        self._offer(path)
+        if not stop():
+            self._offer(polished(self.pricing, path, self.start_heading, stop))
+
+    def _consider(self, nodes: Ints, stop: Callable[[], bool]) -> None:
+        if len(nodes):
+            self.consider(self.roadmap.xy[nodes], stop)
+
+    def _offer(self, path: Floats) -> bool:
+        """Take the path if it is the best by exact cost; whether it was."""
+        additive = cost = self.pricing.path(path, self.start_heading)
+        self._least_additive = min(self._least_additive, additive)
+        heading_std = 0.0
+        if self.pricing.minimise == "drift":
+            end = exact_drift(self.pricing.space, path, self.pricing.noise, self.start_heading).end
+            cost, heading_std = float(end.rms) ** 2, float(end.heading_std)
+        if not cost < self.cost:
+            return False
+        self.path, self.cost, self.additive_cost, self.heading_std = path, cost, additive, heading_std
+        return True
+
+    def _renew(self) -> None:
+        """Start a new roadmap with the corners and the best path, so that memory stays bounded."""
+        self.roadmap = Roadmap(self.pricing, self.roadmap.xy[0], self.start_heading)
+        self._has_all_corners, self._corners_left = False, None
+        self._joined = None
+
+    def _join(self) -> None:
+        """Make the best path part of the roadmap."""
+        if self.path is not None and self.path is not self._joined and len(self.path) > 2:
+            self.roadmap.add(self.path[1:-1], _NEIGHBOURS, math.inf, chain=True)
+        self._joined = self.path
+
+    def _next_corners(self) -> list[Floats]:
+        """Corners that may improve the path and are still to be added, some at a time: the coarse ones first, where
+        there are many; then all. None in the first batch."""
+        if self._corners_left or self.batches == 0:
+            return self._corners_left or []
+        space = self.pricing.space
+        corners = np.zeros((0, 2))
+        if self._corners_left is None:
+            xmin, ymin, xmax, ymax = space.bounds
+            radius = getattr(space, "robot_radius", 0.0)
+            corners = space.corners(max(radius / 4, 1e-3 * math.hypot(xmax - xmin, ymax - ymin)))
+        if not self._has_all_corners and len(corners) <= _FEW_CORNERS:
+            self._has_all_corners = True
+            corners = space.corners()
+        corners = self._informed(corners)
+        self._corners_left = [corners[k : k + _CHUNK] for k in range(0, len(corners), _CHUNK)]
+        return self._corners_left
+
+    def _samples(self, count: int) -> Floats:
+        """Up to ``count`` free points that may improve the path, the next ones of the sequence."""
+        xmin, ymin, xmax, ymax = self.pricing.space.bounds
+        found: list[Floats] = []
+        wanted = count
+        for _ in range(_DRAWS):
+            unit = (self._first_sample + _STEP * np.arange(self._drawn, self._drawn + count)[:, None]) % 1.0
+            points = unit * (xmax - xmin, ymax - ymin) + (xmin, ymin)
+            self._drawn += count
+            points = self._informed(points)
+            points = points[self.pricing.space.is_free(points)][:wanted]
+            found.append(points)
+            wanted -= len(points)
+            if wanted <= 0:
+                break
+        return np.concatenate(found)
+
+    def _informed(self, points: Floats) -> Floats:
+        lower = self.pricing.lower_bound
+        bound = lower(self.roadmap.xy[0], points) + lower(points, self.roadmap.xy[1])
+        return np.asarray(points[bound < self.limit])

@@ -1,0 +1,193 @@
+"""Polishing a path: shortcuts between its waypoints, then small moves of the waypoints, as long as its price falls.
+
+A roadmap's path zigzags between samples; the best path nearby bends smoothly towards the goal and hugs corners. Moves
+are tried in bulk: many places for every second waypoint at once (every third when turns cost, so that no two moves
+share a turn), from coarse to fine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from driftplan.arrays import Complexes, Floats, Ints
+from driftplan.planning.roadmap.graph import Roadmap
+from driftplan.planning.roadmap.prices import Pricing, Space
+
+_LEVELS = (8, 16, 32)  # legs the path is cut into, at least, from level to level
+_SWEEPS = 8  # over all waypoints, per level
+_SETTLED = 1e-5  # relative gain of a sweep below which the level is done
+_MOST_WAYPOINTS = 48  # offered to the shortcut search, which tries all pairs
+_NEEDLESS = 1e-7  # relative price at which a waypoint may go
+_ANGLES = np.arange(8) * np.pi / 4
+_RINGS = np.array([1.0, 0.3, 0.09, 0.027])  # radii of the moves tried, in units of the reach
+_CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=-1)
+_MOVES = np.concatenate([np.zeros((1, 2)), (_RINGS[:, None, None] * _CIRCLE).reshape(-1, 2)])  # staying is the first
+
+
+class Judge(Protocol):
+    """Says what paths cost, and what they would cost with some waypoints elsewhere."""
+
+    @property
+    def stride(self) -> int:
+        """Waypoints this far apart can be moved at once."""
+
+    def price(self, path: Floats, /) -> float:
+        """Of a path (n, 2)."""
+
+    def prices(self, path: Floats, moved: Ints, tried: Floats, /) -> Floats:
+        """With waypoint ``moved[k]`` at ``tried[k]``, up to a constant for each waypoint; shape (k,)."""
+
+
+def polished(
+    pricing: Pricing,
+    path: Floats,
+    start_heading: float | None = None,
+    stop: Callable[[], bool] = lambda: False,
+) -> Floats:
+    """A path (k, 2) between the same ends, free of collisions, from one (n, 2) that is free.
+
+    It costs less, or at most 1e-7 of the price more, for the sake of fewer waypoints. ``stop`` is asked between sweeps;
+    when it answers True the path reached so far is returned.
+    """
+    path = shortcut(pricing, path, start_heading)
+    return refined(AdditiveJudge(pricing, start_heading), pricing.space, path, stop)
+
+
+def refined(judge: Judge, space: Space, path: Floats, stop: Callable[[], bool] = lambda: False) -> Floats:
+    """The path with its waypoints moved, from coarse to fine, where that lowers what ``judge`` says it costs."""
+    for legs in _LEVELS:
+        path = _split(space, path, legs)
+        price = judge.price(path)
+        for _ in range(_SWEEPS):
+            if stop():
+                return _without_needless(judge, space, path)
+            before = price
+            for first in range(1, 1 + judge.stride):
+                moved = np.arange(first, len(path) - 1, judge.stride)
+                if not len(moved):
+                    continue
+                other = path.copy()
+                other[moved] = _better_places(judge, space, path, moved)
+                if (now := judge.price(other)) < price:
+                    path, price = other, now
+            if before - price < _SETTLED * before:
+                break
+    return _without_needless(judge, space, path)
+
+
+@dataclass(frozen=True, eq=False)
+class AdditiveJudge:
+    """Judges by the additive cost."""
+
+    pricing: Pricing
+    start_heading: float | None = None
+
+    @property
+    def stride(self) -> int:
+        return 3 if self.pricing.has_turns else 2
+
+    def price(self, path: Floats) -> float:
+        return self.pricing.path(path, self.start_heading)
+
+    def prices(self, path: Floats, moved: Ints, tried: Floats) -> Floats:
+        """Of the two legs that change, and the turns before, at and after the waypoint."""
+        pricing, left, right = self.pricing, path[moved - 1], path[moved + 1]
+        there, onward = pricing.edges(left, tried), pricing.edges(tried, right)
+        total = there.cost + onward.cost
+        if not pricing.has_turns:
+            return total
+        to, away = bearing(left, tried), bearing(tried, right)
+        total += pricing.turns(
+            left, np.angle(to * np.conj(arriving(path, moved, to, self.start_heading))), there.zone_a
+        )
+        total += pricing.turns(tried, np.angle(away * np.conj(to)), onward.zone_a)
+        inner = np.flatnonzero(moved + 2 < len(path))
+        beyond = path[moved[inner] + 2]
+        turn = np.angle(bearing(right[inner], beyond) * np.conj(away[inner]))
+        total[inner] += pricing.turns(right[inner], turn, pricing.edges(right[inner], beyond).zone_a)
+        return total
+
+
+def shortcut(pricing: Pricing, path: Floats, start_heading: float | None = None) -> Floats:
+    """The cheapest path through some of the waypoints of ``path``, in whatever order."""
+    if len(path) < 3:
+        return path
+    inner = path[1:-1]
+    if len(inner) > _MOST_WAYPOINTS:
+        inner = inner[np.linspace(0, len(inner) - 1, _MOST_WAYPOINTS).round().astype(int)]
+    small = Roadmap(pricing, path[0], start_heading)
+    small.add(inner, neighbours=len(inner) + 1, limit=np.inf)
+    found = small.shortest()
+    if len(found.nodes) and pricing.path(small.xy[found.nodes], start_heading) < pricing.path(path, start_heading):
+        return np.asarray(small.xy[found.nodes])
+    return path
+
+
+def _split(space: Space, path: Floats, legs: int) -> Floats:
+    """The same path with legs of at most 1/``legs`` of its length.
+
+    Legs stay whole where a part of them is not free by itself: by round-off, or because a checker looks at samples of
+    a motion only.
+    """
+    step = np.diff(path, axis=0)
+    length = np.linalg.norm(step, axis=1)
+    parts = np.maximum(1, np.ceil(length * legs / length.sum() - 1e-9)).astype(int)
+    cut, leg = _cut(path, step, parts)
+    parts[np.unique(leg[~space.segments_free(cut[:-1], cut[1:])])] = 1
+    return _cut(path, step, parts)[0]
+
+
+def _cut(path: Floats, step: Floats, parts: Ints) -> tuple[Floats, Ints]:
+    """Leg k of the path cut into ``parts[k]`` equal ones, and the old leg that each new one belongs to."""
+    leg = np.repeat(np.arange(len(step)), parts)
+    share = (np.arange(len(leg)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[leg]
+    return np.concatenate([path[leg] + share[:, None] * step[leg], path[-1:]]), leg
+
+
+def _better_places(judge: Judge, space: Space, path: Floats, moved: Ints) -> Floats:
+    """For each of the waypoints ``moved`` the best of the free places tried around it, or where it is."""
+    here, left, right = path[moved], path[moved - 1], path[moved + 1]
+    reach = 0.5 * np.minimum(np.linalg.norm(here - left, axis=1), np.linalg.norm(right - here, axis=1))
+    places = here[:, None, :] + _MOVES * reach[:, None, None]
+    count = len(_MOVES)
+    tried, left, right = places.reshape(-1, 2), np.repeat(left, count, axis=0), np.repeat(right, count, axis=0)
+    price = judge.prices(path, np.repeat(moved, count), tried)
+    standing = np.repeat(price[::count], count)
+    free = price < standing - 1e-12 * np.abs(standing)
+    free[free] = space.segments_free(left[free], tried[free])
+    free[free] = space.segments_free(tried[free], right[free])
+    free[::count] = True
+    best = np.where(free, price, np.inf).reshape(-1, count).argmin(axis=1)
+    return np.asarray(places[np.arange(len(moved)), best])
+
+
+def _without_needless(judge: Judge, space: Space, path: Floats) -> Floats:
+    """The path without the waypoints that hardly matter to its price, dropped one by one."""
+    most = judge.price(path) * (1 + _NEEDLESS)
+    k = 1
+    while k < len(path) - 1:
+        without = np.delete(path, k, axis=0)
+        if judge.price(without) <= most and space.segments_free(path[k - 1], path[k + 1]):
+            path = without
+        else:
+            k += 1
+    return path
+
+
+def bearing(a: Floats, b: Floats) -> Complexes:
+    """The vectors from ``a`` to ``b`` as complex numbers."""
+    return np.asarray((b - a) @ np.array([1.0, 1j]))
+
+
+def arriving(path: Floats, moved: Ints, to: Complexes, start_heading: float | None) -> Complexes:
+    """Direction in which the robot reaches the waypoint before each of those ``moved``; from there it goes ``to``.
+
+    At the start that is the start heading, or the way it goes when there is none.
+    """
+    before = bearing(path[np.maximum(moved - 2, 0)], path[moved - 1])
+    facing = to if start_heading is None else np.exp(1j * start_heading)
+    return np.where(moved == 1, facing, before)

@@ -1,0 +1,160 @@
+"""Prices of straight motions and turns towards one goal, in bulk, on floors of one or several kinds.
+
+Edges that cross zones are cut where the zone changes and priced piece by piece, which is exact since the additive cost
+does not mind the cutting. A turn on the spot is priced with the noise of the run that follows it, as `predict_drift`
+does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driftplan.arrays import Bools, Floats, Ints
+from driftplan.model.drift import Drift, predict_drift
+from driftplan.model.noise import OdometryNoise
+from driftplan.planning.cost import CostRates, edge_cost, geodesic_cost, turn_cost
+from driftplan.world.zones import Zone, ZonePieces
+
+Minimise = Literal["drift", "length"]
+
+_LENGTH = CostRates(heading=0.0, position=1.0)
+
+
+class Space(Protocol):
+    """What the roadmap asks of the world: a `World`, or anything else that can say where the robot may drive."""
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]: ...
+    @property
+    def zones(self) -> tuple[Zone, ...]: ...
+    def is_free(self, xy: Floats, /) -> Bools: ...
+    def segments_free(self, a: Floats, b: Floats, /) -> Bools: ...
+    def corners(self, tolerance_m: float | None = None, /) -> Floats: ...
+    def zone_pieces(self, a: Floats, b: Floats, /) -> ZonePieces: ...
+
+
+class EdgePrices(NamedTuple):
+    """Prices of straight edges from a to b, the same in both directions."""
+
+    cost: Floats  # (n,) m², or m for the length; of it
+    position: Floats  # (n,) what position noise contributes
+    heading_var: Floats  # (n,) variance that the heading gains, rad²
+    zone_a: Ints  # (n,) index of the zone in which the edge leaves a, -1 for none,
+    zone_b: Ints  # (n,) and in which it reaches b
+
+    def pick(self, which: NDArray[Any]) -> EdgePrices:
+        """The prices of some of the edges."""
+        return EdgePrices(*(column[which] for column in self))
+
+    def joined(self, other: EdgePrices) -> EdgePrices:
+        """These prices, then the others."""
+        return EdgePrices(*(np.concatenate(columns) for columns in zip(self, other, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class Pricing:
+    """The additive cost of motions towards ``goal`` in ``space``: expected squared drift (m²) or length (m)."""
+
+    space: Space
+    goal: Floats
+    noise: OdometryNoise
+    minimise: Minimise = "drift"
+    _rates: tuple[CostRates, ...] = field(init=False, repr=False)  # of the zones, and last of everywhere else
+    _floor: CostRates = field(init=False, repr=False)  # the least of all
+
+    def __post_init__(self) -> None:
+        rates = [CostRates.of(self.noise), *(CostRates.of(zone.noise) for zone in self.space.zones)]
+        if self.minimise == "length":
+            rates = [_LENGTH]
+        names = ("heading", "position", "turn_heading", "turn_position")
+        floor = CostRates(**{name: min(getattr(rate, name) for rate in rates) for name in names})
+        object.__setattr__(self, "_rates", (*rates[1:], rates[0]))
+        object.__setattr__(self, "_floor", floor)
+
+    @property
+    def has_zones(self) -> bool:
+        return len(self._rates) > 1
+
+    @property
+    def worst_turn(self) -> float:
+        """Heading variance per radian turned where that is greatest, rad."""
+        return max(rate.turn_heading for rate in self._rates)
+
+    @property
+    def has_turns(self) -> bool:
+        """Whether turning on the spot costs anything, so that an edge's price depends on the one before."""
+        return any(rate.turn_heading > 0 or rate.turn_position > 0 for rate in self._rates)
+
+    def edges(self, a: Floats, b: Floats) -> EdgePrices:
+        """Prices of the edges from ``a`` to ``b``, (n, 2) each."""
+        if not self.has_zones:
+            rates, length = self._rates[-1], np.linalg.norm(b - a, axis=-1)
+            nowhere = np.full(len(a), -1, dtype=np.int64)
+            cost = edge_cost(a, b, self.goal, rates)
+            return EdgePrices(cost, rates.position * length, rates.heading * length, nowhere, nowhere)
+        pieces = self.space.zone_pieces(a, b)
+        step = (b - a)[pieces.segment]
+        begin = a[pieces.segment] + pieces.start[:, None] * step
+        end = a[pieces.segment] + pieces.end[:, None] * step
+        length = np.linalg.norm(end - begin, axis=-1)
+        prices = (
+            self._by_zone(pieces.zone, lambda rates, at: edge_cost(begin[at], end[at], self.goal, rates)),
+            self._by_zone(pieces.zone, lambda rates, at: rates.position * length[at]),
+            self._by_zone(pieces.zone, lambda rates, at: rates.heading * length[at]),
+        )
+        cost, position, heading_var = (
+            np.bincount(pieces.segment, weights=price, minlength=len(a)).astype(float) for price in prices
+        )
+        first = np.searchsorted(pieces.segment, np.arange(len(a)))
+        last = np.searchsorted(pieces.segment, np.arange(len(a)), side="right") - 1
+        return EdgePrices(cost, position, heading_var, pieces.zone[first], pieces.zone[last])
+
+    def turns(self, at: Floats, turn_rad: Floats, zone: Ints) -> Floats:
+        """Prices of turns on the spot at ``at`` (n, 2), before runs that begin in ``zone`` (n,)."""
+        return self._by_zone(zone, lambda rates, i: turn_cost(at[i], turn_rad[i], self.goal, rates))
+
+    def path(self, xy: Floats, start_heading: float | None = None) -> float:
+        """Price of a polyline (n, 2) without repeated points."""
+        prices = self.edges(xy[:-1], xy[1:])
+        total = float(prices.cost.sum())
+        if self.has_turns:
+            total += float(self.turns(xy[:-1], turn_angles(xy, start_heading), prices.zone_a).sum())
+        return total
+
+    def lower_bound(self, a: Floats, b: Floats) -> Floats:
+        """What any motion from ``a`` to ``b`` costs at least, obstacles or not: the best floor everywhere, no turns."""
+        return geodesic_cost(a, b, self.goal, self._floor)
+
+    def _by_zone(self, zone: Ints, price: Callable[[CostRates, Ints], Floats]) -> Floats:
+        """``price`` of every item at the rates of its zone, one bulk call per zone."""
+        cost = np.empty(len(zone))
+        for index in np.unique(zone):
+            items = np.flatnonzero(zone == index)
+            cost[items] = price(self._rates[index], items)
+        return cost
+
+
+def exact_drift(space: Space, path: Floats, noise: OdometryNoise, start_heading: float | None = None) -> Drift:
+    """`predict_drift` along a polyline (n, 2), each stretch with the noise of the zone it is in."""
+    if not space.zones:
+        return predict_drift(path, noise, start_heading=start_heading)
+    pieces = space.zone_pieces(path[:-1], path[1:])
+    step = np.diff(path, axis=0)[pieces.segment]
+    ends = np.where(
+        (pieces.end < 1)[:, None], path[pieces.segment] + pieces.end[:, None] * step, path[pieces.segment + 1]
+    )
+    kinds = (*(zone.noise for zone in space.zones), noise)
+    cut = np.concatenate([path[:1], ends])
+    return predict_drift(cut, [kinds[zone] for zone in pieces.zone], start_heading=start_heading)
+
+
+def turn_angles(xy: Floats, start_heading: float | None) -> Floats:
+    """Angle in [-π, π] turned before each leg of a polyline (n, 2) without repeated points; shape (n - 1,)."""
+    step = xy[1:, 0] - xy[:-1, 0] + 1j * (xy[1:, 1] - xy[:-1, 1])
+    facing = step[:1] if start_heading is None else np.exp(1j * np.array([start_heading]))
+    return np.asarray(np.angle(step * np.conj(np.concatenate([facing, step[:-1]]))))

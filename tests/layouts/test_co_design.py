@@ -1,0 +1,249 @@
+"""co_design: never dearer than shortest routes and then beacons, as cheap as brute force, and safe by Monte Carlo."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from driftplan.beacons.beacon import Beacon, BeaconKind, beacon_fixes, drift_with_beacons
+from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
+from driftplan.layouts.co_design.co_design import co_design
+from driftplan.layouts.co_design.design import DesignStatus
+from driftplan.layouts.co_design.trips import Trip
+from driftplan.layouts.placement.place import place_beacons
+from driftplan.model.fixes import Fix
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.simulation import simulate_drift
+from driftplan.planning.itinerary.search import ItinerarySearch
+from driftplan.world.world import World
+
+NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
+SIGN = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01, cost=100.0)
+SHELVES = [[(8, y), (32, y), (32, y + 4), (8, y + 4)] for y in (4, 12)]
+WORLD = World.from_polygons(SHELVES, bounds=(0, 0, 40, 20), robot_radius=0.5)
+AISLES = (2.0, 10.0, 18.0)
+TRIPS = [Trip((2, 2), (38, 2)), Trip((2, 10), (38, 10), 2.0), Trip((2, 18), (38, 18))]
+LIMIT = 1.2
+LONG = {"nodes": 120, "time_limit": 600.0}  # a clock that never decides
+
+
+def greatest(path, beacons, noise=NOISE, world=WORLD, fixes=()):
+    return float(drift_with_beacons(path, noise, beacons, world, fixes=fixes).profile(0.1).rms.max())
+
+
+def designed(trips=TRIPS, limit=LIMIT, **options):
+    return co_design(
+        WORLD, trips, NOISE, limit, **{"kind": SIGN, "price_per_m": 1.0, "spacing_m": 4.0, **LONG, **options}
+    )
+
+
+# Laws
+
+
+@pytest.mark.parametrize("price", [0.2, 2.0, 50.0])
+def test_it_is_never_dearer_than_shortest_routes_and_then_beacons(price):
+    found = designed(price_per_m=price)
+    shortest = [
+        ItinerarySearch(WORLD, WORLD, np.array([trip.start, trip.goal]), NOISE, (), nodes=120).shortest
+        for trip in TRIPS
+    ]
+    layout = place_beacons(WORLD, shortest, NOISE, max_drift=LIMIT, kind=SIGN, spacing_m=4.0)
+    assert layout.proven
+    driven = sum(
+        t.weight * np.linalg.norm(np.diff(p, axis=0), axis=1).sum() for t, p in zip(TRIPS, shortest, strict=True)
+    )
+    assert found.baseline.cost == pytest.approx(layout.cost + price * driven)
+    assert found.cost <= found.baseline.cost
+    assert found.gain == pytest.approx(found.baseline.cost - found.cost)
+    assert found.cost == pytest.approx(
+        100 * len(found.beacons) + price * sum(t.weight * n for t, n in zip(TRIPS, found.lengths, strict=True))
+    )
+    assert list(found.history) == sorted(found.history, reverse=True)
+    assert found.status is DesignStatus.LOCAL_OPTIMUM
+
+
+def test_the_cheaper_driving_is_the_fewer_beacons_are_worth_their_price():
+    beacons = [len(designed(price_per_m=price).beacons) for price in (0.2, 50.0)]
+    assert beacons[0] < beacons[1] == 3
+
+
+def test_every_route_keeps_the_limit_by_the_exact_model_and_is_free():
+    found = designed()
+    assert len(found.beacons) < len(found.baseline.beacons)
+    for trip, path, route in zip(found.trips, found.paths, found.routes, strict=True):
+        assert greatest(path, found.beacons) <= LIMIT * (1 + 1e-6)
+        assert WORLD.segments_free(path[:-1], path[1:]).all()
+        assert (tuple(path[0]), tuple(path[-1])) == (trip.start, trip.goal)
+        assert route.path is path
+        assert route.worst_drift == pytest.approx(greatest(path, found.beacons), rel=1e-3)
+    assert [drift.length for drift in found.layout.drifts] == pytest.approx(found.lengths)
+
+
+def test_with_any_one_beacon_dead_the_limit_still_holds():
+    found = designed(TRIPS[:2], limit=1.5, redundancy=2)
+    for path in found.paths:
+        for dead in found.beacons:
+            assert greatest(path, [b for b in found.beacons if b is not dead]) <= 1.5 * (1 + 1e-6)
+
+
+def test_the_same_seed_gives_the_same_design():
+    first, second = (designed(TRIPS[:2], seed=3) for _ in range(2))
+    assert [b.id for b in first.beacons] == [b.id for b in second.beacons]
+    for a, b in zip(first.paths, second.paths, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_beacons_that_are_there_already_are_used_for_nothing():
+    there = [Beacon(SIGN, 20, 10, id="old")]
+    found = designed(TRIPS[:2], existing=there)
+    assert "old" not in {b.id for b in found.beacons}
+    assert found.beacon_cost < designed(TRIPS[:2]).beacon_cost
+    assert any(there[0] in route.beacons for route in found.routes)
+
+
+def test_no_beacons_go_where_they_are_forbidden():
+    forbidden = [[(12, 0), (28, 0), (28, 11), (12, 11)]]
+    found = designed(forbidden=forbidden, limit=1.6)
+    assert all(not (12 < b.x < 28 and b.y < 11) for b in found.beacons)
+
+
+def test_no_rounds_are_the_baseline():
+    found = designed(rounds=0)
+    assert found.status is DesignStatus.ROUNDS_DONE
+    assert found.cost == found.baseline.cost
+    assert found.tried == 0
+
+
+def test_where_the_shortest_routes_cannot_be_held_others_are_found():
+    candidates = np.array([(x, y) for x in (12.0, 20.0, 28.0) for y in (10.0, 18.0)])
+    found = designed(TRIPS[:1], limit=0.8, candidates=candidates, spacing_m=None, max_detour=1.6)
+    assert found.baseline is None
+    assert found.gain == math.inf
+    assert greatest(found.paths[0], found.beacons) <= 0.8 * (1 + 1e-6)
+    assert "no layout keeps the limit on the shortest routes" in str(found)
+
+
+def test_an_uncertain_start_is_taken_into_account():
+    unsure = Fix.full(0.0, position_std_m=0.3, heading_std=0.12)
+    found = designed(TRIPS[:1], start_fix=unsure)
+    assert len(found.beacons) > len(designed(TRIPS[:1]).beacons)
+    assert greatest(found.paths[0], found.beacons, fixes=[unsure]) <= LIMIT * (1 + 1e-6)
+
+
+# Oracles
+
+
+def brute_force(trips, limit, candidates, price):
+    """Least cost over all sets of beacons, each trip by the shortest route that keeps the limit among them."""
+    beacons = [Beacon(SIGN, x, y) for x, y in candidates]
+    best = math.inf
+    for size in range(len(beacons) + 1):
+        for chosen in itertools.combinations(beacons, size):
+            cost = 100.0 * size
+            for trip in trips:
+                if cost < best:
+                    ends = np.array([trip.start, trip.goal])
+                    search = ItinerarySearch(WORLD, WORLD, ends, NOISE, chosen, min_capture=0.0, nodes=120)
+                    path = search.shortest_within(
+                        limit, 1.5 * np.linalg.norm(np.diff(search.shortest, axis=0), axis=1).sum()
+                    )
+                    cost += (
+                        math.inf
+                        if path is None
+                        else price * trip.weight * np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+                    )
+            best = min(best, cost)
+    return best
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 7))])
+def test_tiny_instances_cost_what_brute_force_finds(seed):
+    rng = np.random.default_rng(seed)
+    trips = [Trip((2, float(a)), (38, float(b)), float(rng.integers(1, 4))) for a, b in rng.choice(AISLES, (2, 2))]
+    candidates = np.array([(x, y) for y in AISLES for x in (14.0, 26.0)]) + rng.uniform(-1, 1, (6, 2))
+    price = float(rng.uniform(0.5, 6.0))
+    limit = float(rng.uniform(0.9, 1.5))
+    least = brute_force(trips, limit, candidates, price)
+    if least == math.inf:
+        with pytest.raises(InfeasibleError):
+            designed(trips, limit, candidates=candidates, spacing_m=None, price_per_m=price)
+        return
+    found = designed(trips, limit, candidates=candidates, spacing_m=None, price_per_m=price)
+    # shortening stops at local optima: lengths agree to within a few per mille
+    assert found.cost == pytest.approx(least, rel=3e-3)
+
+
+def test_robots_that_drive_the_routes_drift_as_predicted():
+    found = designed()
+    for path, drift in zip(found.paths, found.layout.drifts, strict=True):
+        fixes = beacon_fixes(path, found.beacons, WORLD)
+        errors = simulate_drift(path, NOISE, runs=20_000, fixes=fixes, rng=7)
+        square = (errors**2).sum(axis=2)
+        mean, std = square.mean(axis=0), square.std(axis=0, ddof=1) / np.sqrt(len(errors))
+        np.testing.assert_array_less(np.abs(mean - drift.at(drift_of(path)).rms ** 2), 4.5 * std + 1e-12)
+
+
+def drift_of(path):
+    """Driven distance at every waypoint, metres."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+
+
+# Refusals
+
+
+def test_a_trip_that_nothing_can_hold_is_named():
+    with pytest.raises(InfeasibleError, match=r"trip 1 \(far\): no route .* even with beacons at all"):
+        designed(
+            [TRIPS[0], Trip((2, 18), (38, 18), name="far")],
+            limit=1.0,
+            candidates=[(20.0, 2.0)],
+            spacing_m=None,
+            max_detour=1.0,
+        )
+
+
+def test_ends_that_cannot_be_reached_name_the_trip():
+    wall = [(19, 0), (21, 0), (21, 20), (19, 20)]
+    parted = World.from_polygons([wall], bounds=(0, 0, 40, 20), robot_radius=0.5)
+    asked = {"kind": SIGN, "price_per_m": 1.0}
+    for world, ends, error in (
+        (WORLD, ((10, 6), (38, 2)), StartError),
+        (WORLD, ((2, 2), (10, 6)), GoalError),
+        (parted, ((2, 2), (38, 2)), NoPathError),
+        (WORLD, ((2, 2), (2, 2)), ValueError),
+    ):
+        with pytest.raises(error, match=r"^trip 1: "):
+            co_design(world, [((2, 3), (2, 5)), ends], NOISE, LIMIT, **asked)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"trips": []}, "trips to be a sequence"),
+        ({"trips": [((0, 0),)]}, "trip 0: expected a Trip or"),
+        ({"trips": [((2, 2), (38, 2), -1.0)]}, "weight > 0"),
+        ({"trips": [((2, 2), (38, float("nan")))]}, "finite"),
+        ({"limit": -1.0}, "max_drift > 0"),
+        ({"price_per_m": 0.0}, "price_per_m > 0"),
+        ({"kind": "tag"}, "kind to be a BeaconKind"),
+        ({"candidates": [(1.0, 2.0, 3.0)], "spacing_m": None}, "candidates \\(n, 2\\)"),
+        ({"candidates": [(1.0, 2.0)]}, "spacing_m only for generated"),
+        ({"forbidden": [[(0, 0), (40, 0), (40, 20), (0, 20)]]}, "at least one candidate"),
+        ({"redundancy": 3}, "redundancy"),
+        ({"max_detour": 0.5}, "max_detour >= 1"),
+        ({"rounds": -1}, "rounds"),
+        ({"time_limit": 0.0}, "time_limit > 0"),
+        ({"existing": ["A"]}, "Beacon objects"),
+    ],
+)
+def test_input_that_makes_no_sense_is_refused(change, said):
+    with pytest.raises(ValueError, match=said):
+        designed(**change)
+
+
+def test_a_clock_that_runs_out_is_said_and_the_design_still_holds():
+    found = designed(time_limit=1e-3)
+    assert found.status is DesignStatus.TIME_LIMIT
+    assert found.cost == found.baseline.cost
+    assert all(greatest(path, found.beacons) <= LIMIT * (1 + 1e-6) for path in found.paths)

@@ -1,0 +1,119 @@
+"""Layouts as files: what is written is read back, and installers are told what is true."""
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+import shapely
+
+from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons, passes
+from driftplan.errors import MapError
+from driftplan.layouts.layout_files import beacons_geojson, installer_table, layout_csv, layout_geojson, load_beacons
+from driftplan.layouts.placement.place import place_beacons
+from driftplan.model.noise import OdometryNoise
+from driftplan.world.world import World
+
+NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
+SIGN = BeaconKind.landmark(2.5, 0.05, 0.01, detection_probability=0.95, reading_spacing_m=2.0, cost=4.0)
+WORLD = World.from_polygons([[(5, 3), (35, 3), (35, 7), (5, 7)]], bounds=(0, 0, 40, 10), robot_radius=0.4)
+ROUTES = [np.array([(1, 1.5), (39, 1.5)]), np.array([(39, 8.5), (1, 8.5)])]
+OLD = Beacon(BeaconKind.rfid(1.5, 0.1), 20.0, 1.5, "old")
+
+
+@pytest.fixture(scope="module")
+def layout():
+    return place_beacons(WORLD, ROUTES, NOISE, max_drift=0.9, kind=SIGN, spacing_m=2.0, existing=[OLD])
+
+
+def test_a_layout_written_as_geojson_is_read_back_exactly(layout, tmp_path):
+    file = tmp_path / "layout.geojson"
+    file.write_bytes(layout_geojson(layout))
+    assert load_beacons(file) == (*layout.existing, *layout.beacons)
+    said = json.loads(file.read_text())
+    assert said["driftplan"]["cost"] == layout.cost
+    assert [f["properties"]["new"] for f in said["features"]] == [False] + [True] * len(layout.beacons)
+
+
+def test_every_kind_of_beacon_survives_a_file(tmp_path):
+    kinds = [SIGN, BeaconKind.rfid(1.0, 0.0), BeaconKind.heading(3.0, 0.1, line_of_sight=True)]
+    beacons = tuple(Beacon(kind, 1.0 / 3.0, -k, f"id {k}") for k, kind in enumerate(kinds))
+    file = tmp_path / "beacons.geojson"
+    file.write_bytes(beacons_geojson(beacons))
+    assert load_beacons(file) == beacons
+
+
+def test_a_layout_of_no_beacons_is_read_back_as_none(tmp_path):
+    file = tmp_path / "none.geojson"
+    file.write_bytes(beacons_geojson([]))
+    assert load_beacons(file) == ()
+
+
+def test_installers_learn_the_nearest_wall_and_which_failure_hurts_most(layout):
+    rows = installer_table(layout)
+    assert {row.id for row in rows} == {b.id for b in (*layout.existing, *layout.beacons)}
+    hurts = [row.worst_drift_if_dead_m for row in rows]
+    assert hurts == sorted(hurts, reverse=True)
+    beacons = {b.id: b for b in (*layout.existing, *layout.beacons)}
+    for row in rows:
+        assert (row.x_m, row.y_m) == (beacons[row.id].x, beacons[row.id].y)
+        distance = shapely.distance(WORLD.obstacles, shapely.Point(row.x_m, row.y_m))
+        assert row.nearest_wall_m == pytest.approx(distance)
+        assert shapely.distance(WORLD.obstacles, shapely.Point(row.wall_x_m, row.wall_y_m)) == pytest.approx(
+            0.0, abs=1e-12
+        )
+        rest = [b for b in beacons.values() if b.id != row.id]
+        worst = [drift_with_beacons(r, NOISE, rest, WORLD).profile().rms.max() for r in ROUTES]
+        assert row.worst_drift_if_dead_m == pytest.approx(worst[row.worst_route_if_dead])
+        assert row.new == (row.id != "old")
+        assert row.routes == tuple(k for k, r in enumerate(ROUTES) if len(passes(r, beacons[row.id], WORLD)))
+
+
+def test_the_csv_has_a_header_with_units_and_a_line_per_beacon(layout):
+    rows = list(csv.DictReader(io.StringIO(layout_csv(layout).decode())))
+    assert len(rows) == len(layout.existing) + len(layout.beacons)
+    assert float(rows[0]["worst_drift_if_dead_m"]) == installer_table(layout)[0].worst_drift_if_dead_m
+    assert {"id", "kind", "x_m", "y_m", "nearest_wall_m", "routes"} <= set(rows[0])
+    assert [row["routes"].split() for row in rows] == [[str(r) for r in row.routes] for row in installer_table(layout)]
+
+
+def test_without_a_map_walls_are_left_empty():
+    layout = place_beacons(None, ROUTES, NOISE, max_drift=0.9, kind=BeaconKind.rfid(1.5, 0.1))
+    rows = list(csv.DictReader(io.StringIO(layout_csv(layout).decode())))
+    assert {row["nearest_wall_m"] for row in rows} == {""}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "line 1: not JSON"),
+        ("[]", "expected a GeoJSON FeatureCollection"),
+        ('{"type": "FeatureCollection", "features": [{}]}', "at least one Point feature"),
+        (
+            '{"type": "FeatureCollection", "features": [{"geometry": {"type": "Point"}}]}',
+            "feature 1: expected properties",
+        ),
+        (
+            '{"type": "FeatureCollection", "features": [{"geometry": {"type": "Point", "coordinates": [1, 2]}, '
+            '"properties": {"range_m": -1, "position_std_m": 0.1}}]}',
+            "feature 1: expected a beacon: expected range_m > 0",
+        ),
+        (
+            '{"type": "FeatureCollection", "features": [{"geometry": {"type": "Point", "coordinates": ["a", 2]}, '
+            '"properties": {"range_m": 1, "position_std_m": 0.1}}]}',
+            "feature 1: expected a beacon: expected x",
+        ),
+    ],
+)
+def test_a_file_of_no_beacons_is_refused_by_name_and_feature(text, said, tmp_path):
+    file = tmp_path / "beacons.geojson"
+    file.write_text(text)
+    with pytest.raises(MapError, match=said) as caught:
+        load_beacons(file)
+    assert str(file) in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(MapError, match=r"nowhere\.geojson: cannot be read"):
+        load_beacons(tmp_path / "nowhere.geojson")

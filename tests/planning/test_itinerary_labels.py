@@ -1,0 +1,273 @@
+"""Label search and the graph it runs on: against enumeration of all walks and against predict_drift."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons
+from driftplan.model.fixes import Fix
+from driftplan.model.noise import OdometryNoise
+from driftplan.planning.itinerary.beacon_roadmap import BeaconRoadmap, N
+from driftplan.planning.itinerary.labels import LabelTask, _scores, _Search, least_drift_walk, shortest_walk
+from driftplan.world.world import World
+from driftplan.world.zones import Zone
+
+NOISE = OdometryNoise(heading_var_per_m=2e-4, distance_var_per_m=1e-3)
+TURNING = OdometryNoise(heading_var_per_m=2e-4, distance_var_per_m=1e-3, heading_var_per_rad=3e-4)
+TAG = BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+SIGN = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01, line_of_sight=False)
+COMPASS = BeaconKind.heading(range_m=2.0, heading_std=0.02)
+WALK_EDGES = 8
+SEEDS = [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 2))]
+
+
+def edges_between(xy, reach):
+    return np.array(
+        [(i, j) for i, j in itertools.combinations(range(len(xy)), 2) if np.hypot(*(xy[i] - xy[j])) < reach]
+    )
+
+
+def walk_states(graph, nodes, dead=None):
+    """Greatest E|e|² on a walk and the error state at its end, by the graph's matrices, turns included."""
+    x = graph.at_start(nodes[0], None, -1 if dead is None else dead)
+    effects = None if dead is None else graph.without(dead)
+    worst, arriving = x[N], None
+    for a, b in itertools.pairwise(nodes):
+        e = int(np.flatnonzero((graph.tail == a) & (graph.head == b))[0])
+        if graph.turns_matter and arriving is not None:
+            x = graph.turns(a, arriving)[e - graph.first[a]] @ x
+            worst = max(worst, x[N])
+        use, k = graph.effects, e
+        if effects is not None and e in effects.edge:
+            use, k = effects, int(np.flatnonzero(effects.edge == e)[0])
+        worst = max(worst, (use.row[use.first[k] : use.first[k + 1]] @ x).max())
+        x = use.matrix[k] @ x
+        arriving = complex(graph.direction[e])
+    return worst, x
+
+
+def all_walks(graph, longest, most_edges=WALK_EDGES):
+    """Every walk from node 0 that ends on its first arrival at node 1, no longer than ``longest``."""
+    stack = [((0,), 0.0)]
+    while stack:
+        nodes, length = stack.pop()
+        if nodes[-1] == 1:
+            yield nodes, length
+            continue
+        if len(nodes) > most_edges:
+            continue
+        for e in range(graph.first[nodes[-1]], graph.first[nodes[-1] + 1]):
+            if length + graph.length[e] <= longest:
+                stack.append(((*nodes, int(graph.head[e])), length + graph.length[e]))
+
+
+def small_graph(seed, noise, kinds, nodes=6):
+    rng = np.random.default_rng(seed)
+    xy = np.concatenate([[[0.0, 0.0], [24.0, 0.0]], rng.uniform((0, -8), (24, 8), (nodes - 2, 2))])
+    beacons = [Beacon(kinds[k % len(kinds)], *rng.uniform((2, -8), (22, 8))) for k in range(4)]
+    beacons += [Beacon(kinds[0], *xy[2]), Beacon(kinds[-1], *xy[3])]
+    return BeaconRoadmap.of(xy, edges_between(xy, 15.0), noise, beacons, None)
+
+
+def task_of(graph, limit, longest=math.inf, dead=()):
+    weights = np.full((len(graph.xy),) * 2, np.inf)
+    weights[graph.tail, graph.head] = graph.length
+    for k in range(len(graph.xy)):  # Floyd and Warshall
+        weights = np.minimum(weights, weights[:, k : k + 1] + weights[k])
+    to_goal = weights[:, 1].copy()
+    to_goal[1] = 0.0
+    return LabelTask(
+        graph=graph,
+        start=0,
+        goal=1,
+        states=np.stack([graph.at_start(0, None, gone) for gone in (-1, *dead)]),
+        dead=tuple(graph.without(site) for site in dead),
+        to_goal=to_goal,
+        limit=limit,
+        longest=longest,
+        reach=60.0,
+    )
+
+
+# The graph
+
+
+@pytest.mark.parametrize("noise", [NOISE, TURNING, OdometryNoise(heading_var_per_m=1e-3, heading_bias_per_m=2e-3)])
+@pytest.mark.parametrize("kind", [TAG, SIGN, COMPASS])
+def test_an_edge_does_to_the_drift_what_the_exact_model_says(noise, kind):
+    # ranges are crossed within one edge and no farther than the spacing of readings: nothing is approximated
+    xy = np.array([(0, 0), (9, 0), (9, 7), (20, 9)], dtype=float)
+    beacons = [Beacon(kind, 4.5, 1.0), Beacon(TAG, 14.0, 8.0)]
+    zone = Zone([(2, -1), (6, -1), (6, 1), (2, 1)], OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=3e-3))
+    world = World.from_polygons([], bounds=(-5, -5, 25, 15), robot_radius=0.1, zones=[zone])
+    graph = BeaconRoadmap.of(xy, np.array([(0, 1), (1, 2), (2, 3)]), noise, beacons, world)
+    worst, x = walk_states(graph, (0, 1, 2, 3))
+    drift = drift_with_beacons(xy, noise, beacons, world)
+    assert x[N] == pytest.approx(float(drift.end.rms) ** 2, rel=1e-6)  # readings are placed to the micrometre
+    borders = np.flatnonzero(np.isin(drift.profile(100.0).distance, drift.distance))
+    assert worst >= drift.profile(100.0).moments.N.real[borders].max() * (1 - 1e-6)
+
+
+def test_driving_an_edge_backwards_is_another_edge_with_the_same_readings():
+    xy = np.array([(0, 0), (12, 5)], dtype=float)
+    beacons = [Beacon(SIGN, 3.0, 1.0), Beacon(TAG, 9.0, 4.0)]
+    graph = BeaconRoadmap.of(xy, np.array([(0, 1)]), NOISE, beacons, None)
+    for path, nodes in ((xy, (0, 1)), (xy[::-1], (1, 0))):
+        _, x = walk_states(graph, nodes)
+        assert x[N] == pytest.approx(float(drift_with_beacons(path, NOISE, beacons).end.rms) ** 2, rel=1e-6)
+
+
+def test_a_dead_beacon_is_as_if_it_were_not_there():
+    xy = np.array([(0, 0), (12, 5), (20, 0)], dtype=float)
+    beacons = [Beacon(SIGN, 3.0, 1.0), Beacon(TAG, 9.0, 4.0), Beacon(TAG, 16.0, 2.0)]
+    graph = BeaconRoadmap.of(xy, np.array([(0, 1), (1, 2)]), NOISE, beacons, None)
+    for site in range(3):
+        rest = [b for k, b in enumerate(beacons) if k != site]
+        without = BeaconRoadmap.of(xy, np.array([(0, 1), (1, 2)]), NOISE, rest, None)
+        _, x = walk_states(graph, (0, 1, 2), dead=site)
+        _, y = walk_states(without, (0, 1, 2))
+        np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-15)
+
+
+def test_the_start_may_be_uncertain_and_within_range():
+    xy = np.array([(0, 0), (10, 0)], dtype=float)
+    graph = BeaconRoadmap.of(xy, np.array([(0, 1)]), NOISE, [Beacon(TAG, 0.5, 0.0)], None)
+    unsure = Fix.full(0.0, position_std_m=3.0, heading_std=0.1)
+    x = graph.at_start(0, unsure)
+    assert x[N] == pytest.approx(2 * 0.1**2)
+    assert graph.at_start(0, unsure, dead=0)[N] == pytest.approx(2 * 3.0**2)
+    assert x[1] == pytest.approx(-2 * math.expm1(-(0.1**2) / 2))  # a tag leaves the heading as it is
+
+
+# The search, against every walk of up to eight edges
+
+KINDS = {"full": [SIGN], "position": [TAG], "mixed": [TAG, SIGN, COMPASS]}
+UNSURE = BeaconKind.rfid(range_m=1.5, position_std_m=0.1, detection_probability=0.6)
+
+
+@pytest.mark.parametrize("kinds", [*KINDS.values(), [UNSURE, SIGN]], ids=[*KINDS, "unsure"])
+@pytest.mark.parametrize("noise", [NOISE, TURNING], ids=["plain", "turning"])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_shortest_walk_within_a_limit_is_that_of_enumeration(seed, noise, kinds):
+    graph = small_graph(seed, noise, kinds)
+    walks = [(length, *walk_states(graph, nodes), nodes) for nodes, length in all_walks(graph, 60.0, 7)]
+    worst = sorted({round(w**0.5, 9) for _, w, _, _ in walks})
+    for limit in (worst[0] * 0.999, *(w * 1.000001 for w in worst[:: max(1, len(worst) // 6)])):
+        fitting = [(length, nodes) for length, w, _, nodes in walks if w <= limit**2]
+        found = shortest_walk(task_of(graph, limit, longest=60.0))
+        if not fitting:
+            assert found.nodes is None or len(found.nodes) > 8
+            continue
+        length, _ = min(fitting)
+        assert found.finished
+        assert found.length == pytest.approx(length) if len(found.nodes) <= 8 else found.length <= length + 1e-9
+        assert walk_states(graph, found.nodes)[0] <= limit**2 * (1 + 1e-9)
+        assert found.bound <= found.length + 1e-9
+
+
+@pytest.mark.parametrize("kinds", KINDS.values(), ids=KINDS)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_walk_of_least_end_drift_is_that_of_enumeration(seed, kinds):
+    graph = small_graph(seed, NOISE, kinds)
+    longest = 45.0
+    walks = [(*walk_states(graph, nodes), nodes) for nodes, _ in all_walks(graph, longest)]
+    for limit in (math.inf, sorted(w for w, _, _ in walks)[len(walks) // 2] ** 0.5 * 1.000001):
+        best = min(x[N] for w, x, _ in walks if w <= limit**2) ** 0.5
+        found = least_drift_walk(task_of(graph, limit, longest))
+        assert found.end_drift <= best * (1 + 1e-9)
+        if len(found.nodes) <= WALK_EDGES + 1:
+            assert found.end_drift == pytest.approx(best, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_with_beacons_that_may_be_dead_the_walk_is_that_of_enumeration(seed):
+    graph = small_graph(seed, NOISE, KINDS["mixed"], nodes=5)
+    dead = tuple(range(len(graph.beacons)))
+    walks = [
+        (length, max(walk_states(graph, nodes, site)[0] for site in (None, *dead)))
+        for nodes, length in all_walks(graph, 50.0, 5)
+    ]
+    limit = sorted(w for _, w in walks)[len(walks) // 5] ** 0.5 * 1.000001
+    found = shortest_walk(task_of(graph, limit, 50.0, dead))
+    assert len(found.nodes) > 6 or found.length == pytest.approx(min(length for length, w in walks if w <= limit**2))
+
+
+def test_a_walk_comes_back_from_a_beacon_in_a_side_aisle():
+    xy = np.array([(0, 0), (40, 0), (20, 0), (20, 9)], dtype=float)
+    graph = BeaconRoadmap.of(xy, np.array([(0, 2), (2, 1), (2, 3)]), NOISE, [Beacon(SIGN, 20, 9)], None)
+    alone = walk_states(graph, (0, 2, 1))[0] ** 0.5
+    assert shortest_walk(task_of(graph, alone * 1.001)).nodes == (0, 2, 1)
+    assert shortest_walk(task_of(graph, alone * 0.9)).nodes == (0, 2, 3, 2, 1)
+
+
+def test_slack_never_returns_a_walk_that_breaks_the_limit():
+    for seed in range(5):
+        graph = small_graph(seed, NOISE, KINDS["mixed"], nodes=9)
+        exact = shortest_walk(task_of(graph, 0.6, 80.0))
+        rough = shortest_walk(task_of(graph, 0.6, 80.0), slack_sq=0.02 * 0.6**2)
+        if rough.nodes is not None:
+            assert walk_states(graph, rough.nodes)[0] <= 0.6**2 * (1 + 1e-9)
+            assert rough.length >= exact.length - 1e-9
+            assert rough.labels <= exact.labels
+
+
+def test_a_search_that_is_stopped_says_so():
+    graph = small_graph(0, NOISE, KINDS["mixed"], nodes=30)
+    found = shortest_walk(task_of(graph, 0.4, 200.0), stop=lambda: True)
+    assert not found.finished
+    assert found.nodes is None
+
+
+# Dominance, as the docstring of labels states it
+
+
+@pytest.mark.parametrize("kinds", [*KINDS.values(), [UNSURE, SIGN]], ids=[*KINDS, "unsure"])
+@pytest.mark.parametrize("noise", [NOISE, TURNING], ids=["plain", "turning"])
+def test_a_label_that_dominates_another_drifts_no_more_whatever_follows(noise, kinds):
+    rng = np.random.default_rng(11)
+    compared = 0
+    for seed in range(2):
+        graph = small_graph(seed, noise, kinds)
+        rule = _Search(task_of(graph, math.inf), 0.0, lambda: False, 10)
+        ways = [nodes for nodes, _ in walks_to_anywhere(graph, 3)]
+        ended = {}
+        for nodes in ways:
+            ended.setdefault(nodes[-1], []).append((nodes, walk_states(graph, nodes)[1]))
+        for node, labels in ended.items():
+            for _ in range(20):
+                (first, x), (second, y) = (labels[k] for k in rng.integers(len(labels), size=2))
+                turn = rule.turn_rates != (0.0, 0.0) and first[-2:] != second[-2:]
+                better, worse = _scores(np.stack([x, y])[..., None])
+                if turn or not rule.dominates(better, worse, 0.0):
+                    continue
+                compared += 1
+                tail = [node]
+                for _ in range(5):
+                    tail.append(int(rng.choice(graph.head[graph.first[tail[-1]] : graph.first[tail[-1] + 1]])))
+                after = [walk_states(graph, (*way, *tail[1:]))[1][N] for way in (first, second)]
+                # terms of the fourth order in the heading error, which is at most 0.2 rad here, are left out of it
+                assert after[0] <= after[1] * (1 + 0.2**4)
+    assert compared > 15
+
+
+def walks_to_anywhere(graph, most_edges):
+    """Every walk from node 0 of one to so many edges."""
+    stack = [(0,)]
+    while stack:
+        nodes = stack.pop()
+        if len(nodes) > 1:
+            yield nodes, None
+        if len(nodes) <= most_edges:
+            stack += [(*nodes, int(head)) for head in graph.head[graph.first[nodes[-1]] : graph.first[nodes[-1] + 1]]]
+
+
+def test_a_label_with_less_heading_error_is_kept_beside_one_with_less_drift():
+    rule = _Search(task_of(small_graph(0, NOISE, KINDS["full"]), 1.0), 0.0, lambda: False, 10)
+    lost, turned = [(0.09, 0.0001, 0j)], [(0.01, 0.01, 0j)]
+    assert not rule.dominates(lost, turned, 0.0)
+    assert not rule.dominates(turned, lost, 0.0)
+    # equal drift and heading error, but one's errors are correlated: driving on may undo them
+    assert not rule.dominates([(0.04, 0.01, 0j)], [(0.04, 0.01, 0.005 + 0j)], 0.0)
+    assert rule.dominates([(0.03, 0.01, 0j)], [(0.04, 0.0101, 0j)], 0.0)
