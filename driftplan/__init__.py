@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .errors import DriftplanError as DriftplanError
     from .errors import GoalError as GoalError
     from .errors import InfeasibleError as InfeasibleError
+    from .errors import KeywordError as KeywordError
     from .errors import MapError as MapError
     from .errors import NoPathError as NoPathError
     from .errors import PlannerError as PlannerError
@@ -33,12 +34,12 @@ if TYPE_CHECKING:
     from .layouts.layout_files import layout_csv as layout_csv
     from .layouts.layout_files import layout_geojson as layout_geojson
     from .layouts.layout_files import load_beacons as load_beacons
-    from .layouts.placement.candidates import grid_sites as grid_sites
-    from .layouts.placement.candidates import route_sites as route_sites
-    from .layouts.placement.candidates import wall_sites as wall_sites
-    from .layouts.placement.place import beacon_tradeoff as beacon_tradeoff
-    from .layouts.placement.place import place_beacons as place_beacons
-    from .layouts.placement.problem import SiteGroup as SiteGroup
+    from .layouts.place import beacon_tradeoff as beacon_tradeoff
+    from .layouts.place import place_beacons as place_beacons
+    from .layouts.site_grids import grid_sites as grid_sites
+    from .layouts.site_grids import route_sites as route_sites
+    from .layouts.site_grids import wall_sites as wall_sites
+    from .layouts.sites import SiteGroup as SiteGroup
     from .model.calibration.fit import NoiseFit as NoiseFit
     from .model.calibration.fit import fit_noise as fit_noise
     from .model.calibration.noise_check import check_noise as check_noise
@@ -99,7 +100,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "beacons.beacon": "Beacon BeaconKind drift_with_beacons passes",
-    "layouts.placement.candidates": "grid_sites route_sites wall_sites",
+    "layouts.site_grids": "grid_sites route_sites wall_sites",
     "beacons.capture": "Capture capture",
     "layouts.co_design.co_design": "co_design",
     "layouts.co_design.design": "CoDesign",
@@ -107,12 +108,16 @@ _HOME = {
     "layouts.layout": "Layout",
     "layouts.layout_files": "installer_table layout_csv layout_geojson load_beacons",
     "planning.itinerary.pareto": "pareto_routes",
-    "layouts.placement.place": "beacon_tradeoff place_beacons",
-    "layouts.placement.problem": "SiteGroup",
+    "layouts.place": "beacon_tradeoff place_beacons",
+    "layouts.scenario": "DriftLimit",
+    "layouts.sites": "SiteGroup Sites",
     "planning.plan": "plan_route",
     "planning.itinerary.roadmap_planner": "RoadmapPlanner",
     "layouts.co_design.trips": "Trip load_trips",
-    "errors": ("DriftplanError GoalError InfeasibleError MapError NoPathError PlannerError StartError TrajectoryError"),
+    "errors": (
+        "DriftplanError GoalError InfeasibleError KeywordError MapError NoPathError PlannerError StartError "
+        "TrajectoryError"
+    ),
     "model.calibration.fit": "NoiseFit fit_noise",
     "model.drift": "Drift PointDrift predict_drift",
     "model.fixes": "Fix",
