@@ -14,7 +14,7 @@ from driftplan.layouts.co_design.design import DesignStatus
 from driftplan.layouts.co_design.trips import Trip
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.scenario import DriftLimit
-from driftplan.layouts.sites import Sites
+from driftplan.layouts.sites import SiteGroup, Sites
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
@@ -135,6 +135,39 @@ def test_an_uncertain_start_is_taken_into_account():
     assert greatest(found.paths[0], found.beacons, fixes=[unsure]) <= LIMIT * (1 + 1e-6)
 
 
+@pytest.mark.parametrize("min_capture", [0.0, 0.9])
+def test_the_limit_holds_without_readings_less_sure_than_asked(min_capture):
+    aside, on_route = (20.0, 3.8), (20.0, 2.0)  # a robot that has drifted passes the one out of its range
+    points, costs = [aside, on_route], [100.0, 150.0]
+    found = designed(TRIPS[:1], points=points, costs=costs, min_capture=min_capture, max_detour=1.0)
+    assert found.beacon_cost == (100.0 if min_capture == 0 else 150.0)
+    (chance,) = found.routes[0].captures
+    assert (chance.probability >= 0.9) == (min_capture > 0)
+    assert found.routes[0].worst_drift <= LIMIT
+
+
+def test_where_no_reading_is_sure_enough_that_is_said():
+    with pytest.raises(InfeasibleError, match=r"trip 0: no route no longer than .* at least 0\.9 sure"):
+        designed(TRIPS[:1], points=[(20.0, 3.8)], min_capture=0.9, max_detour=1.0)
+
+
+def test_limits_groups_and_spacing_of_sites_hold_in_designs_too():
+    sites = np.array([(x, y) for y in AISLES[:2] for x in (14.0, 20.0, 26.0)])
+    options = {"points": sites, "price_per_m": 50.0, "rounds": 1}
+    plain = designed(TRIPS[:2], [LIMIT, 5.0], **options)
+    assert all(b.y == 2 for b in plain.beacons)
+    assert len(plain.beacons) == 1
+    forced = designed(
+        TRIPS[:2], [LIMIT, 5.0], groups=[SiteGroup([4], at_least=1), SiteGroup(["S2"], at_most=0)], **options
+    )
+    assert "S5" in {b.id for b in forced.beacons}
+    assert "S2" not in {b.id for b in forced.beacons}
+    tight = designed(TRIPS[:1], 0.5, min_spacing_m=10.0, **options)
+    places = np.array([b.xy for b in tight.beacons])
+    assert len(places) > 1
+    assert np.ptp(places[:, 0]) >= 10.0
+
+
 # Oracles
 
 
@@ -201,8 +234,7 @@ def test_a_trip_that_nothing_can_hold_is_named():
         designed(
             [TRIPS[0], Trip((2, 18), (38, 18), name="far")],
             limit=1.0,
-            candidates=[(20.0, 2.0)],
-            spacing_m=None,
+            points=[(20.0, 2.0)],
             max_detour=1.0,
         )
 

@@ -145,7 +145,12 @@ class DesignProblem:
         for group, members in groups:
             offered[members] |= group.at_least > 0
         offered &= sure
-        offered[0] |= not offered.any()
+        if not offered.any():
+            if not sure.all():  # and what exists is not enough, or nothing else had been tried
+                raise InfeasibleError(
+                    f"no site near these routes is left whose readings are at least {self.min_capture:g} sure"
+                )
+            offered[0] = True
         layout = place_beacons(
             self.world,
             list(paths),
