@@ -192,7 +192,7 @@ def plan_route(
         pool += [search.polish(path) for path in brief.paths]
     shortest = min(search.some(pool, seconds), key=_length)
     longest = math.inf if max_detour is None else max_detour * _length(shortest)
-    if all(_length(path) > longest for path in found.paths):
+    if found.paths and all(_length(path) > longest for path in found.paths):
         pool += search.within_detour(longest, each)
     fitting = [path for path in pool if _length(path) <= longest * (1 + 1e-9)]
     route = search.route(min(fitting, key=search.mean_square), "drift", found)

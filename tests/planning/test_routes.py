@@ -398,3 +398,15 @@ def test_a_route_says_in_a_line_what_it_is():
         f"Route({route.length:.2f} m, rms {route.rms:.4g} m at the goal, least drift of roadmap"
     )
     assert len(repr(route)) < 150
+
+
+def test_a_planner_that_finds_nothing_in_time_is_not_asked_again(monkeypatch):
+    """No path at all is not a path that is too long."""
+    from driftplan.planning.ompl import solve
+
+    asked = []
+    monkeypatch.setattr(solve, "solve", lambda *args, **kwargs: asked.append(kwargs["time_limit"]))
+    world = World.from_polygons([], bounds=(0, 0, 10, 10), robot_radius=0.5)
+    with pytest.raises(NoPathError):
+        plan_route(world, (2, 2), (8, 2), OdometryNoise(heading_var_per_m=1e-4), planner="rrtstar", time_limit=0.5)
+    assert sum(asked) == pytest.approx(0.5)
