@@ -38,6 +38,7 @@ from driftplan.model.calibration.relative_errors import RelativeErrors, segment_
 from driftplan.model.calibration.segment_check import SegmentCheck, check_segments
 from driftplan.model.calibration.segment_sets import SegmentSet, drives_of, segment_set
 from driftplan.model.noise import OdometryNoise
+from driftplan.tables import table
 
 PARAMETERS = SYSTEMATIC + RANDOM
 
@@ -124,15 +125,21 @@ class NoiseFit:
         return checked(segments, noise, truth, self.std_errors, spread)
 
     def __str__(self) -> str:
-        lines = [f"{'':24} {'fitted':>12} {'std error':>11}   {100 * self.confidence:.3g} % interval"]
-        for name, (low, high) in self.intervals.items():
-            value = getattr(self.noise, name)
-            lines.append(f"{name:24} {value:12.4g} {self.std_errors[name]:11.2g}   {low:.4g} .. {high:.4g}")
+        names, intervals = list(self.intervals), self.intervals.values()
+        rates = table(
+            {
+                "rate": names,
+                "fitted": [f"{getattr(self.noise, name):.4g}" for name in names],
+                "std error": [f"{self.std_errors[name]:.2g}" for name in names],
+                f"{100 * self.confidence:.3g} % interval": [f"{low:.4g} .. {high:.4g}" for low, high in intervals],
+            }
+        )
         reference = f"white errors of the reference: {self.truth_position_std_m:.2g} m"
         if self.check.has_heading:
             reference += f", {degrees(self.truth_heading_std):.2g} deg"
         counts = self.counts
-        lines += [
+        lines = [
+            rates,
             "",
             reference,
             f"{counts.used_m:.1f} m used (the odometry counted {counts.driven_m:.1f} m in all), "
