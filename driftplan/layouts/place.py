@@ -118,7 +118,9 @@ def place_beacons(
     search = _PlacementSearch(problem, began, time_limit, progress)
     if asked.max_drift is None:
         if max_beacons is None and budget is None:
-            raise ValueError("expected a limit, or max_beacons or budget for the least drift within them, got none")
+            raise ValueError(
+                "expected a limit: max_drift, or max_beacons or budget for the least drift within them, got none"
+            )
         return search.least_drift(drift_tolerance)
     return search.cheapest(asked.per_route(len(scenario.routes)))
 

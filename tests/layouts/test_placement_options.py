@@ -282,7 +282,7 @@ def test_bad_fix_of_its_own_is_no_help():
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({}, "expected a limit, or max_beacons or budget"),
+        ({}, "expected a limit: max_drift, or max_beacons or budget"),
         ({"max_drift": 0.0}, "expected max_drift finite and > 0 m, got 0.0"),
         ({"max_drift": float("nan")}, "expected max_drift finite"),
         ({"max_drift": [0.5, 0.5]}, r"one number or one per route \(1\), got shape \(2,\)"),
