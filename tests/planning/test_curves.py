@@ -89,3 +89,16 @@ def test_staying_is_no_curve():
     a = space.allocState()
     set_pose(a, 1.0, 2.0, 0.5)
     assert CurveFinder(space)(a, a) == []
+
+
+def test_an_arc_in_which_a_heading_is_a_rounding_error_off_is_no_circle():
+    """A left arc of 1.63 m on a radius of 1.3 m, its end rounded as OMPL's own states are."""
+    space = ob.DubinsStateSpace(1.3)
+    a, b = space.allocState(), space.allocState()
+    x, y, yaw, turn = 1.11, 1.41, -1.84, 1.63 / 1.3
+    set_pose(a, x, y, yaw)
+    for off in (-3e-8, -1e-10, 0.0, 1e-10, 3e-8):
+        end = yaw + turn + off
+        set_pose(b, x + 1.3 * (sin(yaw + turn) - sin(yaw)), y - 1.3 * (cos(yaw + turn) - cos(yaw)), end)
+        assert curve_length(CurveFinder(space)(a, b)) * 1.3 == pytest.approx(space.distance(a, b), abs=1e-6)
+        assert space.distance(a, b) == pytest.approx(1.63, abs=1e-6)
