@@ -4,7 +4,7 @@ from math import cos, hypot, pi, remainder, sin, tau
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from ompl import base as ob
 
@@ -41,11 +41,14 @@ def test_dubins_curves_only_go_forwards(dx, dy, yaw_start, yaw_end):
     assert all(length >= 0 for curve in curves for length, _ in curve)
 
 
+@example(1.0, 0.0, 0.0, -3e-7)
 @given(offset, offset, angle, angle)
 def test_being_allowed_to_reverse_never_makes_the_way_longer(dx, dy, yaw_start, yaw_end):
     forwards = min(map(curve_length, dubins_curves(dx, dy, yaw_start, yaw_end)))
     both = min(map(curve_length, reeds_shepp_curves(dx, dy, yaw_start, yaw_end)))
-    assert hypot(dx, dy) - 1e-7 <= both <= forwards + 1e-7
+    assume(not 0 < hypot(dx, dy) < 1e-6)  # where OMPL's Dubins curves are straight whatever the headings
+    # Dubins curves leave out arcs of 5e-7 rad, as OMPL's do.
+    assert hypot(dx, dy) - 1e-7 <= both <= forwards + 2e-6
 
 
 def set_pose(state, x, y, yaw):

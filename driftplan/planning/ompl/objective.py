@@ -23,10 +23,6 @@ from driftplan.world.world import World
 _SAME_PLACE_M = 1e-6
 
 
-def _never() -> bool:
-    return False
-
-
 class DriftObjective(ob.OptimizationObjective):
     """Cost in m²: the additive upper bound of the expected squared position error at the goal.
 
@@ -104,13 +100,9 @@ class DriftObjective(ob.OptimizationObjective):
         self._heuristic = heuristic_of(space, kind, self.goal, least)
         # As attributes OMPL's calls reach them without detour. A subclass that prices in its own way keeps its methods.
         if type(self).motionCost is DriftObjective.motionCost:
-            self.motionCost = self._motion_cost  # type: ignore[method-assign]
+            self.motionCost = self._motion_cost  # type: ignore[method-assign, assignment]
         if type(self).motionCostHeuristic is DriftObjective.motionCostHeuristic:
-            self.motionCostHeuristic = self._heuristic  # type: ignore[method-assign]
-        # Where two curves are equally short, OMPL need not drive back the way it came: no cost there is symmetric. For
-        # the other spaces its own answer, yes, is asked for without a call into Python.
-        if kind.is_curved and type(self).isSymmetric is ob.OptimizationObjective.isSymmetric:
-            self.isSymmetric = _never  # type: ignore[method-assign]
+            self.motionCostHeuristic = self._heuristic  # type: ignore[method-assign, assignment]
 
     def motionCost(self, a: Any, b: Any) -> Any:
         """Cost of the motion from state ``a`` to state ``b``, as ompl.base.Cost."""
@@ -119,6 +111,11 @@ class DriftObjective(ob.OptimizationObjective):
     def motionCostHeuristic(self, a: Any, b: Any) -> Any:
         """A lower bound of the cost of any way between two states, consistent and exact to the goal in free space."""
         return self._heuristic(a, b)
+
+    def isSymmetric(self) -> bool:
+        """Whether the way back always costs the same: not along curves, where OMPL need not drive back the way it came
+        if several are equally short."""
+        return not self._kind.is_curved
 
     def check_goal(self, goal: Any) -> None:
         """Raise `PlannerError` unless an OMPL goal is where this objective weighs drift.
