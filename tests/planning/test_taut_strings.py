@@ -95,9 +95,9 @@ def test_the_shortest_way_is_that_of_all_pairs_of_corners(seed):
 
 
 def test_round_one_corner_the_cone_is_measured_by_its_geodesics():
-    """A slanting wall up to (5, 7): from (2, 2) to its end on a curve that bends to the goal, from there straight."""
+    """A slanting wall up to (5, 7): from (3.5, 6) to its end on a curve that bends to the goal, from there straight."""
     world = World.from_polygons([[(6.5, -1), (6.6, -1), (5.001, 7)]], bounds=(0, -1, 10, 10), robot_radius=0.0)
-    start, goal, tip = np.array([2.0, 2.0]), np.array([8.0, 2.0]), np.array([5.001, 7.0])
+    start, goal, tip = np.array([3.5, 6.0]), np.array([8.0, 2.0]), np.array([5.001, 7.0])
     expected = float(geodesic_cost(start, tip, goal, UNIT) + geodesic_cost(tip, goal, goal, UNIT))
     assert least_route(world, start, goal, 1e-5).squared_levers == pytest.approx(expected, rel=1e-3)
     assert least_route(world, start, goal, 1e-5).squared_levers <= expected * (1 + 1e-9)
