@@ -41,7 +41,7 @@ def worst_of_each_engine(path, noise, beacons, start_fix=None):
     )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=40)
 @given(st.integers(0, 10**9), st.sampled_from([PLAIN, TURNING, BIASED]), st.booleans(), st.booleans())
 def test_every_engine_finds_the_same_worst_drift(seed, noise, out_and_back, unsure_start):
     rng = np.random.default_rng(seed)
@@ -91,7 +91,7 @@ def test_a_reading_where_a_dead_end_turns_is_taken_on_arrival_whatever_the_seven
     assert layout.worst_drift == pytest.approx(expected[0], rel=1e-5)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=40)
 @given(st.integers(0, 10**9))
 def test_placement_and_prediction_agree_on_dead_ends(seed):
     rng = np.random.default_rng(seed)
@@ -104,7 +104,7 @@ def test_placement_and_prediction_agree_on_dead_ends(seed):
     assert placed == pytest.approx(predicted, rel=1e-8)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=15)
 @given(st.integers(0, 10**9), st.floats(0, 2 * np.pi), st.floats(-5e6, 5e6))
 def test_where_the_axes_lie_does_not_decide_how_a_robot_turns_about(seed, angle, shift):
     noise = OdometryNoise(distance_var_per_m=1e-3, heading_bias_per_rad=0.02, heading_bias_per_m=-0.003)
