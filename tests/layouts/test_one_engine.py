@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan import Beacon, BeaconKind, Fix, InfeasibleError, OdometryNoise, place_beacons
+from driftplan import Beacon, BeaconKind, Fix, InfeasibleError, OdometryNoise, Sites, place_beacons
 from driftplan.beacons.readings import beacon_fixes, detection_chances, drift_with_beacons
 from driftplan.layouts.placement.drives import drives_of, worst_squares
 from driftplan.layouts.placement.spans import Spans
@@ -85,8 +85,8 @@ def test_a_reading_where_a_dead_end_turns_is_taken_on_arrival_whatever_the_seven
     expected = worst_of_each_engine([(0, 0), (10, 0), (0, 0)], TURNING, [Beacon(KINDS[1], 10.0, 0.5)])
     assert found == pytest.approx([expected[0]] * 3, rel=1e-5)
     with pytest.raises(InfeasibleError):
-        place_beacons(None, [path], TURNING, max_drift=expected[0] - 1e-3, candidates=[sign])
-    layout = place_beacons(None, [path], TURNING, max_drift=expected[0] + 1e-3, candidates=[sign])
+        place_beacons(None, [path], TURNING, expected[0] - 1e-3, Sites(points=[sign]))
+    layout = place_beacons(None, [path], TURNING, expected[0] + 1e-3, Sites(points=[sign]))
     assert layout.proven
     assert layout.worst_drift == pytest.approx(expected[0], rel=1e-5)
 
