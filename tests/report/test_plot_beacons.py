@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.layouts.placement.place import beacon_tradeoff, place_beacons
 from driftplan.model.noise import OdometryNoise
-from driftplan.report.cli_output import figure_png
-from driftplan.report.plot_beacons import (
+from driftplan.report.commands.answer import figure_png
+from driftplan.report.figures.layouts import (
     layout_figure,
     plot_importance,
     plot_layout,
