@@ -13,6 +13,8 @@ from driftplan.errors import TrajectoryError
 from driftplan.layouts.co_design.co_design import co_design
 from driftplan.layouts.co_design.trips import Trip, load_trips
 from driftplan.layouts.layout_files import load_beacons
+from driftplan.layouts.scenario import DriftLimit
+from driftplan.layouts.sites import Sites
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.report.figures.designs import plot_design
@@ -45,7 +47,7 @@ def found():
     noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
     sign = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=math.radians(1.0), cost=100.0)
     trips = [Trip((2, 2), (38, 2)), Trip((2, 10), (38, 10), 2.0)]
-    return co_design(WORLD, trips, noise, 1.2, kind=sign, price_per_m=1.0, spacing_m=4.0, rounds=0, nodes=100)
+    return co_design(WORLD, trips, noise, 1.2, Sites(sign, spacing_m=4.0), price_per_m=1.0, rounds=0, max_nodes=100)
 
 
 @pytest.fixture
@@ -94,13 +96,14 @@ def test_the_options_reach_the_search(design):
         "--start-position-std-m", 0.3, "--start-heading-std-deg", 7, "--redundancy", 2, "--max-detour", 1.3, "--seed", 4
     )
     assert code == 0, err
-    ((world, trips, noise, max_drift), options) = design.asked[0]
-    assert (world.bounds, world.robot_radius, max_drift) == (WORLD.bounds, 0.5, 1.2)
+    ((world, trips, noise, limit, sites), options) = design.asked[0]
+    assert (world.bounds, world.robot_radius, limit) == (WORLD.bounds, 0.5, DriftLimit(1.2, redundancy=2))
     assert trips == (Trip((2, 2), (38, 2)), Trip((2, 10), (38, 10), 2.0))
     assert noise == OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
-    assert options["kind"] == BeaconKind.landmark(2.0, 0.05, math.radians(1.0), cost=100.0)
+    assert sites.kind == (BeaconKind.landmark(2.0, 0.05, math.radians(1.0), cost=100.0),)
+    assert (sites.points, sites.spacing_m, sites.existing) == (None, 4.0, ())
     assert repr(options["start_fix"]) == repr(Fix.full(0.0, position_std_m=0.3, heading_std=math.radians(7)))
-    asked = {"redundancy": 2, "max_detour": 1.3, "seed": 4, "price_per_m": 1.0, "spacing_m": 4.0, "time_limit": 600.0}
+    asked = {"max_detour": 1.3, "seed": 4, "price_per_m": 1.0, "min_capture": 0.9, "time_limit": 600.0}
     assert {name: options[name] for name in asked} == asked
 
 

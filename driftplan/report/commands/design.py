@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def run(args: argparse.Namespace) -> Answer:
     """The design that the arguments ask for."""
-    from driftplan import co_design, layout_csv, layout_geojson, load_beacons, load_trips, read_path
+    from driftplan import DriftLimit, Sites, co_design, layout_csv, layout_geojson, load_beacons, load_trips, read_path
     from driftplan.report.figures.designs import plot_design
 
     noise, world, trips = shared.noise_from(args), shared.world_from(args), load_trips(args.trips)
@@ -26,13 +26,15 @@ def run(args: argparse.Namespace) -> Answer:
         world,
         trips,
         noise,
-        args.max_drift,
-        kind=shared.kind_from(args, cost=args.beacon_price),
+        DriftLimit(args.max_drift, redundancy=args.redundancy),
+        Sites(
+            shared.kind_from(args, cost=args.beacon_price),
+            read_path(args.candidates)[:, :2] if args.candidates else None,
+            spacing_m=args.spacing_m,
+            existing=load_beacons(args.existing) if args.existing else (),
+        ),
         price_per_m=args.price_per_m,
-        candidates=read_path(args.candidates)[:, :2] if args.candidates else None,
-        spacing_m=args.spacing_m,
-        existing=load_beacons(args.existing) if args.existing else (),
-        redundancy=args.redundancy,
+        min_capture=args.min_capture,
         max_detour=args.max_detour,
         start_fix=shared.start_fix_from(args),
         time_limit=args.time_limit,
@@ -116,6 +118,8 @@ _WANTED = Group("what is wanted", (
     Option("price_per_m", "PRICE", "of driving one metre once, in the same unit", how={"required": True}),
     Option("redundancy", "", "2: hold with any one beacon dead", int, 1, (1, 2)),
     Option("max_detour", "TIMES", "greatest length of a route, as a multiple of that of the shortest", default=1.5),
+    Option("min_capture", "P", "the limit holds without readings less sure than this probability (0: all in range "
+           "count)", default=0.9),
     *shared.START_SPREAD,
     Option("time_limit", "S", "seconds to search", default=120.0),
     Option("seed", "N", "seed of samples and restarts", int, 0),

@@ -23,48 +23,47 @@ _MAX_NUMBERS = 6  # of routes that a beacon serves, on the screen
 
 def run(args: argparse.Namespace) -> Answer:
     """The layout, or the trade-off curve, that the arguments ask for."""
-    from driftplan import beacon_tradeoff, load_beacons, place_beacons, read_path
+    from driftplan import DriftLimit, Sites, beacon_tradeoff, load_beacons, place_beacons, read_path
 
     noise, world = shared.noise_from(args), shared.world_from(args)
     routes = [read_path(file)[:, :2] for file in args.paths]
-    options: dict[str, Any] = {
-        **_sites(args, world, routes),
-        "existing": load_beacons(args.existing) if args.existing else (),
-        "redundancy": args.redundancy,
-        "confidence": args.confidence,
-        "min_spacing_m": args.min_spacing_m,
-        "budget": args.budget,
-        "time_limit": args.time_limit,
-    }
+    sites = Sites(
+        **_points(args, world, routes),
+        existing=load_beacons(args.existing) if args.existing else (),
+        min_spacing_m=args.min_spacing_m,
+    )
+    limit = DriftLimit(args.max_drift, redundancy=args.redundancy, confidence=args.confidence)
     free = [bool(world.segments_free(route[:-1], route[1:]).all()) for route in routes]
     for file, is_free in zip(args.paths, free, strict=True):
         if not is_free:
             talk(f"{file}: not free of collisions for a robot of radius {world.robot_radius:g} m; taken as it is")
     talk(f"placing beacons for {counted(len(routes), 'route')} on {args.map}, at most {args.time_limit:g} s")
+    effort = {"budget": args.budget, "time_limit": args.time_limit}
     if args.tradeoff is None:
-        asked = {"max_drift": args.max_drift, "max_beacons": args.max_beacons, "progress": _Progress()}
-        return _layout_answer(args, noise, place_beacons(world, routes, noise, **asked, **options), free)
+        asked = {"max_beacons": args.max_beacons, "progress": _Progress(), **effort}
+        return _layout_answer(args, noise, place_beacons(world, routes, noise, limit, sites, **asked), free)
     for name in ("max_drift", "max_beacons", "csv", "geojson"):
         if getattr(args, name) is not None:
             raise ValueError(f"expected --tradeoff or --{name.replace('_', '-')}, got both")
-    return _tradeoff_answer(noise, beacon_tradeoff(world, routes, noise, up_to=args.tradeoff, **options))
+    asked = {"max_beacons": args.tradeoff, "redundancy": args.redundancy, "confidence": args.confidence, **effort}
+    return _tradeoff_answer(noise, beacon_tradeoff(world, routes, noise, sites, **asked))
 
 
-def _sites(args: argparse.Namespace, world: World, routes: list[Floats]) -> dict[str, Any]:
-    """What `place_beacons` is told about kinds and candidates."""
+def _points(args: argparse.Namespace, world: World, routes: list[Floats]) -> dict[str, Any]:
+    """What `Sites` is told about kinds and points."""
     from driftplan import load_beacons, read_path, route_sites, wall_sites
 
     if args.candidates:
         if args.sites or args.spacing_m is not None:
             raise ValueError("expected --candidates, or --sites and --spacing-m to generate them, got both")
         if Path(args.candidates).suffix.lower() in (".geojson", ".json"):
-            return {"candidates": load_beacons(args.candidates)}
-        return {"candidates": read_path(args.candidates)[:, :2], "kind": shared.kind_from(args)}
+            return {"points": load_beacons(args.candidates)}
+        return {"points": read_path(args.candidates)[:, :2], "kind": shared.kind_from(args)}
     spacing = args.range_m if args.spacing_m is None else args.spacing_m
     if args.sites == "walls":
-        return {"candidates": wall_sites(world, spacing), "kind": shared.kind_from(args)}
+        return {"points": wall_sites(world, spacing), "kind": shared.kind_from(args)}
     if args.sites == "routes":
-        return {"candidates": route_sites(routes, spacing), "kind": shared.kind_from(args)}
+        return {"points": route_sites(routes, spacing), "kind": shared.kind_from(args)}
     return {"spacing_m": spacing, "kind": shared.kind_from(args)}
 
 

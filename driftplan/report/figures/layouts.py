@@ -52,7 +52,7 @@ def route_segments(layout: Layout) -> tuple[Floats, Floats]:
     segments, values = [], []
     for drift in layout.drifts:
         profile = drift.profile(_SPACING_M)
-        xy, score = profile.xy, layout.task.score(profile)
+        xy, score = profile.xy, layout.scenario.score(profile)
         segments.append(np.stack([xy[:-1], xy[1:]], axis=1))
         values.append(np.maximum(score[:-1], score[1:]))
     return np.concatenate(segments), np.concatenate(values)
@@ -74,8 +74,8 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
     from matplotlib.collections import LineCollection
 
     ax = current_axes(ax)
-    if layout.task.world is not None:
-        plot_world(layout.task.world, ax=ax)
+    if layout.scenario.world is not None:
+        plot_world(layout.scenario.world, ax=ax)
     segments, drift = route_segments(layout)
     order = np.argsort(drift)  # where routes share an aisle the worst is on top
     look: dict[str, Any] = {"cmap": _drift_colours(), "linewidths": 1.8, "capstyle": "round", "zorder": 2.5}
@@ -87,7 +87,7 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
     everyone = (*layout.existing, *layout.beacons)
     beacons = plot_beacons(everyone, ax=ax, used=layout.beacons, labels=("new beacon", "existing beacon"))
     in_metres(ax)
-    if layout.task.world is None:
+    if layout.scenario.world is None:
         ax.autoscale_view()
     if colorbar:
         ax.figure.colorbar(routes, ax=ax, label=_score_label(layout), fraction=0.035, pad=0.02)
@@ -149,7 +149,7 @@ def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwa
     Parameters
     ----------
     curve : sequence of Layout
-        From `driftplan.layouts.placement.place.beacon_tradeoff`.
+        From `driftplan.layouts.place.beacon_tradeoff`.
     """
     from matplotlib.ticker import MaxNLocator
 
@@ -188,11 +188,11 @@ def plot_importance(layout: Layout, *, ax: Axes | None = None, **bar_kwargs: Any
     """
     ax = current_axes(ax)
     served = [x for x in layout.importance if x.routes]
-    shown = sorted(served, key=lambda x: -x.worst_if_dead)[:_MAX_BARS]
+    shown = sorted(served, key=lambda x: -x.worst_single_failure)[:_MAX_BARS]
     old = {b.id for b in layout.existing}
     colours = [OTHER_BEACON_COLOUR if x.beacon.id in old else BEACON_COLOUR for x in shown]
     look: dict[str, Any] = {"color": colours, "alpha": 0.85, **bar_kwargs}
-    bars = ax.barh(np.arange(len(shown)), [x.worst_if_dead for x in shown], **look)
+    bars = ax.barh(np.arange(len(shown)), [x.worst_single_failure for x in shown], **look)
     ax.set_yticks(np.arange(len(shown)), [x.beacon.id for x in shown], fontsize=7)
     ax.invert_yaxis()
     limit = min(layout.max_drift)
@@ -206,7 +206,7 @@ def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
     """The layout on its map, the sawtooth of its routes and the importance of its beacons, in one figure."""
     xy = np.concatenate([drift.xy for drift in layout.drifts])
     low, high = xy.min(axis=0), xy.max(axis=0)
-    box = (*low, *high) if layout.task.world is None else layout.task.world.bounds
+    box = (*low, *high) if layout.scenario.world is None else layout.scenario.world.bounds
     shape = min(max((box[3] - box[1]) / max(box[2] - box[0], 1e-9), 0.25), 1.5)
     figure = new_figure(figure, 12.0, 12.0 * shape * 0.85 + 4.2)
     grid = figure.add_gridspec(2, 2, height_ratios=(12.0 * shape * 0.85, 3.6), width_ratios=(2.0, 1.0))
@@ -238,9 +238,9 @@ def tradeoff_figure(curve: Sequence[Layout], *, figure: Figure | None = None) ->
 
 def _profile(layout: Layout, route: int) -> tuple[Floats, Floats]:
     profile = layout.drifts[route].profile(_SPACING_M)
-    return profile.distance, layout.task.score(profile)
+    return profile.distance, layout.scenario.score(profile)
 
 
 def _score_label(layout: Layout) -> str:
-    confidence = layout.task.confidence
+    confidence = layout.scenario.confidence
     return "rms drift (m)" if confidence is None else f"{100 * confidence:g} % radius (m)"
