@@ -28,10 +28,10 @@ SIGN = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01, l
 # Brute force
 
 
-def place(instance, *, words=False, min_spacing_m=0.0, **options):
+def place(instance, *, words=False, groups=(), min_spacing_m=0.0, **options):
     """The layout, or None if it is said that there is none (or the error with its ``words``)."""
     new = [i for i in range(len(instance.sites)) if i not in instance.members(instance.fixed)]
-    groups = [SiteGroup([f"b{i}" for i in some], least, most) for some, least, most in instance.groups]
+    groups = [*groups, *(SiteGroup([f"b{i}" for i in some], least, most) for some, least, most in instance.groups)]
     try:
         return place_beacons(
             None,
@@ -136,7 +136,7 @@ def test_when_only_the_combination_fails_the_least_drift_of_all_combinations_is_
 
     layouts = [s for s in range(2 ** len(instance.sites)) if s & instance.fixed == instance.fixed]
     least = min(with_deaths(s) for s in layouts if instance.allowed(s))
-    with pytest.raises(InfeasibleError, match="no combination of the candidates keeps all limits") as caught:
+    with pytest.raises(InfeasibleError, match="no combination of the sites keeps all limits") as caught:
         place(instance, words=True)
     said = str(caught.value)
     told = float(said.split("the least that can be reached is ")[1].split(" m")[0])
