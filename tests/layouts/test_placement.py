@@ -12,6 +12,7 @@ from driftplan.errors import InfeasibleError
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.placement import covering
 from driftplan.layouts.placement.covering import Outcome
+from driftplan.layouts.placement.relaxation import Solution
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import SiteGroup, Sites
 from driftplan.model.fixes import Fix
@@ -151,17 +152,17 @@ def test_when_only_the_combination_fails_the_least_drift_of_all_combinations_is_
 def test_stopped_early_the_optimum_lies_between_the_bound_and_the_cost(name, seed, rounds, one_of_them, monkeypatch):
     """Whatever the search is stopped after; nothing is called proven that brute force beats."""
     asked = 0
-    relax = covering._Search._relaxation
+    relax = covering._CoverSearch._relaxed
 
     def relax_until_over(self, **options):
         nonlocal asked
         asked += 1
         if asked > rounds:
             self.deadline = 0.0  # the clock says that time is over
-            return None, 0.0, False
+            return Solution(None, 0.0, False)
         return relax(self, **options)
 
-    monkeypatch.setattr(covering._Search, "_relaxation", relax_until_over)
+    monkeypatch.setattr(covering._CoverSearch, "_relaxed", relax_until_over)
     instance = one_of_them(name, seed, sites=(6, 7))
     layout, best = place(instance), instance.cheapest()
     if layout is None:
