@@ -221,7 +221,9 @@ def test_a_tighter_limit_never_costs_less_and_more_candidates_never_more():
 
 
 def test_when_time_runs_out_in_the_solver_the_greedy_layout_comes_back_and_says_so(monkeypatch):
-    monkeypatch.setattr(covering._CoverSearch, "_relaxed", lambda self, **_: Solution(None, 1.0, False))  # never gets anywhere
+    monkeypatch.setattr(
+        covering._CoverSearch, "_relaxed", lambda self, **_: Solution(None, 1.0, False)
+    )  # never gets anywhere
     told = []
     layout = place_beacons(
         None, ROUTES, NOISE, 0.5, Sites(SIGN, spacing_m=4.0), time_limit=2.0, progress=lambda *x: told.append(x)
