@@ -9,18 +9,19 @@ from math import degrees, hypot, sqrt
 import numpy as np
 
 from driftplan.arrays import Floats
+from driftplan.model.calibration.chance import LEVELS
 from driftplan.model.calibration.matched_drive import MatchedDrive
 from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC, Solution
-from driftplan.model.calibration.segment_check import LEVELS, SegmentCheck
+from driftplan.model.calibration.segment_check import SegmentCheck
 from driftplan.model.calibration.segment_sets import SegmentSet
 from driftplan.model.calibration.segments import TruthNoise
 from driftplan.model.noise import OdometryNoise
 
 _ODD_MOUNTING_RAD = 0.2  # a reference's heading turned by more is no matter of a millimetre
+HEAVY_TAILS_CHANCE = 0.05  # that Gaussian errors are said not to be so
 _CHANCE = 0.01  # that drives are said to differ when they do not
 _CLEAR_SHIFT_ERRORS = 3.0  # standard errors by which the systematic errors of other drives are said to differ
-_CLEAR_ERRORS = 3.0  # standard errors by which a check is said to fail,
-_CLEAR_RATIO = 0.15  # and at least this share of the predicted rms
+_CLEAR_RATIO = 0.15  # of the predicted rms, by which the measured one is at least off if it is said to be
 
 
 def mounting_notes(matches: Sequence[MatchedDrive]) -> list[str]:
@@ -35,9 +36,7 @@ def mounting_notes(matches: Sequence[MatchedDrive]) -> list[str]:
 
 
 def reference_notes(segments: SegmentSet, truth: TruthNoise, check: SegmentCheck) -> list[str]:
-    """Whether the reference is too coarse to see the odometry drift, or another drive's."""
-    if all(row.measured_rms_m > row.length_m for row in check.lengths):
-        return ["The errors are larger than the segments are long: are odometry and truth of the same drive?"]
+    """Whether the reference is too coarse to see the odometry drift."""
     _, cov = segments.expected(segments.windows(OdometryNoise()), truth)
     white = float(np.trace(segments.by_bin(cov[:, segments.position, segments.position])[-1]))
     longest = check.lengths[-1]
@@ -47,6 +46,25 @@ def reference_notes(segments: SegmentSet, truth: TruthNoise, check: SegmentCheck
         f"Even over {longest.length_m:.3g} m most of the error does not grow with the distance (white, "
         f"{sqrt(truth.position_var):.2g} m): a better reference or longer segments would tell more about the odometry."
     ]
+
+
+def fault_notes(segments: SegmentSet, solution: Solution, check: SegmentCheck) -> list[str]:
+    """Why the numbers of a fit are not to be used."""
+    faults = []
+    if all(row.measured_rms_m > row.length_m for row in check.lengths):
+        faults.append("The errors are larger than the segments are long: are odometry and truth of the same drive?")
+    for name, bound in solution.at_bounds.items():
+        faults.append(
+            f"{name} sits on its bound of {bound:g}: check units and signs of the odometry, and that the truth is of "
+            "the same drive."
+        )
+    if not solution.converged:
+        longest = segments.bins[-1].length_m
+        faults.append(
+            f"The fit did not converge: its last step still moved {solution.slowest}. Fit fewer parameters (without "
+            f"this one), give other lengths_m (the longest is {longest:.3g} m), or record more or longer drives."
+        )
+    return faults
 
 
 def drive_notes(segments: SegmentSet, solution: Solution, error: Floats) -> list[str]:
@@ -91,8 +109,8 @@ def systematic_notes(
 
 
 def judged(check: SegmentCheck, rms_errors_m: Floats | None = None) -> SegmentCheck:
-    """The check with notes on what does not fit, judged at three standard errors: those of the predicted rms included,
-    (lengths,), where it owes nothing to these segments."""
+    """The check with notes on what does not fit, beyond what chance allows; where the prediction owes nothing to these
+    segments, the standard errors of its rms (lengths,) count too."""
     found = (_growth_note(check, rms_errors_m), _shape_note(check))
     return replace(check, notes=(*check.notes, *(note for note in found if note)))
 
@@ -103,7 +121,7 @@ def _growth_note(check: SegmentCheck, rms_errors_m: Floats | None) -> str:
     ratio = np.array([row.measured_rms_m / row.predicted_rms_m for row in rows])
     error = np.hypot([row.measured_rms_error_m for row in rows], 0.0 if rms_errors_m is None else rms_errors_m)
     error = error / [row.predicted_rms_m for row in rows]
-    if len(rows) < 2 or not (np.abs(ratio - 1) > np.maximum(_CLEAR_ERRORS * error, _CLEAR_RATIO)).any():
+    if len(rows) < 2 or not (np.abs(ratio - 1) > np.maximum(check.clear_errors[0] * error, _CLEAR_RATIO)).any():
         return ""
     if ratio[-1] > ratio[0] * (1 + _CLEAR_RATIO):
         why = "errors grow faster with length than a random walk's: they are correlated over longer stretches"
@@ -124,19 +142,19 @@ def _shape_note(check: SegmentCheck) -> str:
     """Whether few segments hold most of the error, or too many fall outside."""
     rows = check.lengths
     share, error = (np.array([getattr(row, name) for row in rows]) for name in ("coverage", "coverage_error"))
-    excess = (share - LEVELS) / error
-    heavy = (excess[:, 0] > _CLEAR_ERRORS) & (np.array([row.mean_nees for row in rows]) > 0.7)
-    if heavy.any():
-        row = rows[int(np.argmax(heavy))]
+    excess = (share - LEVELS) / np.maximum(error, 1e-12)
+    k, chance = check.heavy_tails
+    if chance <= HEAVY_TAILS_CHANCE:
+        row = rows[k]
         outside = 1 - row.coverage[2]
         tails = f" and {100 * outside:.0f} % outside the 95 % region" if outside > 1 - LEVELS[2] else ""
         narrow = " and too narrow for the rest" if tails else ""
         return (
             f"The errors are not Gaussian: {100 * row.coverage[0]:.0f} % lie inside the 50 % region{tails} at "
             f"{row.length_m:.3g} m. Most of the drift comes from a few places (slips?): the rms may hold, the regions "
-            f"are too wide for most segments{narrow}."
+            f"are too wide for most segments{narrow}. (Gaussian errors look so in {100 * chance:.2g} % of fits.)"
         )
-    if (excess[:, 2] < -_CLEAR_ERRORS).any():
+    if (excess[:, 2] < -check.clear_errors[1]).any():
         row = rows[int(np.argmin(excess[:, 2]))]
         return (
             f"The regions are too small: {100 * (1 - row.coverage[2]):.0f} % of the errors lie outside the 95 % region "
