@@ -98,7 +98,5 @@ def by_chance(segments: SegmentSet, noise: OdometryNoise, truth: TruthNoise, mea
         tails.append(np.stack([tail_weight(nees[:, of]) for of in mine], axis=1))
         inside = [[(nees[:, of] < limit).mean(axis=1) for limit in LIMITS] for of in mine]
         shares.append(np.moveaxis(np.array(inside), 2, 0))
-    square, share = np.concatenate(squares), np.concatenate(shares)
-    return Chance(
-        square.std(axis=0) / np.maximum(square.mean(axis=0), 1e-300), share.std(axis=0), np.concatenate(tails)
-    )
+    log_rms = 0.5 * np.log(np.maximum(np.concatenate(squares), 1e-300))
+    return Chance(log_rms, np.concatenate(shares), np.concatenate(tails))

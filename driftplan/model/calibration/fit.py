@@ -17,7 +17,14 @@ from numpy.typing import ArrayLike
 from driftplan.arrays import Floats
 from driftplan.model.calibration.matched_drive import MatchCounts
 from driftplan.model.calibration.noise_check import Estimate, Truth, checked
-from driftplan.model.calibration.notes import drive_notes, fault_notes, judged, mounting_notes, reference_notes
+from driftplan.model.calibration.notes import (
+    drive_notes,
+    fault_notes,
+    judged,
+    mounting_notes,
+    reference_notes,
+    swap_notes,
+)
 from driftplan.model.calibration.quasi_likelihood import (
     DRIVES_TO_HOLD_OUT,
     RANDOM,
@@ -38,6 +45,7 @@ from driftplan.model.calibration.relative_errors import RelativeErrors, segment_
 from driftplan.model.calibration.segment_check import SegmentCheck, check_segments
 from driftplan.model.calibration.segment_sets import SegmentSet, drives_of, segment_set
 from driftplan.model.noise import OdometryNoise
+from driftplan.tables import table
 
 PARAMETERS = SYSTEMATIC + RANDOM
 
@@ -127,15 +135,21 @@ class NoiseFit:
         return checked(segments, noise, truth, self.std_errors, spread)
 
     def __str__(self) -> str:
-        lines = [f"{'':24} {'fitted':>12} {'std error':>11}   {100 * self.confidence:.3g} % interval"]
-        for name, (low, high) in self.intervals.items():
-            value = getattr(self.noise, name)
-            lines.append(f"{name:24} {value:12.4g} {self.std_errors[name]:11.2g}   {low:.4g} .. {high:.4g}")
+        names, intervals = list(self.intervals), self.intervals.values()
+        rates = table(
+            {
+                "rate": names,
+                "fitted": [f"{getattr(self.noise, name):.4g}" for name in names],
+                "std error": [f"{self.std_errors[name]:.2g}" for name in names],
+                f"{100 * self.confidence:.3g} % interval": [f"{low:.4g} .. {high:.4g}" for low, high in intervals],
+            }
+        )
         reference = f"white errors of the reference: {self.truth_position_std_m:.2g} m"
         if self.check.has_heading:
             reference += f", {degrees(self.truth_heading_std):.2g} deg"
         counts = self.counts
-        lines += [
+        lines = [
+            rates,
             "",
             reference,
             f"{counts.used_m:.1f} m used (the odometry counted {counts.driven_m:.1f} m in all), "
@@ -278,7 +292,9 @@ def fit_noise(
         faults=tuple(faults),
         notes=(
             *faults,
+            *(note for pair in drives for recording in pair for note in recording.notes),
             *notes,
+            *swap_notes(drives),
             *mounting_notes(matches),
             *reference_notes(segments, truth, check),
             *drive_notes(segments, solution, error),

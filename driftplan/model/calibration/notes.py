@@ -9,9 +9,10 @@ from math import degrees, hypot, sqrt
 import numpy as np
 
 from driftplan.arrays import Floats
-from driftplan.model.calibration.chance import LEVELS
+from driftplan.model.calibration.chance import LEVELS, LIMITS
 from driftplan.model.calibration.matched_drive import MatchedDrive
 from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC, Solution
+from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_check import SegmentCheck
 from driftplan.model.calibration.segment_sets import SegmentSet
 from driftplan.model.calibration.segments import TruthNoise
@@ -21,6 +22,7 @@ _ODD_MOUNTING_RAD = 0.2  # a reference's heading turned by more is no matter of 
 HEAVY_TAILS_CHANCE = 0.05  # that Gaussian errors are said not to be so
 _CHANCE = 0.01  # that drives are said to differ when they do not
 _CLEAR_SHIFT_ERRORS = 3.0  # standard errors by which the systematic errors of other drives are said to differ
+_UNITS = {1000: "millimetres or metres", 3.6: "km/h or m/s", 3.28: "feet or metres", 57.3: "degrees or radians"}
 _CLEAR_RATIO = 0.15  # of the predicted rms, by which the measured one is at least off if it is said to be
 
 
@@ -53,6 +55,14 @@ def fault_notes(segments: SegmentSet, solution: Solution, check: SegmentCheck) -
     faults = []
     if all(row.measured_rms_m > row.length_m for row in check.lengths):
         faults.append("The errors are larger than the segments are long: are odometry and truth of the same drive?")
+    ratio = _counted_over_true(segments)
+    if not 0.5 < ratio < 2:
+        unit = next(
+            (unit for size, unit in _UNITS.items() if min(abs(ratio / size - 1), abs(ratio * size - 1)) < 0.1), ""
+        )
+        faults.append(
+            f"The odometry counts {ratio:.3g} times the true distance: " + (f"{unit}?" if unit else "check its units.")
+        )
     for name, bound in solution.at_bounds.items():
         faults.append(
             f"{name} sits on its bound of {bound:g}: check units and signs of the odometry, and that the truth is of "
@@ -65,6 +75,22 @@ def fault_notes(segments: SegmentSet, solution: Solution, check: SegmentCheck) -
             f"this one), give other lengths_m (the longest is {longest:.3g} m), or record more or longer drives."
         )
     return faults
+
+
+def _counted_over_true(segments: SegmentSet) -> float:
+    """Length of the odometry's chords over that of the true ones, over the shortest segments."""
+    steps, counted, true = segments.bins[0].steps, 0.0, 0.0
+    for part in segments.resampled:
+        counted += float(np.abs(part.estimate[steps::steps] - part.estimate[:-steps:steps]).sum())
+        true += float(np.abs(part.truth[steps::steps] - part.truth[:-steps:steps]).sum())
+    return counted / max(true, 1e-300)
+
+
+def swap_notes(drives: Sequence[tuple[OdometryLog, Trajectory]]) -> list[str]:
+    """Whether the truth, not the odometry, begins at the origin: it may be the other way round."""
+    if all(log.start != 0 and truth.positions[0] == 0 for log, truth in drives):
+        return ["The truth begins at (0, 0), the odometry elsewhere: are the two swapped?"]
+    return []
 
 
 def drive_notes(segments: SegmentSet, solution: Solution, error: Floats) -> list[str]:
@@ -111,7 +137,7 @@ def systematic_notes(
 def judged(check: SegmentCheck, rms_errors_m: Floats | None = None) -> SegmentCheck:
     """The check with notes on what does not fit, beyond what chance allows; where the prediction owes nothing to these
     segments, the standard errors of its rms (lengths,) count too."""
-    found = (_growth_note(check, rms_errors_m), _shape_note(check))
+    found = (_growth_note(check, rms_errors_m), _shape_note(check, rms_errors_m))
     return replace(check, notes=(*check.notes, *(note for note in found if note)))
 
 
@@ -138,10 +164,14 @@ def _growth_note(check: SegmentCheck, rms_errors_m: Floats | None) -> str:
     )
 
 
-def _shape_note(check: SegmentCheck) -> str:
+def _shape_note(check: SegmentCheck, rms_errors_m: Floats | None) -> str:
     """Whether few segments hold most of the error, or too many fall outside."""
     rows = check.lengths
     share, error = (np.array([getattr(row, name) for row in rows]) for name in ("coverage", "coverage_error"))
+    if rms_errors_m is not None:  # regions too large or small by a share p hold χ² exp(-χ²/2) p less or more of χ²
+        slope = np.array(LIMITS) * np.exp(-0.5 * np.array(LIMITS))
+        relative = rms_errors_m / [row.predicted_rms_m for row in rows]
+        error = np.hypot(error, relative[:, None] * slope)
     excess = (share - LEVELS) / np.maximum(error, 1e-12)
     k, chance = check.heavy_tails
     if chance <= HEAVY_TAILS_CHANCE:

@@ -20,6 +20,7 @@ from driftplan.arrays import Floats, Ints, finite, whole
 from driftplan.model.calibration.matched_drive import MatchedDrive, match
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_sets import SegmentSet
+from driftplan.tables import decimals, table
 
 KITTI_LENGTHS_M = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
 Pairs = Literal["kitti", "evo"]
@@ -64,12 +65,15 @@ class RelativeErrors:
     rotation_deg_per_m: float
 
     def __str__(self) -> str:
-        lines = [f"{'length m':>9} {'segments':>9} {'drift %':>9} {'deg/m':>9}"]
-        for row in self.lengths:
-            lines.append(
-                f"{row.length_m:9.4g} {row.segments:9d} {row.translation_percent:9.3f} {row.rotation_deg_per_m:9.5f}"
-            )
-        return "\n".join([*lines, f"{'all':>9} {'':9} {self.translation_percent:9.3f} {self.rotation_deg_per_m:9.5f}"])
+        rows = self.lengths
+        return table(
+            {
+                "length m": [*(f"{row.length_m:.4g}" for row in rows), "all"],
+                "segments": [*(row.segments for row in rows), sum(row.segments for row in rows)],
+                "drift %": decimals([*(row.translation_percent for row in rows), self.translation_percent], 3),
+                "deg/m": decimals([*(row.rotation_deg_per_m for row in rows), self.rotation_deg_per_m], 5),
+            }
+        )
 
 
 def relative_errors(

@@ -12,6 +12,7 @@ from driftplan.model.calibration.chance import LEVELS, LIMITS, by_chance, normal
 from driftplan.model.calibration.segment_sets import SegmentSet
 from driftplan.model.calibration.segments import TruthNoise
 from driftplan.model.noise import OdometryNoise
+from driftplan.tables import decimals, table
 
 
 class LengthCheck(NamedTuple):
@@ -89,21 +90,22 @@ class SegmentCheck:
         return not self.notes
 
     def __str__(self) -> str:
-        heads = "".join(f" {f'{100 * level:g} %':>12}" for level in LEVELS)
-        lines = [
-            "errors of segments, measured and predicted; shares inside the predicted regions (± 2 standard errors)",
-            f"{'length m':>9} {'number':>7} {'rms m':>9} {'predicted':>9} {'':17}{heads} {'NEES':>6}",
-        ]
-        for row in self.lengths:
-            shares = " ".join(
-                f"{100 * share:5.1f} (±{200 * error:3.0f})"
-                for share, error in zip(row.coverage, row.coverage_error, strict=True)
-            )
-            low, high = row.predicted_rms_interval_m
-            band = f"{low:.3g} .. {high:.3g}" if low < high else ""
-            sizes = f"{row.length_m:9.3g} {row.independent:7.0f} {row.measured_rms_m:9.4g} {row.predicted_rms_m:9.4g}"
-            lines.append(f"{sizes} {band:17} {shares} {row.mean_nees:6.2f}")
-        return "\n".join(lines)
+        rows = self.lengths
+        columns = {
+            "length m": [f"{row.length_m:.3g}" for row in rows],
+            "number": decimals([row.independent for row in rows], 0),
+            "rms m": [f"{row.measured_rms_m:.4g}" for row in rows],
+            "predicted": [f"{row.predicted_rms_m:.4g}" for row in rows],
+        }
+        intervals = [row.predicted_rms_interval_m for row in rows]
+        if any(low < high for low, high in intervals):
+            columns["interval"] = [f"{low:.3g} .. {high:.3g}" for low, high in intervals]
+        for k, level in enumerate(LEVELS):
+            shares = ((row.coverage[k], row.coverage_error[k]) for row in rows)
+            columns[f"{100 * level:g} %"] = [f"{100 * share:5.1f} (±{200 * error:3.0f})" for share, error in shares]
+        columns["NEES"] = decimals([row.mean_nees for row in rows], 2)
+        head = "errors of segments, measured and predicted; shares inside the predicted regions (± 2 standard errors)"
+        return f"{head}\n{table(columns)}"
 
 
 def check_segments(
