@@ -15,8 +15,8 @@ from driftplan.layouts.co_design.trips import Trip, load_trips
 from driftplan.layouts.layout_files import load_beacons
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.report.figures.designs import plot_design
 from driftplan.world.world import World
 
