@@ -78,7 +78,7 @@ def drift_geojson(drift: Drift, properties: Mapping[str, Any]) -> bytes:
         "geometry": {"type": "LineString", "coordinates": drift.xy.tolist()},
         "properties": {"kind": "route", **properties, **columns},
     }
-    return feature_collection([feature])
+    return feature_collection([_plain(feature)])
 
 
 def record(thing: object, *keys: str) -> dict[str, Any]:
