@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from driftplan.model.calibration.chance import LEVELS
 from driftplan.model.calibration.fit import NoiseFit
-from driftplan.model.calibration.segment_check import LEVELS, SegmentCheck
+from driftplan.model.calibration.segment_check import SegmentCheck
 from driftplan.report.figures import style
 
 if TYPE_CHECKING:
