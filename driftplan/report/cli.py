@@ -69,7 +69,7 @@ def in_options(message: str, command: Command) -> str:
     flags = {option.name: option.flag for option in command.options}
     flags |= {name: flag for name, flag in _ALSO_CALLED.items() if flag in flags.values()}
     for name, flag in sorted(flags.items(), key=lambda item: -len(item[0])):
-        before = r"(?<![\w\-.'/])" if "_" in name else r"(?<=expected )"
+        before = r"(?<![\w\-.'/])" if "_" in name else r"(?:(?<=expected )|(?<=\bor ))"
         message = re.sub(rf"{before}{name}\b(?![.\w(])", flag, message)
     return message
 

@@ -125,7 +125,7 @@ def test_what_cannot_be_done_has_an_exit_code_of_its_own(refused, files):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ((), "--max-drift, or --max-beacons or --budget"),
+        ((), "--max-drift, or --max-beacons or --budget for"),
         (("--max-drift", -1), "expected --max-drift finite and > 0"),
         (("--max-drift", 1, "--tradeoff", 3), "expected --tradeoff or --max-drift, got both"),
         (("--max-drift", 1, "--candidates", "x.csv", "--sites", "walls"), "expected --candidates, or --sites"),
