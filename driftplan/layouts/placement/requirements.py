@@ -2,9 +2,9 @@
 
 A slot (see `route_table`) is judged by its *last reading*, the last position reading at or before it. Where every
 reading is sure to succeed, the drift in slot j after the last reading e grows from a fresh position error, so j holds
-only if j is within the reach of e (`fresh_fixes.last_slots`). With R_j the sites whose own last reading before j reaches
-j, and k the redundancy (the limit must survive any k - 1 dead beacons), the following hold for every acceptable layout
-y:
+only if j is within the reach of e (`fresh_fixes.last_slots`). With R_j the sites whose own last reading before j
+reaches j, and k the redundancy (the limit must survive any k - 1 dead beacons), the following hold for every
+acceptable layout y:
 
 * cover row: Σ_{R_j} y >= k unless j is within reach of the start, or else the members of R_j in y could all be dead;
 * hop cut: if the last reading before j is e, of site i, and e does not reach j, then k y_i <= Σ y over those members of
