@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
-from driftplan.report.commands.answer import Answer, talk
-from driftplan.report.commands.option import Command, Group, Option
-from driftplan.tables import decimals, table
+from driftplan.report.commands.answer import Answer, Progress, talk
+from driftplan.report.commands.option import Command, Group, Option, input_file
+from driftplan.report.records import record
+from driftplan.tables import numbers, table
 
 if TYPE_CHECKING:
     from driftplan.layouts.co_design.design import CoDesign, Design
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> Answer:
         start_fix=shared.start_fix_from(args),
         time_limit=args.time_limit,
         seed=args.seed,
-        progress=lambda seconds, cost: talk(f"{seconds:.1f} s: a design of cost {cost:.6g}"),
+        progress=_tell,
     )
     return Answer(
         payload=lambda: {"map": args.map, "noise": shared.noise_as_json(noise), "design": design_as_json(found)},
@@ -47,22 +47,25 @@ def run(args: argparse.Namespace) -> Answer:
         files={
             "csv": lambda: layout_csv(found.layout),
             "geojson": lambda: layout_geojson(found.layout),
-            "png": lambda: plot_design(world, found),
+            "picture": lambda: plot_design(world, found),
         },
     )
 
 
+def _tell(seconds: float, cost: float) -> None:
+    Progress.news = f"a design of cost {cost:.6g}"
+
+
 def design_text(found: CoDesign) -> str:
     """The trips one by one, what they cost together, and what was gained."""
-    routes = found.routes
+    rows = design_as_json(found)["routes"]
     trips = table(
         {
-            "trip": range(len(routes)),
-            "weight": [f"{trip.weight:g}" for trip in found.trips],
-            "shortest m": decimals([route.shortest_length for route in routes], 2),
-            "route m": decimals([route.length for route in routes], 2),
-            "worst drift m": decimals([route.worst_drift for route in routes], 3),
-            "beacons": [" ".join(b.id for b in route.beacons) for route in routes],
+            "trip": range(len(rows)),
+            "weight": [f"{row['weight']:g}" for row in rows],
+            **numbers(rows, 2, "shortest_length_m", "length_m"),
+            **numbers(rows, 3, "worst_drift_m"),
+            "beacons": [" ".join(row["beacons"]) for row in rows],
         }
     )
     gained = ""
@@ -76,13 +79,8 @@ def design_as_json(found: CoDesign) -> dict[str, Any]:
     """All that was found, with the design it is compared with."""
     routes = [
         {
-            "start": list(trip.start),
-            "goal": list(trip.goal),
-            "weight": trip.weight,
-            "length_m": route.length,
-            "shortest_length_m": route.shortest_length,
-            "worst_drift_m": route.worst_drift,
-            "worst_if_dead_m": route.worst_if_dead,
+            **record(trip, "start", "goal", "weight"),
+            **record(route, "length_m", "shortest_length_m", "worst_drift_m", "worst_if_dead_m"),
             "beacons": [b.id for b in route.beacons],
             "least_capture_probability": min((c.probability for c in route.captures), default=None),
             "waypoints": route.path.tolist(),
@@ -93,20 +91,14 @@ def design_as_json(found: CoDesign) -> dict[str, Any]:
         **_costs(found),
         "routes": routes,
         "baseline": None if found.baseline is None else _costs(found.baseline),
-        "gain": found.gain if isfinite(found.gain) else None,
-        "status": found.status.name.lower(),
-        "rounds": found.rounds,
+        **record(found, "gain", "status", "rounds", "seconds"),
         "restarts": found.tried,
-        "seconds": found.seconds,
     }
 
 
 def _costs(design: Design) -> dict[str, Any]:
     return {
-        "cost": design.cost,
-        "beacon_cost": design.beacon_cost,
-        "driving_cost": design.driving_cost,
-        "lengths_m": list(design.lengths),
+        **record(design, "cost", "beacon_cost", "driving_cost", "lengths_m"),
         "beacons": [{"id": b.id, "kind": b.kind.name, "x_m": b.x, "y_m": b.y} for b in design.beacons],
     }
 
@@ -142,13 +134,16 @@ COMMAND = Command(
             "trips",
             "TRIPS.csv",
             "a line per trip: start_x,start_y,goal_x,goal_y and perhaps weight (how often it is driven), metres",
-            str,
+            input_file,
         ),
     ),
     groups=(_WANTED, shared.KIND, _SITES, shared.WORLD, *shared.NOISE),
     files={
         "geojson": "write the beacons as GeoJSON points in metres; `driftplan plan --beacons` reads it back",
         "csv": shared.CSV_TABLE,
-        "png": "draw the design and the one it is compared with",
+        "picture": "draw the design and the one it is compared with",
     },
+    idle=shared.KIND_IDLE,
+    examples=("warehouse trips.csv --max-drift 0.6 --price-per-m 0.5 --beacon-price 100",
+              "site.yaml trips.csv --max-drift 1 --price-per-m 1 --geojson tags.geojson --csv installers.csv"),
 )
