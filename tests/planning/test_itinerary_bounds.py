@@ -148,5 +148,5 @@ def test_every_objective_finds_what_enumeration_finds_or_better(small_roadmap, s
         assert length_of(found[0]) <= fitting[:, 0].min() * (1 + 1e-9)
         assert verdicts[1].end ** 2 <= fitting[:, 1].min() ** 2 * (1 + 1e-9) + slack
         assert verdicts[2].worst <= fitting[:, 2].min() * 1.02
-        bound = least_length(ends, search.kinds, beacons, None if limit == math.inf else limit)
+        bound = least_length(ends, search.noises, beacons, None if limit == math.inf else limit)
         assert bound <= length_of(found[0])

@@ -34,8 +34,8 @@ from driftplan.layouts.co_design.trips import Trip, trips_of
 from driftplan.layouts.layout import Layout
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.itinerary.itinerary import DEFAULT_DETOUR, answer, check_options
-from driftplan.planning.itinerary.search import ROUNDING, length_of
+from driftplan.planning.itinerary.itinerary import answer, check_options
+from driftplan.planning.itinerary.search import DEFAULT_DETOUR, ROUNDING, length_of
 from driftplan.world.world import World
 
 _WORTH = 1e-6  # least relative gain that counts

@@ -24,14 +24,13 @@ from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.bounds import least_end_drift, least_length, least_worst_drift
 from driftplan.planning.itinerary.reasons import why_infeasible
-from driftplan.planning.itinerary.search import ROUNDING, ItinerarySearch, length_of
+from driftplan.planning.itinerary.search import DEFAULT_DETOUR, ROUNDING, ItinerarySearch, length_of
 from driftplan.planning.roadmap.search import Status, check_connected, checked_ends
 from driftplan.planning.routes import Route
 from driftplan.world.world import World
 
 Objective = Literal["length", "drift", "worst_drift"]
 
-DEFAULT_DETOUR = 1.5
 _SEARCH_SHARE = 0.75  # of the time limit; the rest is for shortening what was found
 
 
@@ -199,7 +198,7 @@ def answer(
     """The itinerary along a path that ``search`` found, from the exact model, with its bound."""
     check = search.check
     drift, verdict = check.drift(path), check.verdict(path)
-    given = search.ends, search.kinds, search.beacons
+    given = search.ends, search.noises, search.beacons
     if minimise == "length":
         score, bound = float(drift.length), least_length(*given, max_drift)
     elif minimise == "drift":
@@ -237,7 +236,7 @@ def longest_of(search: ItinerarySearch, minimise: Objective, max_detour: float |
 
 def best_path(search: ItinerarySearch, minimise: Objective, limit: float, longest: float) -> Floats | None:
     """The best path that keeps the limit, or None."""
-    if math.isfinite(limit) and least_length(search.ends, search.kinds, search.beacons, limit) > longest:
+    if math.isfinite(limit) and least_length(search.ends, search.noises, search.beacons, limit) > longest:
         return None  # whatever the roadmap
     if minimise == "length":
         return search.shortest_within(limit, longest)

@@ -102,10 +102,10 @@ def shortest_walk(
     *,
     slack_sq: float = 0.0,
     stop: Callable[[], bool] = lambda: False,
-    most_labels: int = 1_000_000,
+    max_labels: int = 1_000_000,
 ) -> Walk:
     """The shortest walk from start to goal that keeps the limit in every scenario."""
-    return _Search(task, slack_sq, stop, most_labels).run(least_drift=False)
+    return _Search(task, slack_sq, stop, max_labels).run(least_drift=False)
 
 
 def least_drift_walk(
@@ -113,15 +113,15 @@ def least_drift_walk(
     *,
     slack_sq: float = 0.0,
     stop: Callable[[], bool] = lambda: False,
-    most_labels: int = 1_000_000,
+    max_labels: int = 1_000_000,
 ) -> Walk:
     """The walk no longer than ``task.longest`` that ends with the least rms drift and keeps the limit on the way."""
-    return _Search(task, slack_sq, stop, most_labels).run(least_drift=True)
+    return _Search(task, slack_sq, stop, max_labels).run(least_drift=True)
 
 
 class _Search:
-    def __init__(self, task: LabelTask, slack_sq: float, stop: Callable[[], bool], most_labels: int) -> None:
-        self.task, self.stop, self.most_labels = task, stop, most_labels
+    def __init__(self, task: LabelTask, slack_sq: float, stop: Callable[[], bool], max_labels: int) -> None:
+        self.task, self.stop, self.max_labels = task, stop, max_labels
         graph = task.graph
         self.scenarios = len(task.states)
         self.slack_N = slack_sq
@@ -165,7 +165,7 @@ class _Search:
                 if not least_drift:
                     break
             expanded += 1
-            if expanded % _ASK_EVERY == 1 and (self.stop() or len(self.node) > self.most_labels):
+            if expanded % _ASK_EVERY == 1 and (self.stop() or len(self.node) > self.max_labels):
                 finished = False
                 break
             self.expand(label)

@@ -35,7 +35,7 @@ def why_infeasible(search: ItinerarySearch, limit: float, longest: float) -> str
             f"{asked} was found among {search.labels} partial routes, nor was it ruled out: begin with a higher "
             "max_drift, or take fewer nodes"
         )
-    search.most_labels = _LABELS
+    search.max_labels = _LABELS
     accuracy = [b.kind.position_std_m * 2**0.5 for b in search.beacons if b.kind.position_std_m is not None]
     reasons = []
     if search.check.initial is not None and search.check.drift(search.shortest).moments.N[0].real > limit**2:
@@ -86,7 +86,7 @@ def _headings_would_help(search: ItinerarySearch, limit: float, longest: float) 
     full = [_full(b) for b in graph.beacons]
     edges = np.stack([graph.tail, graph.head], axis=1)[graph.tail < graph.head]
     graph = BeaconRoadmap.of(graph.xy, edges, search.noise, full, search.world)
-    return search.walk(graph, limit, longest, most_labels=_LABELS).nodes is not None
+    return search.walk(graph, limit, longest, max_labels=_LABELS).nodes is not None
 
 
 def _full(beacon: Beacon) -> Beacon:
@@ -100,7 +100,7 @@ def _least_limit(search: ItinerarySearch, limit: float, longest: float) -> float
     """A limit that can be kept, if one is found soon; the least of those tried."""
     if not math.isfinite(limit):
         return None
-    found = search.least_worst_drift(math.inf, longest, shorten=False)
+    found = search.least_worst_drift(math.inf, longest)
     return None if found is None else search.check.verdict(found).worst
 
 

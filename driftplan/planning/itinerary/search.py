@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -37,6 +38,7 @@ from driftplan.world.world import World
 
 WORST_TOLERANCE = 0.02  # of the least worst drift, and of end drifts that dead beacons change
 ROUNDING = 1e-9
+DEFAULT_DETOUR = 1.5  # times the length of the shortest route
 _COARSE, _MEDIUM, _FINE = (
     0.15,
     0.05,
@@ -47,12 +49,12 @@ _LABELS_OF_BISECTION = 8_000  # of one that need only find any path,
 _LABELS_BY_END = 6_000  # and of one for the least drift at the end, which seldom comes to an end of its own
 _SHRINK = 0.97  # of the limit that the graph is held to, when the exact model finds it broken
 _WIDEN = 1.4  # the margin within ranges, when beacons would be missed
-_SPARE = 1.2  # of the limit, for a graph that may be too strict
+_LEEWAY = 1.06  # times the limit, for a graph whose drift may be a little greater than the exact one
 _MARGIN_STEP = 0.03  # of the widest range
 _ATTEMPTS = 12
 _BISECTIONS = 8
 _STEP_DOWN = 0.93  # of the least limit kept so far, a finer search tries until it finds no way to keep it
-_LOOSER = (1.05, 1.5, 3.0, math.inf)  # than the least limit on the way, when the least end drift is sought
+_LOOSENESS = (1.05, 1.5, 3.0, math.inf)  # than the least limit on the way, when the least end drift is sought
 _TRIALS = 400  # of shorter paths
 _BATCHES, _BATCHES_TO_FIND_ONE = 2, 4  # of the roadmap for the shortest path
 
@@ -81,7 +83,7 @@ class ItinerarySearch:
     ----------
     shortest : (n, 2) array
         The shortest path found, drift or not.
-    labels, most_labels : int
+    labels, max_labels : int
         How many have been kept by all searches, and how many one search may keep.
     timed_out : bool
         Whether ``stop`` cut anything short.
@@ -113,15 +115,26 @@ class ItinerarySearch:
         self.nodes, self.seed = nodes, seed
         self.stop, self.stop_shortening = stop, stop_shortening or stop
         self.check = ItineraryCheck(world, noise, beacons, initial, start_heading, redundancy, min_capture)
-        self.labels, self.most_labels = 0, _LABELS
+        self.labels, self.max_labels = 0, _LABELS
         self.timed_out = self.exhausted = False
-        self.shortest = self._shortest() if shortest is None else shortest
+        self.shortest = self._grown(Pricing(space, ends[1], noise, "length")) if shortest is None else shortest
         self.nearest: tuple[Floats, float] = (ends[0], length_of(self.shortest))
         self._roadmap: tuple[float, Roadmap] | None = None
         self._graphs: dict[float, BeaconRoadmap] = {}
+        self._rough: dict[float, Floats] = {}  # by the greatest length
+        self._steadiest: dict[float, Floats] = {}
 
     @property
-    def kinds(self) -> tuple[OdometryNoise, ...]:
+    def _max_labels_by_end(self) -> int:
+        return min(self.max_labels, _LABELS_BY_END)
+
+    @cached_property
+    def unaided(self) -> Floats:
+        """A path of low drift at its end for a robot that reads no beacon."""
+        return self._grown(Pricing(self.space, self.ends[1], self.noise, "drift"))
+
+    @property
+    def noises(self) -> tuple[OdometryNoise, ...]:
         """The noise, and that of every zone."""
         return (self.noise, *(zone.noise for zone in (() if self.world is None else self.world.zones)))
 
@@ -139,60 +152,103 @@ class ItinerarySearch:
 
     def shortest_within(self, limit: float, longest: float) -> Floats | None:
         """The shortest path on which the drift never exceeds ``limit``."""
-        if self._is_good(self.shortest, limit, longest):
+        if self._keeps(self.shortest, limit, longest):
             return self.shortest
-        found = self._search(limit, longest, slack=_COARSE, most_labels=self.most_labels)
-        within, arrival = longest, limit
-        if found is not None:  # beacons need not be passed closer by than the drift of such a path asks for
-            within, arrival = min(longest, length_of(found)), self.check.verdict(found).worst
-        finer = self._search(limit, within, slack=_FINE, most_labels=self.most_labels, arrival=arrival)
-        found = found if finer is None else finer
-        if found is None:  # ranges with a margin make the graph's drift a little greater than the exact one
-            found = self._search(limit, longest, slack=_FINE, most_labels=self.most_labels, held=_SPARE * limit)
+        found = self._short_within(limit, longest)
+        if found is None:  # a limit that some path was seen to keep is never called out of reach
+            found = self._steady_within(limit, longest)
         return None if found is None else self.shorter(found, limit)
-
-    def any_within(self, limit: float, longest: float, slack: float) -> Floats | None:
-        """A path on which the drift never exceeds ``limit``: the first found."""
-        if self._is_good(self.shortest, limit, longest):
-            return self.shortest
-        most = min(self.most_labels, _LABELS_OF_BISECTION)
-        return self._search(limit, longest, slack=slack, most_labels=most)
-
-    def _is_good(self, path: Floats, limit: float, longest: float) -> bool:
-        return length_of(path) <= longest and self.check.verdict(path, limit).worst <= limit
 
     def least_end_drift(self, limit: float, longest: float) -> Floats | None:
         """The path with the least rms at its end that keeps the limit on the way.
 
-        Whatever arrives with little drift has mostly had little on the way, and tight limits make searches short: so
-        the search is asked with ever looser limits, from the least that can be kept on.
+        The best one without a limit is looked for first, so that a limit that does not bind changes nothing.
         """
-        tightest = self.least_worst_drift(limit, longest, shorten=False)
-        if tightest is None:
+        candidates = self._paths_of_low_end_drift(longest)
+        best = min(candidates, key=self._end_drift)
+        shorter = self.shorter(best, math.inf, self._end_drift(best))
+        if self._keeps(shorter, limit, longest):
+            return shorter
+        candidates = [path for path in candidates if self._keeps(path, limit, longest)]
+        found = self._search(limit, longest, slack=_FINE, max_labels=self._max_labels_by_end, by_end=True)
+        if found is None and not candidates:
+            found = self._steady_within(limit, longest)
+        candidates += [] if found is None else [found]
+        if not candidates:
             return None
-        least = self.check.verdict(tightest).worst
-        candidates = [tightest]
-        if self._is_good(self.shortest, limit, longest):
-            candidates.append(self.shortest)
-        for looseness in _LOOSER:
+        best = min(candidates, key=self._end_drift)
+        return self.shorter(best, limit, self._end_drift(best))
+
+    def least_worst_drift(self, limit: float, longest: float) -> Floats | None:
+        """The path with the least greatest drift on the way, to within `WORST_TOLERANCE`; the shortest of those.
+
+        None if it exceeds the limit; otherwise the limit changes nothing.
+        """
+        if longest not in self._steadiest:
+            self._steadiest[longest] = self._closely_least_worst(self._roughly_least_worst(longest), longest)
+        path = self._steadiest[longest]
+        return path if self._worst(path) <= limit else None
+
+    def any_within(self, limit: float, longest: float, slack: float) -> Floats | None:
+        """A path on which the drift never exceeds ``limit``: the first found."""
+        if self._keeps(self.shortest, limit, longest):
+            return self.shortest
+        return self._any_within(limit, longest, slack, None)
+
+    def _any_within(self, limit: float, longest: float, slack: float, margin: float | None) -> Floats | None:
+        max_labels = min(self.max_labels, _LABELS_OF_BISECTION)
+        return self._search(limit, longest, slack=slack, max_labels=max_labels, margin=margin)
+
+    def _short_within(self, limit: float, longest: float) -> Floats | None:
+        found = self._search(limit, longest, slack=_COARSE, max_labels=self.max_labels)
+        within, arrival = longest, limit
+        if found is not None:  # beacons need not be passed closer by than the drift of such a path asks for
+            within, arrival = min(longest, length_of(found)), self._worst(found)
+        finer = self._search(limit, within, slack=_FINE, max_labels=self.max_labels, arrival=arrival)
+        found = found if finer is None else finer
+        if found is None:  # ranges with a margin overlook readings that do harm
+            held = _LEEWAY * limit
+            found = self._search(limit, longest, slack=_FINE, max_labels=self.max_labels, margin=0.0, held=held)
+        return found
+
+    def _steady_within(self, limit: float, longest: float) -> Floats | None:
+        """A path that keeps the limit because its greatest drift is about the least of all."""
+        for within in sorted({min(longest, DEFAULT_DETOUR * length_of(self.shortest) * (1 + ROUNDING)), longest}):
+            if not self.late() and (path := self.least_worst_drift(limit, within)) is not None:
+                return path
+        return None
+
+    def _paths_of_low_end_drift(self, longest: float) -> list[Floats]:
+        """Whatever arrives with little drift has mostly had little on the way, and tight limits make searches short: so
+        the search is asked with ever looser limits, from the least that can be kept on."""
+        paths = [self.shortest, self._roughly_least_worst(longest)]
+        if length_of(self.unaided) <= longest:
+            paths.append(self.unaided)
+        least = self._worst(paths[1])
+        for looseness in _LOOSENESS:
             if self.late():
                 break
-            most = min(self.most_labels, _LABELS_BY_END)
-            found = self._search(min(limit, looseness * least), longest, slack=_FINE, most_labels=most, by_end=True)
-            candidates += [] if found is None else [found]
-            if looseness * least >= limit:
-                break
-        path = min(candidates, key=self._end_drift)
-        return self.shorter(path, limit, self._end_drift(path))
+            limit = looseness * least
+            found = self._search(limit, longest, slack=_FINE, max_labels=self._max_labels_by_end, by_end=True)
+            paths += [] if found is None else [found]
+        return paths
 
-    def least_worst_drift(self, limit: float, longest: float, *, shorten: bool = True) -> Floats | None:
-        """The path with the least greatest drift on the way, by bisection over the limit; the shortest of those."""
-        best = self.any_within(limit, longest, _COARSE)
-        best = self.any_within(limit, longest, _FINE) if best is None else best
-        if best is None:
-            return None
-        high = self.check.verdict(best).worst
-        least = least_worst_drift(self.ends, self.kinds, self.beacons, high)
+    def _roughly_least_worst(self, longest: float) -> Floats:
+        """A path with nearly the least greatest drift on the way, by bisection over the limit."""
+        if longest in self._rough:
+            return self._rough[longest]
+        known = [path for path in (self.shortest, self.unaided) if length_of(path) <= longest] or [self.shortest]
+        best = self._bisected(min(known, key=self._worst), longest, None)
+        if self._margin(self._worst(best)) > 0:  # ranges with a margin overlook readings that do harm
+            limit = (1 - 2 * WORST_TOLERANCE) * self._worst(best)
+            found = self._any_within(limit, longest, _MEDIUM, 0.0)
+            best = best if found is None else self._bisected(found, longest, 0.0)
+        self._rough[longest] = best
+        return best
+
+    def _bisected(self, best: Floats, longest: float, margin: float | None) -> Floats:
+        high = self._worst(best)
+        least = least_worst_drift(self.ends, self.noises, self.beacons, high)
         for slack, step, tolerance in ((_COARSE, 0.5, 0.05), (_MEDIUM, _STEP_DOWN, WORST_TOLERANCE)):
             low, missed = least, False
             for _ in range(_BISECTIONS):
@@ -201,16 +257,36 @@ class ItinerarySearch:
                 middle = max(0.5 * (low + high), step * high) if not missed else 0.5 * (low + high)
                 if low < self._widest < middle:  # who drifts farther than that finds no beacon
                     middle = self._widest
-                found = self.any_within(middle, longest, slack)
+                found = self._any_within(middle, longest, slack, margin)
                 if found is None:
                     low, missed = middle, True
                 else:
-                    best, high = found, self.check.verdict(found).worst
-        if not shorten:
-            return best
-        kept = high * (1 + ROUNDING)
-        shortest = self.shortest_within(kept, min(longest, length_of(best)))
-        return self.shorter(best, kept) if shortest is None else shortest
+                    best, high = found, self._worst(found)
+        return best
+
+    def _closely_least_worst(self, best: Floats, longest: float) -> Floats:
+        """The shortest path with the least greatest drift: none with `WORST_TOLERANCE` less is found by any search."""
+        margins = [None, 0.0] if self._margin(self._worst(best)) > 0 else [None]
+        while margins and not self.late():  # the search for the least drift at the end does not stop at the first walk
+            limit = (1 - WORST_TOLERANCE) * self._worst(best)
+            held = _LEEWAY * limit
+            most = self._max_labels_by_end
+            found = self._search(
+                limit, longest, slack=_FINE, max_labels=most, by_end=True, margin=margins[0], held=held
+            )
+            if found is None:
+                margins.pop(0)
+            else:
+                best = found
+        kept = self._worst(best) * (1 + ROUNDING)
+        shortest = self._short_within(kept, min(longest, length_of(best)))
+        return self.shorter(best if shortest is None else shortest, kept)
+
+    def _keeps(self, path: Floats, limit: float, longest: float) -> bool:
+        return length_of(path) <= longest and self.check.verdict(path, limit).worst <= limit
+
+    def _worst(self, path: Floats) -> float:
+        return self.check.verdict(path).worst
 
     def shorter(self, path: Floats, limit: float, most_at_end: float = math.inf) -> Floats:
         """The path as short as it gets while it keeps the limit and arrives with no more drift."""
@@ -268,7 +344,7 @@ class ItinerarySearch:
         longest: float,
         *,
         slack: float = _FINE,
-        most_labels: int = _LABELS,
+        max_labels: int = _LABELS,
         dead: Sequence[int] = (),
         by_end: bool = False,
     ) -> Walk:
@@ -276,7 +352,7 @@ class ItinerarySearch:
         assert self._roadmap is not None
         initial, heading = self.check.initial, self.check.start_heading
         to_goal, _ = self._roadmap[1].distances(self._roadmap[1].prices.cost, GOAL)
-        scale = limit if math.isfinite(limit) else self.check.verdict(self.shortest).worst
+        scale = min(limit, self._worst(self.shortest))
         task = LabelTask(
             graph=graph,
             start=START,
@@ -290,7 +366,7 @@ class ItinerarySearch:
             arriving=None if heading is None else complex(math.cos(heading), math.sin(heading)),
         )
         find = least_drift_walk if by_end else shortest_walk
-        found = find(task, slack_sq=slack * scale**2, stop=self.late, most_labels=most_labels)
+        found = find(task, slack_sq=slack * scale**2, stop=self.late, max_labels=max_labels)
         self.labels += found.labels
         self.exhausted |= not found.finished
         self.nearest = min(self.nearest, (graph.xy[found.nearest[0]], found.nearest[1]), key=lambda x: x[1])
@@ -302,21 +378,24 @@ class ItinerarySearch:
         longest: float,
         *,
         slack: float,
-        most_labels: int,
+        max_labels: int,
         by_end: bool = False,
         arrival: float | None = None,
+        margin: float | None = None,
         held: float | None = None,
     ) -> Floats | None:
         """The best walk that the exact model agrees with.
 
-        Robots are taken to arrive at beacons with a drift of ``arrival`` and the graph is held to ``held`` to begin
-        with; both are the limit by default.
+        Ranges are taken to be ``margin`` smaller to begin with: by default so much that robots who arrive with a drift
+        of ``arrival`` (by default the limit) are captured. The graph is ``held`` to the limit or a looser one to
+        begin with.
         """
-        held, margin, dead = held or limit, self._margin(arrival or limit), list[int]()
+        held, dead = limit if held is None else held, list[int]()
+        margin = self._margin(arrival or limit) if margin is None else margin
         best: tuple[float, Floats] | None = None
         for _ in range(_ATTEMPTS):
             graph = self.graph(margin, longest)
-            found = self.walk(graph, held, longest, slack=slack, most_labels=most_labels, dead=dead, by_end=by_end)
+            found = self.walk(graph, held, longest, slack=slack, max_labels=max_labels, dead=dead, by_end=by_end)
             if found.nodes is None:
                 break
             path = _without_repeats(graph.xy[list(found.nodes)])
@@ -331,7 +410,7 @@ class ItinerarySearch:
             elif keeps:
                 break
             elif self._lost_to_capture(path, limit):
-                margin *= _WIDEN
+                margin = max(_WIDEN * margin, self._margin(limit))
             else:
                 held *= _SHRINK
             if self.late():
@@ -364,13 +443,13 @@ class ItinerarySearch:
     def _reach(self, limit: float) -> float:
         """How far from its last fix a robot can get before it breaks the limit, at most the map's diagonal, metres."""
         xmin, ymin, xmax, ymax = self.space.bounds
-        rates = [CostRates.of(kind) for kind in self.kinds]
+        rates = [CostRates.of(kind) for kind in self.noises]
         heading, position = min(r.heading for r in rates), min(r.position for r in rates)
         return max_distance_within(limit**2, heading, position, math.hypot(xmax - xmin, ymax - ymin))
 
-    def _shortest(self) -> Floats:
-        pricing = Pricing(self.space, self.ends[1], self.noise, "length")
-        search = RoadmapSearch(pricing, self.ends[0], seed=self.seed)
+    def _grown(self, pricing: Pricing) -> Floats:
+        """The best path of a roadmap of a few batches."""
+        search = RoadmapSearch(pricing, self.ends[0], seed=self.seed, start_heading=self.check.start_heading)
         while search.batches < (_BATCHES if search.path is not None else _BATCHES_TO_FIND_ONE):
             if search.is_optimal or (search.path is not None and self.late()):
                 break
