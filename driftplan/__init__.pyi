@@ -55,14 +55,13 @@ from .model.spatial.simulation import simulate_drift_3d as simulate_drift_3d
 from .model.spatial.steps import flight_steps as flight_steps
 from .planning.comparison import Comparison as Comparison
 from .planning.comparison import compare_routes as compare_routes
-from .planning.itinerary.itinerary import Itinerary as Itinerary
-from .planning.itinerary.pareto import pareto_routes as pareto_routes
-from .planning.itinerary.roadmap_planner import RoadmapPlanner as RoadmapPlanner
 from .planning.ompl.collision import use_world as use_world
 from .planning.ompl.objective import DriftObjective as DriftObjective
 from .planning.ompl.paths import predict_ompl_path as predict_ompl_path
-from .planning.plan import plan_route as plan_route
+from .planning.ompl.roadmap_planner import RoadmapPlanner as RoadmapPlanner
+from .planning.pareto import pareto_routes as pareto_routes
 from .planning.routes import Route as Route
+from .planning.routes import plan_route as plan_route
 from .report.plot_beacons import layout_figure as layout_figure
 from .report.plot_beacons import plot_importance as plot_importance
 from .report.plot_beacons import plot_layout as plot_layout

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from driftplan.beacons.beacon import Beacon
-from driftplan.planning.itinerary.pareto import knee
+from driftplan.planning.pareto import knee
 from driftplan.report.plotting import ROUTE_STYLES, plot_drift, plot_route, plot_world
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def plot_pareto(world: World, routes: Sequence[Itinerary], *, figure: Figure | N
     ----------
     world : World
     routes : sequence of Itinerary
-        As `driftplan.planning.itinerary.pareto.pareto_routes` returns them.
+        As `driftplan.planning.pareto.pareto_routes` returns them.
     figure : Figure, optional
         An empty one to draw into; default: a new one that knows nothing of pyplot.
     """

@@ -15,7 +15,7 @@ from driftplan.layouts.placement.place import place_beacons
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
-from driftplan.planning.itinerary.search import ItinerarySearch
+from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.world.world import World
 
 NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
@@ -45,7 +45,7 @@ def designed(trips=TRIPS, limit=LIMIT, **options):
 def test_it_is_never_dearer_than_shortest_routes_and_then_beacons(price):
     found = designed(price_per_m=price)
     shortest = [
-        ItinerarySearch(WORLD, WORLD, np.array([trip.start, trip.goal]), NOISE, (), nodes=120).shortest
+        BeaconSearch(WORLD, WORLD, np.array([trip.start, trip.goal]), NOISE, (), nodes=120).shortest
         for trip in TRIPS
     ]
     layout = place_beacons(WORLD, shortest, NOISE, max_drift=LIMIT, kind=SIGN, spacing_m=4.0)
@@ -144,7 +144,7 @@ def brute_force(trips, limit, candidates, price):
             for trip in trips:
                 if cost < best:
                     ends = np.array([trip.start, trip.goal])
-                    search = ItinerarySearch(WORLD, WORLD, ends, NOISE, chosen, min_capture=0.0, nodes=120)
+                    search = BeaconSearch(WORLD, WORLD, ends, NOISE, chosen, min_capture=0.0, nodes=120)
                     path = search.shortest_within(
                         limit, 1.5 * np.linalg.norm(np.diff(search.shortest, axis=0), axis=1).sum()
                     )

@@ -12,9 +12,9 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.planning.bounds import least_end_drift, least_length, least_worst_drift
 from driftplan.planning.itinerary import search as itinerary_search
 from driftplan.planning.itinerary.check import ItineraryCheck
-from driftplan.planning.itinerary.search import ItinerarySearch, length_of
+from driftplan.planning.roadmap.beacon_search import BeaconSearch, length_of
 from driftplan.planning.roadmap.graph import Roadmap
-from driftplan.planning.roadmap.prices import Pricing
+from driftplan.planning.roadmap.prices import AdditiveCost
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
@@ -88,14 +88,14 @@ def small_roadmap(monkeypatch):
 
     def use(count, seed):
         def roadmap(space, world, ends, noise, beacons, *, known, longest, nodes, seed=seed):
-            found = Roadmap(Pricing(space, ends[1], noise, "length"), ends[0])
+            found = Roadmap(AdditiveCost(space, ends[1], noise, "length"), ends[0])
             rng = np.random.default_rng(seed)
             points = np.concatenate([[b.xy for b in beacons], rng.uniform(2, 38, (count - len(beacons), 2))])
             found.add(points, 5, math.inf)
             return found
 
         monkeypatch.setattr(itinerary_search, "itinerary_roadmap", roadmap)
-        monkeypatch.setattr(ItinerarySearch, "_shortest", lambda self: self.ends)  # the hall is empty
+        monkeypatch.setattr(BeaconSearch, "_shortest", lambda self: self.ends)  # the hall is empty
 
     return use
 
@@ -122,7 +122,7 @@ def test_every_objective_finds_what_enumeration_finds_or_better(small_roadmap, s
     small_roadmap(7, seed)
     ends = np.array([(3.0, 3.0), (37.0, 37.0)])
     beacons = tuple(Beacon(kind, *xy) for xy in rng.uniform(8, 32, (3, 2)))
-    search = ItinerarySearch(HALL, HALL, ends, NOISES[0], beacons, min_capture=0.0, seed=seed)
+    search = BeaconSearch(HALL, HALL, ends, NOISES[0], beacons, min_capture=0.0, seed=seed)
     search.graph(0.0)
     check, longest = search.check, 2.0 * length_of(ends)
     scored = []

@@ -8,7 +8,7 @@ from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning import routes
 from driftplan.planning.itinerary.itinerary import Itinerary
-from driftplan.planning.itinerary.pareto import knee, non_dominated, pareto_routes
+from driftplan.planning.pareto import knee, non_dominated, pareto_routes
 from driftplan.planning.plan import plan_route
 from driftplan.world.world import World
 

@@ -19,7 +19,7 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.planning.ompl.collision import use_world
 from driftplan.planning.ompl.objective import DriftObjective
 from driftplan.planning.ompl.paths import predict_ompl_path
-from driftplan.planning.ompl.roadmap import RoadmapPlanner
+from driftplan.planning.ompl.roadmap_planner import RoadmapPlanner
 from driftplan.planning.roadmap.search import plan_on_roadmap
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -424,7 +424,7 @@ from ompl import base as ob, geometric as og, util as ou
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.ompl.collision import use_world
 from driftplan.planning.ompl.objective import DriftObjective
-from driftplan.planning.ompl.roadmap import RoadmapPlanner
+from driftplan.planning.ompl.roadmap_planner import RoadmapPlanner
 from driftplan.world.world import World
 
 WORLD = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)

@@ -16,7 +16,7 @@ from driftplan.errors import PlannerError
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.itinerary.itinerary import plan_itinerary
-from driftplan.planning.itinerary.roadmap_planner import RoadmapPlanner
+from driftplan.planning.ompl.roadmap_planner import RoadmapPlanner
 from driftplan.planning.ompl import roadmap as plain
 from driftplan.planning.ompl.collision import use_world
 from driftplan.planning.ompl.objective import DriftObjective

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.itinerary.itinerary import plan_itinerary
-from driftplan.planning.itinerary.pareto import knee, pareto_routes
+from driftplan.planning.pareto import knee, pareto_routes
 from driftplan.report.plot_itinerary import plot_beacons, plot_itinerary, plot_pareto
 from driftplan.world.world import World
 

@@ -1,7 +1,7 @@
 """co_design: beacons and routes chosen together, so that what both cost is least.
 
 Given the routes, `driftplan.layouts.placement.place` finds the cheapest beacons; given the beacons,
-`driftplan.planning.itinerary.search` finds the shortest routes that keep the limit. Alternating the two never makes
+`driftplan.planning.roadmap.beacon_search` finds the shortest routes that keep the limit. Alternating the two never makes
 anything dearer, but from the shortest routes it does not move at all: no route gets shorter, and with these routes no
 layout gets cheaper. So the search restarts from neighbours of the best design, and goes on alternating from there:
 
@@ -34,8 +34,10 @@ from driftplan.layouts.co_design.trips import Trip, trips_of
 from driftplan.layouts.layout import Layout
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.itinerary.itinerary import answer, check_options
-from driftplan.planning.itinerary.search import DEFAULT_DETOUR, ROUNDING, length_of
+from driftplan.planning.request import DEFAULT_DETOUR, Reliance, check_continuous
+from driftplan.planning.roadmap.beacon_search import ROUNDING
+from driftplan.planning.roadmap.prices import length_of
+from driftplan.planning.routes import route_along
 from driftplan.world.world import World
 
 _WORTH = 1e-6  # least relative gain that counts
@@ -153,17 +155,16 @@ def co_design(
         deadline=began + positive("time_limit", time_limit),
         place_s=max(_PLACE_SHARE * time_limit, 1.0),
     )
-    check_options(
-        minimise="length",
-        beacons=existing,
+    Reliance(
+        beacons=tuple(existing),
         max_drift=max_drift,
         max_detour=max_detour,
         redundancy=redundancy,
-        initial=start_fix,
-        nodes=nodes,
-        seed=seed,
-        noises=(noise, *(zone.noise for zone in world.zones)),
+        start_fix=start_fix,
     )
+    check_continuous((noise, *(zone.noise for zone in world.zones)))
+    whole("nodes", nodes, least=10)
+    whole("seed", seed, least=0)
     whole("rounds", rounds, least=0)
     problem.sites = sites_of(world, kind, candidates, spacing_m, forbidden, {b.id for b in existing})
     problem.shortest = [problem.shortest_path(k) for k in range(len(problem.trips))]
@@ -209,7 +210,7 @@ class _Search:
         assert best is not None
         everyone = (*problem.existing, *best.layout.beacons)
         routes = [
-            answer(problem.search(k, everyone), path, "length", problem.limit, 0.0) for k, path in enumerate(best.paths)
+            route_along(problem.search(k, everyone), path, "length") for k, path in enumerate(best.paths)
         ]
         return CoDesign(
             layout=best.layout,

@@ -21,8 +21,8 @@ from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.placement.place import place_beacons
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.itinerary.search import ItinerarySearch, length_of
-from driftplan.planning.roadmap.search import check_connected, checked_ends
+from driftplan.planning.request import Reliance, check_connected, checked_ends
+from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.world.world import World
 
 _LEAST_PLACE_S = 5.0  # however little time is left
@@ -88,21 +88,24 @@ class DesignProblem:
         asked = self.trips[trip]
         return f"trip {trip}" + (f" ({asked.name})" if asked.name else "")
 
-    def search(self, trip: int, beacons: Sequence[Beacon]) -> ItinerarySearch:
+    def search(self, trip: int, beacons: Sequence[Beacon]) -> BeaconSearch:
         """The search for a route of a trip among beacons."""
         return self._search(trip, tuple(beacons), self.shortest[trip])
 
-    def _search(self, trip: int, beacons: tuple[Beacon, ...], known: Floats | None) -> ItinerarySearch:
-        return ItinerarySearch(
+    def _search(self, trip: int, beacons: tuple[Beacon, ...], known: Floats | None) -> BeaconSearch:
+        return BeaconSearch(
             self.world,
             self.world,
             np.array([self.trips[trip].start, self.trips[trip].goal]),
             self.noise,
-            beacons,
-            redundancy=self.redundancy,
-            min_capture=0.0,
-            initial=self.start_fix,
-            nodes=self.nodes,
+            Reliance(
+                beacons=beacons,
+                max_drift=self.limit,
+                redundancy=self.redundancy,
+                min_capture=0.0,
+                start_fix=self.start_fix,
+            ),
+            max_nodes=self.nodes,
             seed=self.seed,
             stop=self.late,
             shortest=known,

@@ -1,8 +1,8 @@
-"""ItinerarySearch: one pair of ends, one set of beacons, any number of questions about the best path between them.
+"""BeaconSearch: one pair of ends, one set of beacons, any number of questions about the best path between them.
 
-The shared roadmap (`driftplan.planning.itinerary.nodes`) is turned into a graph whose edges carry what driving and
-reading do to the drift (`driftplan.planning.itinerary.beacon_roadmap`); label searches
-(`driftplan.planning.itinerary.labels`) look for the best walk, whose path is then put to the exact model
+The shared roadmap (`driftplan.planning.roadmap.sampling`) is turned into a graph whose edges carry what driving and
+reading do to the drift (`driftplan.planning.roadmap.beacon_graph`); label searches
+(`driftplan.planning.roadmap.label_search`) look for the best walk, whose path is then put to the exact model
 (`driftplan.planning.itinerary.check`). Where that disagrees with the graph, the search is asked again, for a little
 more.
 
@@ -21,45 +21,38 @@ import numpy as np
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import NoPathError
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.bounds import least_worst_drift, max_distance_within
 from driftplan.planning.cost import CostRates
-from driftplan.planning.itinerary.beacon_roadmap import BeaconRoadmap
 from driftplan.planning.itinerary.check import ALL_ALIVE, ItineraryCheck
-from driftplan.planning.itinerary.labels import LabelTask, Walk, least_drift_walk, shortest_walk
-from driftplan.planning.itinerary.nodes import itinerary_roadmap
-from driftplan.planning.itinerary.shortening import shortened
+from driftplan.planning.request import DEFAULT_DETOUR, Objective, Reliance, format_point
+from driftplan.planning.roadmap.beacon_graph import BeaconGraph
 from driftplan.planning.roadmap.graph import GOAL, START, Roadmap
-from driftplan.planning.roadmap.growth import RoadmapSearch
-from driftplan.planning.roadmap.prices import Pricing, Space
-from driftplan.planning.roadmap.search import said
+from driftplan.planning.roadmap.growth import BATCHES_TO_FIND_ONE, RoadmapSearch, roadmap_among_beacons
+from driftplan.planning.roadmap.label_search import LabelProblem, Walk, least_drift_walk, shortest_walk
+from driftplan.planning.roadmap.polish import shortened
+from driftplan.planning.roadmap.prices import AdditiveCost, Space, length_of
 from driftplan.world.world import World
 
 WORST_TOLERANCE = 0.02  # of the least worst drift, and of end drifts that dead beacons change
 ROUNDING = 1e-9
-DEFAULT_DETOUR = 1.5  # times the length of the shortest route
-_COARSE, _MEDIUM, _FINE = (
-    0.15,
-    0.05,
-    0.015,
-)  # slack of labels as a share of the limit squared: for a path soon, then for a good one
-_LABELS = 100_000  # of one search at most,
-_LABELS_OF_BISECTION = 8_000  # of one that need only find any path,
-_LABELS_BY_END = 6_000  # and of one for the least drift at the end, which seldom comes to an end of its own
-_SHRINK = 0.97  # of the limit that the graph is held to, when the exact model finds it broken
-_WIDEN = 1.4  # the margin within ranges, when beacons would be missed
+_COARSE, _MEDIUM, _FINE = 0.15, 0.05, 0.015  # slack of labels as a share of the limit squared: soon, or good
+_MAX_LABELS = 100_000  # of one search
+_MAX_LABELS_OF_BISECTION = 8_000  # of a search that need only find any path
+_MAX_LABELS_BY_END = 6_000  # of a search for the least drift at the end, which seldom comes to an end of its own
+_LIMIT_STEP = 0.97  # of the limit that the graph is held to, when the exact model finds it broken
+_MARGIN_GROWTH = 1.4  # the margin within ranges, when beacons would be missed
 _LEEWAY = 1.06  # times the limit, for a graph whose drift may be a little greater than the exact one
 _MARGIN_STEP = 0.03  # of the widest range
-_ATTEMPTS = 12
-_BISECTIONS = 8
+_MAX_ATTEMPTS = 12
+_MAX_BISECTIONS = 8
 _STEP_DOWN = 0.93  # of the least limit kept so far, a finer search tries until it finds no way to keep it
 _LOOSENESS = (1.05, 1.5, 3.0, math.inf)  # than the least limit on the way, when the least end drift is sought
-_TRIALS = 400  # of shorter paths
-_BATCHES, _BATCHES_TO_FIND_ONE = 2, 4  # of the roadmap for the shortest path
+_MAX_SHORTENING_TRIALS = 400  # of shorter paths
+_BATCHES = 2  # of the roadmap for the shortest path
 
 
-class ItinerarySearch:
+class BeaconSearch:
     """Paths from ``ends[0]`` to ``ends[1]`` that count on beacons.
 
     Parameters
@@ -68,16 +61,18 @@ class ItinerarySearch:
         Where the robot may drive.
     world : World or None
         What blocks sight, and zones; None: nothing does and there are none.
-    redundancy, min_capture, initial, start_heading :
-        As for `driftplan.planning.itinerary.itinerary.plan_itinerary`.
-    nodes : int
+    reliance : Reliance
+        Beacons, limits, and from what the robot starts.
+    max_nodes : int
         Of the roadmap, about.
     stop : callable
-        Asked often; once it says True every question ends with the best answer so far and `timed_out` is set.
+        OmplCheckedSpace often; once it says True every question ends with the best answer so far and `timed_out` is set.
     stop_shortening : callable, optional
         The same for shortening what was found; default: ``stop``.
     shortest : (n, 2) array, optional
         The shortest path, where it is known from another search.
+    known : sequence of (n, 2) arrays
+        Other collision-free paths between the ends, to be considered.
 
     Attributes
     ----------
@@ -99,39 +94,50 @@ class ItinerarySearch:
         world: World | None,
         ends: Floats,
         noise: OdometryNoise,
-        beacons: tuple[Beacon, ...],
+        reliance: Reliance,
         *,
-        redundancy: int = 1,
-        min_capture: float = 0.9,
-        initial: Fix | None = None,
-        start_heading: float | None = None,
-        nodes: int = 1000,
+        max_nodes: int = 1000,
         seed: int = 0,
         stop: Callable[[], bool] = lambda: False,
         stop_shortening: Callable[[], bool] | None = None,
         shortest: Floats | None = None,
+        known: Sequence[Floats] = (),
     ) -> None:
-        self.space, self.world, self.ends, self.noise, self.beacons = space, world, ends, noise, beacons
-        self.nodes, self.seed = nodes, seed
+        self.space, self.world, self.ends, self.noise = space, world, ends, noise
+        self.reliance, self.beacons = reliance, reliance.beacons
+        self.max_nodes, self.seed = max_nodes, seed
         self.stop, self.stop_shortening = stop, stop_shortening or stop
-        self.check = ItineraryCheck(world, noise, beacons, initial, start_heading, redundancy, min_capture)
-        self.labels, self.max_labels = 0, _LABELS
+        self.check = ItineraryCheck(
+            world,
+            noise,
+            reliance.beacons,
+            reliance.start_fix,
+            reliance.start_heading,
+            reliance.redundancy,
+            reliance.min_capture,
+        )
+        self.labels, self.max_labels = 0, _MAX_LABELS
         self.timed_out = self.exhausted = False
-        self.shortest = self._grown(Pricing(space, ends[1], noise, "length")) if shortest is None else shortest
+        self.known = tuple(known)
+        self.shortest = self._grown(AdditiveCost(space, ends[1], noise, "length")) if shortest is None else shortest
         self.nearest: tuple[Floats, float] = (ends[0], length_of(self.shortest))
         self._roadmap: tuple[float, Roadmap] | None = None
-        self._graphs: dict[float, BeaconRoadmap] = {}
+        self._graphs: dict[float, BeaconGraph] = {}
         self._rough: dict[float, Floats] = {}  # by the greatest length
         self._steadiest: dict[float, Floats] = {}
 
+    def max_length(self, minimise: Objective) -> float:
+        """The greatest length that the detour allows, metres."""
+        return self.reliance.detour(minimise) * length_of(self.shortest) * (1 + ROUNDING)
+
     @property
     def _max_labels_by_end(self) -> int:
-        return min(self.max_labels, _LABELS_BY_END)
+        return min(self.max_labels, _MAX_LABELS_BY_END)
 
     @cached_property
     def unaided(self) -> Floats:
         """A path of low drift at its end for a robot that reads no beacon."""
-        return self._grown(Pricing(self.space, self.ends[1], self.noise, "drift"))
+        return self._grown(AdditiveCost(self.space, self.ends[1], self.noise, "drift"))
 
     @property
     def noises(self) -> tuple[OdometryNoise, ...]:
@@ -155,9 +161,12 @@ class ItinerarySearch:
         if self._keeps(self.shortest, limit, longest):
             return self.shortest
         found = self._short_within(limit, longest)
-        if found is None:  # a limit that some path was seen to keep is never called out of reach
+        paths = [path for path in self.known if self._keeps(path, limit, longest)]
+        paths += [] if found is None else [found]
+        if not paths:  # a limit that some path was seen to keep is never called out of reach
             found = self._steady_within(limit, longest)
-        return None if found is None else self.shorter(found, limit)
+            paths += [] if found is None else [found]
+        return self.shorter(min(paths, key=length_of), limit) if paths else None
 
     def least_end_drift(self, limit: float, longest: float) -> Floats | None:
         """The path with the least rms at its end that keeps the limit on the way.
@@ -196,7 +205,7 @@ class ItinerarySearch:
         return self._any_within(limit, longest, slack, None)
 
     def _any_within(self, limit: float, longest: float, slack: float, margin: float | None) -> Floats | None:
-        max_labels = min(self.max_labels, _LABELS_OF_BISECTION)
+        max_labels = min(self.max_labels, _MAX_LABELS_OF_BISECTION)
         return self._search(limit, longest, slack=slack, max_labels=max_labels, margin=margin)
 
     def _short_within(self, limit: float, longest: float) -> Floats | None:
@@ -221,10 +230,9 @@ class ItinerarySearch:
     def _paths_of_low_end_drift(self, longest: float) -> list[Floats]:
         """Whatever arrives with little drift has mostly had little on the way, and tight limits make searches short: so
         the search is asked with ever looser limits, from the least that can be kept on."""
-        paths = [self.shortest, self._roughly_least_worst(longest)]
-        if length_of(self.unaided) <= longest:
-            paths.append(self.unaided)
-        least = self._worst(paths[1])
+        paths = [self._roughly_least_worst(longest), self.shortest]
+        paths += [path for path in (self.unaided, *self.known) if length_of(path) <= longest]
+        least = self._worst(paths[0])
         for looseness in _LOOSENESS:
             if self.late():
                 break
@@ -237,8 +245,8 @@ class ItinerarySearch:
         """A path with nearly the least greatest drift on the way, by bisection over the limit."""
         if longest in self._rough:
             return self._rough[longest]
-        known = [path for path in (self.shortest, self.unaided) if length_of(path) <= longest] or [self.shortest]
-        best = self._bisected(min(known, key=self._worst), longest, None)
+        known = [path for path in (self.unaided, *self.known) if length_of(path) <= longest]
+        best = self._bisected(min([self.shortest, *known], key=self._worst), longest, None)
         if self._margin(self._worst(best)) > 0:  # ranges with a margin overlook readings that do harm
             limit = (1 - 2 * WORST_TOLERANCE) * self._worst(best)
             found = self._any_within(limit, longest, _MEDIUM, 0.0)
@@ -251,7 +259,7 @@ class ItinerarySearch:
         least = least_worst_drift(self.ends, self.noises, self.beacons, high)
         for slack, step, tolerance in ((_COARSE, 0.5, 0.05), (_MEDIUM, _STEP_DOWN, WORST_TOLERANCE)):
             low, missed = least, False
-            for _ in range(_BISECTIONS):
+            for _ in range(_MAX_BISECTIONS):
                 if high - low <= tolerance * high or self.late():
                     break
                 middle = max(0.5 * (low + high), step * high) if not missed else 0.5 * (low + high)
@@ -310,23 +318,23 @@ class ItinerarySearch:
 
         def stop() -> bool:
             self.timed_out = self.timed_out or self.stop_shortening()
-            return trials > _TRIALS or self.stop_shortening()
+            return trials > _MAX_SHORTENING_TRIALS or self.stop_shortening()
 
         return path if stop() or not holds(path) else shortened(path, self.space, holds, stop)
 
     # The search
 
-    def graph(self, margin: float, longest: float = math.inf) -> BeaconRoadmap:
+    def graph(self, margin: float, longest: float = math.inf) -> BeaconGraph:
         """The roadmap with the readings of beacons whose ranges are ``margin`` smaller, as far as they have that."""
         if self._roadmap is None or self._roadmap[0] < longest:
-            roadmap = itinerary_roadmap(
+            roadmap = roadmap_among_beacons(
                 self.space,
                 self.world,
                 self.ends,
                 self.noise,
                 self.beacons,
-                nodes=self.nodes,
-                known=self.shortest,
+                max_nodes=self.max_nodes,
+                known=(self.shortest, *self.known),
                 longest=longest,
                 seed=self.seed,
             )
@@ -334,17 +342,17 @@ class ItinerarySearch:
         roadmap = self._roadmap[1]
         if margin not in self._graphs:
             nearer = [_nearer(beacon, margin) for beacon in self.beacons]
-            self._graphs[margin] = BeaconRoadmap.of(roadmap.xy, roadmap.edges, self.noise, nearer, self.world)
+            self._graphs[margin] = BeaconGraph.of(roadmap.xy, roadmap.edges, self.noise, nearer, self.world)
         return self._graphs[margin]
 
     def walk(
         self,
-        graph: BeaconRoadmap,
+        graph: BeaconGraph,
         limit: float,
         longest: float,
         *,
         slack: float = _FINE,
-        max_labels: int = _LABELS,
+        max_labels: int = _MAX_LABELS,
         dead: Sequence[int] = (),
         by_end: bool = False,
     ) -> Walk:
@@ -353,7 +361,7 @@ class ItinerarySearch:
         initial, heading = self.check.initial, self.check.start_heading
         to_goal, _ = self._roadmap[1].distances(self._roadmap[1].prices.cost, GOAL)
         scale = min(limit, self._worst(self.shortest))
-        task = LabelTask(
+        task = LabelProblem(
             graph=graph,
             start=START,
             goal=GOAL,
@@ -362,7 +370,7 @@ class ItinerarySearch:
             to_goal=to_goal,
             limit=limit,
             longest=longest,
-            reach=self._reach(limit),
+            max_gap_m=self._max_gap_m(limit),
             arriving=None if heading is None else complex(math.cos(heading), math.sin(heading)),
         )
         find = least_drift_walk if by_end else shortest_walk
@@ -393,7 +401,7 @@ class ItinerarySearch:
         held, dead = limit if held is None else held, list[int]()
         margin = self._margin(arrival or limit) if margin is None else margin
         best: tuple[float, Floats] | None = None
-        for _ in range(_ATTEMPTS):
+        for _ in range(_MAX_ATTEMPTS):
             graph = self.graph(margin, longest)
             found = self.walk(graph, held, longest, slack=slack, max_labels=max_labels, dead=dead, by_end=by_end)
             if found.nodes is None:
@@ -410,9 +418,9 @@ class ItinerarySearch:
             elif keeps:
                 break
             elif self._lost_to_capture(path, limit):
-                margin = max(_WIDEN * margin, self._margin(limit))
+                margin = max(_MARGIN_GROWTH * margin, self._margin(limit))
             else:
-                held *= _SHRINK
+                held *= _LIMIT_STEP
             if self.late():
                 break
         return None if best is None else best[1]
@@ -440,31 +448,26 @@ class ItinerarySearch:
         """Greatest range of any beacon, metres; infinite without beacons."""
         return max((beacon.kind.range_m for beacon in self.beacons), default=math.inf)
 
-    def _reach(self, limit: float) -> float:
+    def _max_gap_m(self, limit: float) -> float:
         """How far from its last fix a robot can get before it breaks the limit, at most the map's diagonal, metres."""
         xmin, ymin, xmax, ymax = self.space.bounds
         rates = [CostRates.of(kind) for kind in self.noises]
         heading, position = min(r.heading for r in rates), min(r.position for r in rates)
         return max_distance_within(limit**2, heading, position, math.hypot(xmax - xmin, ymax - ymin))
 
-    def _grown(self, pricing: Pricing) -> Floats:
+    def _grown(self, pricing: AdditiveCost) -> Floats:
         """The best path of a roadmap of a few batches."""
         search = RoadmapSearch(pricing, self.ends[0], seed=self.seed, start_heading=self.check.start_heading)
-        while search.batches < (_BATCHES if search.path is not None else _BATCHES_TO_FIND_ONE):
+        while search.batches < (_BATCHES if search.path is not None else BATCHES_TO_FIND_ONE):
             if search.is_optimal or (search.path is not None and self.late()):
                 break
             search.grow(lambda: search.path is not None and self.late())
         if search.path is None:
             raise NoPathError(
-                f"no path found from {said(self.ends[0])} to {said(self.ends[1])} within {search.batches} batches of "
-                "samples: the way may be too narrow for them; a smaller robot_radius would tell"
+                f"no path found from {format_point(self.ends[0])} to {format_point(self.ends[1])} within "
+                f"{search.batches} batches of samples: the way may be too narrow for them; a smaller robot_radius would tell"
             )
         return search.path
-
-
-def length_of(path: Floats) -> float:
-    """Metres."""
-    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 def _nearer(beacon: Beacon, margin: float) -> Beacon:
