@@ -21,7 +21,8 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.model.worst import worst_rms
 from driftplan.planning.bounds import DeadReckoningBound, least_end_drift, least_length, least_worst_drift
 from driftplan.planning.request import ROADMAP, Objective, PlanRequest, Reliance, check_connected
-from driftplan.planning.roadmap.beacon_search import ROUNDING, BeaconSearch
+from driftplan.planning.roadmap.beacon_search import BeaconSearch
+from driftplan.planning.roadmap.beacon_walks import ROUNDING
 from driftplan.planning.roadmap.diagnosis import why_infeasible
 from driftplan.planning.roadmap.prices import exact_drift, length_of, noises_of
 from driftplan.planning.status import Status
@@ -334,9 +335,7 @@ def _route_among_beacons(request: PlanRequest, known: Sequence[Floats], began: f
     path = search_for(search, request.minimise)
     if path is None:
         search.stop = lambda: late(2.0)
-        raise InfeasibleError(
-            why_infeasible(search, request.reliance.max_drift, search.max_length(request.minimise))
-        )
+        raise InfeasibleError(why_infeasible(search, request.reliance.max_drift, search.max_length(request.minimise)))
     return route_along(search, path, request.minimise)
 
 

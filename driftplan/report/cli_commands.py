@@ -20,7 +20,6 @@ from driftplan.report.cli_options import DEFAULT_PLANNER, noise_as_json, noise_f
 from driftplan.report.itinerary_options import itinerary_as_json, itinerary_text, planned_route
 
 if TYPE_CHECKING:
-    from driftplan.planning.itinerary.itinerary import Itinerary
     from driftplan.planning.routes import Route
     from driftplan.world.world import World
 
@@ -73,14 +72,12 @@ def maps(args: argparse.Namespace) -> None:
 
 def plan(args: argparse.Namespace) -> None:
     """One route."""
-    from driftplan.planning.itinerary.itinerary import Itinerary
-
     noise, world = noise_from(args), world_from(args)
     _talk(f"planning on {args.map} with {args.planner}{search_effort(args)}")
     route = planned_route(args, world, noise, start_heading=_heading(args))
     name = _NAMES[route.minimise]
     summary = _planned(name, route)
-    if isinstance(route, Itinerary):
+    if _among_beacons(route):
         summary |= itinerary_as_json(route)
     files = {}
     if args.csv:
@@ -88,9 +85,7 @@ def plan(args: argparse.Namespace) -> None:
     if args.geojson:
         files[args.geojson] = output.drift_geojson(route.drift, {"noise": noise_as_json(noise), **summary})
     if args.png:
-        files[args.png] = (
-            _itinerary_picture(world, route) if isinstance(route, Itinerary) else _picture(world, {name: route})
-        )
+        files[args.png] = _itinerary_picture(world, route) if _among_beacons(route) else _picture(world, {name: route})
     write_files(files)
     if args.json:
         waypoints = output.drift_as_json(route.drift)
@@ -99,7 +94,7 @@ def plan(args: argparse.Namespace) -> None:
     print(output.routes_table([summary]))
     which = "path of its roadmap" if route.bound_covers == "roadmap" else "route"
     print(f"{route.planner}: {route.status.value} No {which} has less than {_bound(route)}.\n")
-    if isinstance(route, Itinerary):
+    if _among_beacons(route):
         print(f"{itinerary_text(route)}\n")
     print(output.drift_table(route.drift))
 
@@ -192,9 +187,9 @@ def _both(
     }
     _talk(f"planning with {planner}{search_effort(args)}")
     lowest = plan_route(world, start, goal, noise, minimise="drift", **same)
-    shortest = plan_route(world, start, goal, noise, minimise="length", candidates=[lowest.path], **same)
+    shortest = plan_route(world, start, goal, noise, minimise="length", initial_paths=[lowest.path], **same)
     if shortest.rms < lowest.rms:  # found late: the table must not contradict itself
-        lowest = plan_route(world, start, goal, noise, minimise="drift", candidates=[shortest.path], **same)
+        lowest = plan_route(world, start, goal, noise, minimise="drift", initial_paths=[shortest.path], **same)
     return lowest, shortest
 
 
@@ -237,7 +232,7 @@ def _print_json(args: argparse.Namespace, **answer: Any) -> None:
     print(output.json_text({"command": args.command, **answer}))
 
 
-def _itinerary_picture(world: World, route: Itinerary) -> bytes:
+def _itinerary_picture(world: World, route: Route) -> bytes:
     from driftplan.report.plot_itinerary import plot_itinerary
 
     return output.figure_png(plot_itinerary(world, route))
@@ -245,3 +240,8 @@ def _itinerary_picture(world: World, route: Itinerary) -> bytes:
 
 def _talk(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
+
+
+def _among_beacons(route: Route) -> bool:
+    """Whether it was looked for among beacons or within a limit."""
+    return bool(route.captures) or route.max_drift is not None or route.minimise == "worst_drift"

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from driftplan.model.fixes import Fix
     from driftplan.model.noise import OdometryNoise
-    from driftplan.planning.itinerary.itinerary import Itinerary
     from driftplan.planning.routes import Route
     from driftplan.world.world import World
 
@@ -72,9 +71,9 @@ def start_fix_from(args: argparse.Namespace) -> Fix | None:
 def planned_route(
     args: argparse.Namespace, world: World, noise: OdometryNoise, *, start_heading: float | None = None
 ) -> Route:
-    """The route that the options ask for: an `Itinerary` when beacons or a limit are among them."""
+    """The route that the options ask for: among beacons if there are any."""
     from driftplan.layouts.layout_files import load_beacons
-    from driftplan.planning.plan import plan_route
+    from driftplan.planning.routes import plan_route
 
     beacons = load_beacons(args.beacons) if args.beacons else ()
     options: dict[str, Any] = {
@@ -82,7 +81,7 @@ def planned_route(
         for name, value in (
             ("redundancy", args.redundancy),
             ("min_capture", args.min_capture),
-            ("initial", start_fix_from(args)),
+            ("start_fix", start_fix_from(args)),
         )
         if value is not None
     }
@@ -104,12 +103,12 @@ def planned_route(
     )
 
 
-def itinerary_as_json(route: Itinerary) -> dict[str, Any]:
+def itinerary_as_json(route: Route) -> dict[str, Any]:
     """What an itinerary says beyond a route."""
     return {
         "max_drift_m": route.max_drift,
         "worst_drift_m": route.worst_drift,
-        "worst_if_dead_m": route.worst_if_dead,
+        "worst_guaranteed_m": route.worst_guaranteed,
         "shortest_length_m": route.shortest_length,
         "passes": [
             {
@@ -127,14 +126,14 @@ def itinerary_as_json(route: Itinerary) -> dict[str, Any]:
     }
 
 
-def itinerary_text(route: Itinerary) -> str:
+def itinerary_text(route: Route) -> str:
     """The same for people: the worst drift, what it is held against, and a line per pass."""
     from driftplan.report.cli_output import table
 
     limit = "" if route.max_drift is None else f" (limit {route.max_drift:g} m)"
     lines = [f"worst drift on the way: {route.worst_drift:.3f} m{limit}"]
-    if route.worst_if_dead > route.worst_drift:
-        lines.append(f"with any one beacon dead: {route.worst_if_dead:.3f} m")
+    if route.worst_guaranteed > route.worst_drift:
+        lines.append(f"with any one beacon dead: {route.worst_guaranteed:.3f} m")
     lines.append(f"length: {route.length:.2f} m; the shortest route has {route.shortest_length:.2f} m")
     if route.captures:
         rows = [

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.collections import PatchCollection
     from matplotlib.figure import Figure
 
-    from driftplan.planning.itinerary.itinerary import Itinerary
+    from driftplan.planning.routes import Route
     from driftplan.world.world import World
 
 _USED: dict[str, Any] = {"facecolor": "#E69F00", "edgecolor": "#8A5F00", "alpha": 0.35, "linewidth": 0.9}
@@ -50,14 +50,14 @@ def plot_beacons(beacons: Sequence[Beacon], *, ax: Axes, used: Sequence[Beacon] 
 
 
 def plot_itinerary(
-    world: World, itinerary: Itinerary, beacons: Sequence[Beacon] = (), *, figure: Figure | None = None
+    world: World, itinerary: Route, beacons: Sequence[Beacon] = (), *, figure: Figure | None = None
 ) -> Figure:
     """The route on the map with the beacons it counts on, and its drift against the distance with the limit.
 
     Parameters
     ----------
     world : World
-    itinerary : Itinerary
+    itinerary : Route
     beacons : sequence of Beacon
         All there are; default: those counted on.
     figure : Figure, optional
@@ -81,13 +81,13 @@ def plot_itinerary(
     return figure
 
 
-def plot_pareto(world: World, routes: Sequence[Itinerary], *, figure: Figure | None = None) -> Figure:
+def plot_pareto(world: World, routes: Sequence[Route], *, figure: Figure | None = None) -> Figure:
     """Routes of a trade-off on the map, and their worst drift against their length with the knee marked.
 
     Parameters
     ----------
     world : World
-    routes : sequence of Itinerary
+    routes : sequence of Route
         As `driftplan.planning.pareto.pareto_routes` returns them.
     figure : Figure, optional
         An empty one to draw into; default: a new one that knows nothing of pyplot.

@@ -12,6 +12,7 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.planning.bounds import least_end_drift, least_length, least_worst_drift
 from driftplan.planning.itinerary import search as itinerary_search
 from driftplan.planning.itinerary.check import ItineraryCheck
+from driftplan.planning.request import Reliance
 from driftplan.planning.roadmap.beacon_search import BeaconSearch, length_of
 from driftplan.planning.roadmap.graph import Roadmap
 from driftplan.planning.roadmap.prices import AdditiveCost
@@ -122,7 +123,7 @@ def test_every_objective_finds_what_enumeration_finds_or_better(small_roadmap, s
     small_roadmap(7, seed)
     ends = np.array([(3.0, 3.0), (37.0, 37.0)])
     beacons = tuple(Beacon(kind, *xy) for xy in rng.uniform(8, 32, (3, 2)))
-    search = BeaconSearch(HALL, HALL, ends, NOISES[0], beacons, min_capture=0.0, seed=seed)
+    search = BeaconSearch(HALL, HALL, ends, NOISES[0], Reliance(beacons=tuple(beacons), min_capture=0.0), seed=seed)
     search.graph(0.0)
     check, longest = search.check, 2.0 * length_of(ends)
     scored = []

@@ -10,7 +10,7 @@ from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.roadmap.beacon_graph import BeaconGraph, N
-from driftplan.planning.roadmap.label_search import LabelProblem, _scores, _Search, least_drift_walk, shortest_walk
+from driftplan.planning.roadmap.label_search import LabelProblem, ResetDominance, least_drift_walk, shortest_walk
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
@@ -87,7 +87,7 @@ def task_of(graph, limit, longest=math.inf, dead=()):
         to_goal=to_goal,
         limit=limit,
         longest=longest,
-        reach=60.0,
+        max_gap_m=60.0,
     )
 
 
@@ -230,7 +230,7 @@ def test_a_label_that_dominates_another_drifts_no_more_whatever_follows(noise, k
     compared = 0
     for seed in range(2):
         graph = small_graph(seed, noise, kinds)
-        rule = _Search(task_of(graph, math.inf), 0.0, lambda: False, 10)
+        rule = ResetDominance(task_of(graph, math.inf), 0.0)
         ways = [nodes for nodes, _ in walks_to_anywhere(graph, 3)]
         ended = {}
         for nodes in ways:
@@ -239,8 +239,8 @@ def test_a_label_that_dominates_another_drifts_no_more_whatever_follows(noise, k
             for _ in range(20):
                 (first, x), (second, y) = (labels[k] for k in rng.integers(len(labels), size=2))
                 turn = rule.turn_rates != (0.0, 0.0) and first[-2:] != second[-2:]
-                better, worse = _scores(np.stack([x, y])[..., None])
-                if turn or not rule.dominates(better, worse, 0.0):
+                better, worse = rule.scores(np.stack([x, y])[..., None])
+                if turn or not rule(better, worse, 0.0):
                     continue
                 compared += 1
                 tail = [node]
@@ -264,10 +264,10 @@ def walks_to_anywhere(graph, most_edges):
 
 
 def test_a_label_with_less_heading_error_is_kept_beside_one_with_less_drift():
-    rule = _Search(task_of(small_graph(0, NOISE, KINDS["full"]), 1.0), 0.0, lambda: False, 10)
+    rule = ResetDominance(task_of(small_graph(0, NOISE, KINDS["full"]), 1.0), 0.0)
     lost, turned = [(0.09, 0.0001, 0j)], [(0.01, 0.01, 0j)]
-    assert not rule.dominates(lost, turned, 0.0)
-    assert not rule.dominates(turned, lost, 0.0)
+    assert not rule(lost, turned, 0.0)
+    assert not rule(turned, lost, 0.0)
     # equal drift and heading error, but one's errors are correlated: driving on may undo them
-    assert not rule.dominates([(0.04, 0.01, 0j)], [(0.04, 0.01, 0.005 + 0j)], 0.0)
-    assert rule.dominates([(0.03, 0.01, 0j)], [(0.04, 0.0101, 0j)], 0.0)
+    assert not rule([(0.04, 0.01, 0j)], [(0.04, 0.01, 0.005 + 0j)], 0.0)
+    assert rule([(0.03, 0.01, 0j)], [(0.04, 0.0101, 0j)], 0.0)

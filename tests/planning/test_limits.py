@@ -19,7 +19,7 @@ ROOM = World.from_polygons([], bounds=(0, 0, 24, 12), robot_radius=0.3)
 NOISE = OdometryNoise.from_std(heading_deg=3, distance_m=0.14, after_m=10)
 ENDS = (3.5, 7.86), (21.6, 9.53)
 COARSE = Beacon(BeaconKind.landmark(range_m=2.3, position_std_m=1.0, heading_std=0.1), 11.5, 7.25)
-UNHURRIED = {"time_limit": 600.0, "nodes": 100}
+UNHURRIED = {"time_limit": 600.0, "max_nodes": 100}
 
 
 def scattered(seed):

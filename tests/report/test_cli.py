@@ -528,9 +528,9 @@ def test_of_two_planned_routes_each_is_the_best_of_its_kind(run, map_file, monke
     luck = plan_route(world, (-3, -3), (2, -3), DEFAULT_NOISE, time_limit=0.2)
     poor = replace(luck, path=detour, drift=predict_drift(detour, DEFAULT_NOISE))
 
-    def unlucky(*words, candidates=(), **options):
+    def unlucky(*words, initial_paths=(), **options):
         """Finds nothing but a detour by itself."""
-        given = [replace(luck, path=path, drift=predict_drift(path, DEFAULT_NOISE)) for path in candidates]
+        given = [replace(luck, path=path, drift=predict_drift(path, DEFAULT_NOISE)) for path in initial_paths]
         found = [luck if options["minimise"] == lucky_at else poor, *given]
         return min(found, key=lambda route: route.length if options["minimise"] == "length" else route.rms)
 

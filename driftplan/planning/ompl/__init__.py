@@ -4,5 +4,5 @@ objective, motion_prices        DriftObjective, and the prices of single motions
 spaces, curves, zone_lookup     which spaces can be priced, Dubins and Reeds-Shepp curves, zones one motion at a time
 collision                       validity of states and motions over a World
 paths, solve                    the exact drift of OMPL's paths; one quiet run of an OMPL planner
-roadmap                         RoadmapPlanner, with roadmap_spaces and roadmap_targets: what it plans in and for
+roadmap_planner                 RoadmapPlanner, with roadmap_spaces and roadmap_targets: what it plans in and for
 """

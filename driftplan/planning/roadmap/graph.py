@@ -44,7 +44,7 @@ class Transitions(NamedTuple):
 
 
 class Roadmap:
-    """Nodes (n, 2) and undirected edges (m, 2) towards the goal of a `AdditiveCost`."""
+    """Nodes (n, 2) and undirected edges (m, 2) towards the goal of an `AdditiveCost`."""
 
     def __init__(self, pricing: AdditiveCost, start: Floats, start_heading: float | None = None) -> None:
         self.pricing = pricing

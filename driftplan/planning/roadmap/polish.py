@@ -186,9 +186,9 @@ def shortened(
     Parameters
     ----------
     holds : callable
-        OmplCheckedSpace about one path at a time; true of ``path``.
+        Asked about one path at a time; true of ``path``.
     stop : callable
-        OmplCheckedSpace before every trial; True ends it with what was reached.
+        Asked before every trial; True ends it with what was reached.
     """
     path = _without_needless(path, space, holds, stop)
     for _ in range(_PULLING_SWEEPS):
