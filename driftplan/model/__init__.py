@@ -2,7 +2,8 @@
 
 noise, presets, heading_laws    how one metre and one radian of odometry go wrong
 paths                           what the robot drives: turns on the spot and runs
-moments, elements, fixes        the error-moment algebra, and what a run, a turn and a fix are in it
+moments, elements               the error-moment algebra, and what a run and a turn are in it
+readings, drive                 a fix, what it makes of the errors; the engine that carries them along a path
 drift, worst, scores            predict_drift; the greatest drift on the way; radii and probabilities
 simulation                      Monte Carlo dead reckoning, the oracle
 spatial                         the same in space

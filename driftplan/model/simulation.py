@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.arrays import Floats
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import Noises, OdometryNoise, noise_of_legs, steps_in
 from driftplan.model.paths import Runs, read_path
+from driftplan.model.readings import Fix
 
 
 def simulate_drift(

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from driftplan.arrays import Floats, keywords_checked
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import InfeasibleError
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.planning.routes import Route, plan_route
 from driftplan.world.world import World
 

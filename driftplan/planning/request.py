@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.arrays import Floats, positive, whole
-from driftplan.beacons.beacon import Beacon, BeaconColumns
+from driftplan.beacons.beacon import Beacon
+from driftplan.beacons.readings import BeaconColumns
 from driftplan.errors import GoalError, NoPathError, PlannerError, StartError
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.world.world import World
 
 Objective = Literal["drift", "length", "worst_drift"]

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 
 from driftplan.arrays import Floats, keywords_checked
 from driftplan.beacons.beacon import Beacon
-from driftplan.beacons.capture import Capture
+from driftplan.beacons.readings import DetectionChance
 from driftplan.errors import InfeasibleError
 from driftplan.model.drift import Drift
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.model.worst import worst_rms
 from driftplan.planning.bounds import DeadReckoningBound, least_end_drift, least_length, least_worst_drift
 from driftplan.planning.request import ROADMAP, Objective, PlanRequest, Reliance, check_connected
@@ -60,7 +60,7 @@ class Route:
         The shortest route that the same search came by, drift or not. None if this is a shortest one.
     beacons : tuple of Beacon
         Those it counts on, in the order of their first reading.
-    captures : tuple of Capture
+    captures : tuple of DetectionChance
         Every pass of a beacon and the probability that it happens.
     max_drift : float or None
         The limit asked for.
@@ -82,7 +82,7 @@ class Route:
     bound_heading_std: float = math.inf
     shortest: Route | None = None
     beacons: tuple[Beacon, ...] = ()
-    captures: tuple[Capture, ...] = ()
+    captures: tuple[DetectionChance, ...] = ()
     max_drift: float | None = None
     worst_drift: float
     worst_guaranteed: float
@@ -104,15 +104,20 @@ class Route:
         return (self.shortest or self).length
 
     @property
+    def is_among_beacons(self) -> bool:
+        """Whether beacons, a limit or the worst drift had a say in it."""
+        return bool(self.captures) or self.max_drift is not None or self.minimise == "worst_drift"
+
+    @property
     def bound_sentence(self) -> str:
         """What the bound says, for people."""
-        what = {"drift": "rms drift at the goal", "length": "length", "worst_drift": "greatest rms drift"}
+        what = {"drift": "rms", "length": "length", "worst_drift": "worst rms"}[self.minimise]
         which = "route"
         if self.bound_covers == "roadmap":
             which = "path of its roadmap"
             if math.isfinite(self.bound_heading_std):
                 which += f" with a heading error of at most {self.bound_heading_std:.2g} rad (std) at the goal"
-        return f"No {which} has a {what[self.minimise]} below {self.bound:.3f} m."
+        return f"No {which} has less than {self.bound:#.4g} m of {what}."
 
     def __repr__(self) -> str:
         """What a person would want to know, not a page of waypoints."""
@@ -174,7 +179,7 @@ def plan_route(
         2: all of it also holds with any one beacon dead, and what is minimised is the worst of those cases.
     min_capture : float in [0, 1)
         A beacon that the drifting robot would come within range of less surely than this on one of its passes
-        (`driftplan.beacons.capture`) is not counted on.
+        (`driftplan.beacons.readings.detection_chances`) is not counted on.
     start_fix : Fix, optional
         Uncertainty at the start; default: the start is known.
     start_heading : float, optional

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, beacon_fixes, drift_with_beacons
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import beacon_fixes, drift_with_beacons
 from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
 from driftplan.layouts.co_design.co_design import co_design
 from driftplan.layouts.co_design.design import DesignStatus
@@ -15,9 +16,10 @@ from driftplan.layouts.co_design.trips import Trip
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import SiteGroup, Sites
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
+from driftplan.planning.request import Reliance
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.world.world import World
 
@@ -49,7 +51,8 @@ def designed(trips=TRIPS, limit=LIMIT, **options):
 def test_it_is_never_dearer_than_shortest_routes_and_then_beacons(price):
     found = designed(price_per_m=price)
     shortest = [
-        BeaconSearch(WORLD, WORLD, np.array([trip.start, trip.goal]), NOISE, (), nodes=120).shortest for trip in TRIPS
+        BeaconSearch(WORLD, WORLD, np.array([trip.start, trip.goal]), NOISE, Reliance(), max_nodes=120).shortest
+        for trip in TRIPS
     ]
     layout = place_beacons(WORLD, shortest, NOISE, LIMIT, Sites(SIGN, spacing_m=4.0))
     assert layout.proven
@@ -180,7 +183,9 @@ def brute_force(trips, limit, candidates, price):
             for trip in trips:
                 if cost < best:
                     ends = np.array([trip.start, trip.goal])
-                    search = BeaconSearch(WORLD, WORLD, ends, NOISE, chosen, min_capture=0.0, nodes=120)
+                    search = BeaconSearch(
+                        WORLD, WORLD, ends, NOISE, Reliance(beacons=tuple(chosen), min_capture=0.0), max_nodes=120
+                    )
                     path = search.shortest_within(
                         limit, 1.5 * np.linalg.norm(np.diff(search.shortest, axis=0), axis=1).sum()
                     )

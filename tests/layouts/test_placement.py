@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 import shapely
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, beacon_fixes, drift_with_beacons, passes
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import beacon_fixes, beacon_passes, drift_with_beacons
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.placement import covering
 from driftplan.layouts.placement.covering import Outcome
+from driftplan.layouts.placement.relaxation import Solution
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import SiteGroup, Sites
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
 from driftplan.model.worst import worst_rms
 
@@ -28,10 +30,10 @@ SIGN = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01, l
 # Brute force
 
 
-def place(instance, *, words=False, min_spacing_m=0.0, **options):
+def place(instance, *, words=False, groups=(), min_spacing_m=0.0, **options):
     """The layout, or None if it is said that there is none (or the error with its ``words``)."""
     new = [i for i in range(len(instance.sites)) if i not in instance.members(instance.fixed)]
-    groups = [SiteGroup([f"b{i}" for i in some], least, most) for some, least, most in instance.groups]
+    groups = [*groups, *(SiteGroup([f"b{i}" for i in some], least, most) for some, least, most in instance.groups)]
     try:
         return place_beacons(
             None,
@@ -136,7 +138,7 @@ def test_when_only_the_combination_fails_the_least_drift_of_all_combinations_is_
 
     layouts = [s for s in range(2 ** len(instance.sites)) if s & instance.fixed == instance.fixed]
     least = min(with_deaths(s) for s in layouts if instance.allowed(s))
-    with pytest.raises(InfeasibleError, match="no combination of the candidates keeps all limits") as caught:
+    with pytest.raises(InfeasibleError, match="no combination of the sites keeps all limits") as caught:
         place(instance, words=True)
     said = str(caught.value)
     told = float(said.split("the least that can be reached is ")[1].split(" m")[0])
@@ -151,17 +153,17 @@ def test_when_only_the_combination_fails_the_least_drift_of_all_combinations_is_
 def test_stopped_early_the_optimum_lies_between_the_bound_and_the_cost(name, seed, rounds, one_of_them, monkeypatch):
     """Whatever the search is stopped after; nothing is called proven that brute force beats."""
     asked = 0
-    relax = covering._Search._relaxation
+    relax = covering._CoverSearch._relaxed
 
     def relax_until_over(self, **options):
         nonlocal asked
         asked += 1
         if asked > rounds:
             self.deadline = 0.0  # the clock says that time is over
-            return None, 0.0, False
+            return Solution(None, 0.0, False)
         return relax(self, **options)
 
-    monkeypatch.setattr(covering._Search, "_relaxation", relax_until_over)
+    monkeypatch.setattr(covering._CoverSearch, "_relaxed", relax_until_over)
     instance = one_of_them(name, seed, sites=(6, 7))
     layout, best = place(instance), instance.cheapest()
     if layout is None:
@@ -298,7 +300,7 @@ def test_a_perfect_fix_that_comes_later_may_be_worse_when_the_heading_is_all_but
 def hop_reaches(path, noise, sites, limit):
     """For perfect full fixes at points: which site is within the limit of which, the start and the end included."""
     length = float(shapely.LineString(path).length)
-    visits = sorted((float(s), i) for i, site in enumerate(sites) for s in np.unique(passes(path, site)))
+    visits = sorted((float(s), i) for i, site in enumerate(sites) for s in np.unique(beacon_passes(path, site)))
     visits = [(0.0, -1), *visits, (length, -2)]
     arcs = []
     for a, (s, _) in enumerate(visits[:-1]):
@@ -394,7 +396,7 @@ def test_on_one_route_with_perfect_fixes_going_as_far_as_possible_is_as_good(see
     count, fixes = 0, []
     while worst_rms(drift_with_beacons(path, NOISE, fixes)) > limit:
         able = [s for s in sites if s not in fixes and _holds_until(path, [*fixes, s], s, limit)]
-        fixes.append(max(able, key=lambda s: passes(path, s)[0, 0]))
+        fixes.append(max(able, key=lambda s: beacon_passes(path, s)[0, 0]))
         count += 1
     layout = place_beacons(None, path, NOISE, limit, Sites(points=sites))
     assert (len(layout.beacons), layout.proven) == (count, True)
@@ -402,7 +404,7 @@ def test_on_one_route_with_perfect_fixes_going_as_far_as_possible_is_as_good(see
 
 def _holds_until(path, fixes, site, limit):
     drift = drift_with_beacons(path, NOISE, fixes)
-    return drift.at(np.linspace(0, passes(path, site)[0, 0] - 1e-6, 200)).rms.max() <= limit
+    return drift.at(np.linspace(0, beacon_passes(path, site)[0, 0] - 1e-6, 200)).rms.max() <= limit
 
 
 @pytest.mark.parametrize(

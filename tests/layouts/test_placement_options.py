@@ -6,16 +6,18 @@ import numpy as np
 import pytest
 import shapely
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons, passes
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import beacon_passes, drift_with_beacons
 from driftplan.errors import InfeasibleError, KeywordError
 from driftplan.layouts.place import beacon_tradeoff, place_beacons
 from driftplan.layouts.placement import covering
 from driftplan.layouts.placement.covering import Outcome
+from driftplan.layouts.placement.relaxation import Solution
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.site_grids import grid_sites, route_sites, wall_sites
 from driftplan.layouts.sites import SiteGroup, Sites
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.model.worst import worst_radius, worst_rms
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -108,7 +110,7 @@ def test_importance_says_what_each_death_does():
     for said in layout.importance:
         rest = [b for b in layout.beacons if b != said.beacon]
         worst = [worst_rms(drift_with_beacons(r, NOISE, rest)) for r in ROUTES]
-        assert said.routes == tuple(k for k, r in enumerate(ROUTES) if len(passes(r, said.beacon)))
+        assert said.routes == tuple(k for k, r in enumerate(ROUTES) if len(beacon_passes(r, said.beacon)))
         assert said.worst_single_failure == pytest.approx(max(worst[k] for k in said.routes))
 
 
@@ -220,7 +222,9 @@ def test_a_tighter_limit_never_costs_less_and_more_candidates_never_more():
 
 
 def test_when_time_runs_out_in_the_solver_the_greedy_layout_comes_back_and_says_so(monkeypatch):
-    monkeypatch.setattr(covering._Search, "_relaxation", lambda self, **_: (None, 1.0, False))  # never gets anywhere
+    monkeypatch.setattr(
+        covering._CoverSearch, "_relaxed", lambda self, **_: Solution(None, 1.0, False)
+    )  # never gets anywhere
     told = []
     layout = place_beacons(
         None, ROUTES, NOISE, 0.5, Sites(SIGN, spacing_m=4.0), time_limit=2.0, progress=lambda *x: told.append(x)
@@ -234,8 +238,8 @@ def test_when_time_runs_out_in_the_solver_the_greedy_layout_comes_back_and_says_
 
 
 def test_without_any_layout_in_time_that_is_said(monkeypatch):
-    monkeypatch.setattr(covering._Search, "_relaxation", lambda self, **_: (None, 1.0, False))
-    monkeypatch.setattr(covering._Search, "_complete", lambda self, start, lean=None: None)
+    monkeypatch.setattr(covering._CoverSearch, "_relaxed", lambda self, **_: Solution(None, 1.0, False))
+    monkeypatch.setattr(covering._CoverSearch, "_complete", lambda self, start, lean=None: None)
     with pytest.raises(InfeasibleError, match="no layout was found in time"):
         place_beacons(None, ROUTES, NOISE, 0.5, Sites(SIGN, spacing_m=4.0), time_limit=0.5)
 

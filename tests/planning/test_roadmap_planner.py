@@ -11,7 +11,8 @@ from ompl import geometric as og
 from ompl import util as ou
 
 import driftplan
-from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.ompl import roadmap as plain

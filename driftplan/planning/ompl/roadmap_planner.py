@@ -15,8 +15,8 @@ from ompl import geometric as og
 from driftplan.arrays import Floats, Ints, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import PlannerError
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.planning.bounds import Bound
 from driftplan.planning.ompl.roadmap_spaces import ClippedWorld, OmplCheckedSpace, box_of
 from driftplan.planning.ompl.roadmap_targets import Target, target_of

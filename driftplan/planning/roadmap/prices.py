@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from driftplan.arrays import Bools, Floats, Ints
 from driftplan.model.drift import Drift, predict_drift
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.planning.cost import CostRates, edge_cost, geodesic_cost, turn_cost
 from driftplan.world.zones import Zone, ZonePieces
 

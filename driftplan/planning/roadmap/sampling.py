@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from driftplan.arrays import Floats
-from driftplan.beacons.beacon import Beacon, BeaconColumns
+from driftplan.beacons.beacon import Beacon
+from driftplan.beacons.readings import BeaconColumns
 from driftplan.planning.roadmap.prices import Space
 from driftplan.world.world import World
 

@@ -1,0 +1,237 @@
+"""Readings: absolute measurements on the way, and what a robot's estimator makes of them.
+
+Where and when a reading is taken. A reading within `driftplan.model.paths.SAME_PLACE_M` of a waypoint is taken at the
+waypoint, and readings that near to each other are taken at one place; at one place the order is that of their rank
+(the most accurate last), then that in which they were given. A reading at a waypoint is taken on arrival there, before
+the robot turns on the spot. Every engine (predictions, itineraries, placement) goes by
+`driftplan.model.paths.Runs.cut`, which says so once.
+
+What a reading does. The estimator ``reset`` replaces what is measured, see `Resets.apply`, the one place that says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from driftplan.arrays import Array, Bools, Complexes, Floats, Ints, covariance, not_negative, number
+from driftplan.model.heading_laws import law_moments
+from driftplan.model.moments import Moments, identity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fix:
+    """An absolute measurement at the distance ``s_m`` along a path.
+
+    The measured quantity's error is replaced by the measurement's, independent of all before: a full fix replaces
+    position and heading error, a position fix (RFID) leaves the heading error, a heading fix the position error.
+    Nothing is fused: a fix less accurate than the estimate makes it worse, and a filter that used the correlation of
+    position and heading error would also gain heading from a position fix. In the step model (``step_m``) a fix ends a
+    step: the run it lies in counts its steps anew on either side, whether or not the fix is detected.
+
+    Attributes
+    ----------
+    s_m : float
+        Where along the path, metres from its start.
+    position_cov : (2, 2) array or None
+        Covariance of the measured position, m², world frame; None: position not measured.
+    heading_std : float or None
+        Standard deviation of the measured heading, rad (Gaussian); None: heading not measured.
+    detection_probability : float
+        Probability that the measurement happens at all; otherwise the drift goes on as if there were no fix.
+
+    Raises
+    ------
+    ValueError
+        For negative or infinite values, a covariance that is none, a probability outside [0, 1].
+    """
+
+    s_m: float
+    position_cov: Floats | None = None
+    heading_std: float | None = None
+    detection_probability: float = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "s_m", not_negative("s_m", self.s_m))
+        if self.position_cov is None and self.heading_std is None:
+            raise ValueError("expected a fix to measure position_cov, heading_std or both, got neither")
+        if self.heading_std is not None:
+            object.__setattr__(self, "heading_std", not_negative("heading_std", self.heading_std))
+        if not 0 <= number("detection_probability", self.detection_probability) <= 1:
+            raise ValueError(f"expected detection_probability in [0, 1], got {self.detection_probability!r}")
+        if self.position_cov is not None:
+            cov = covariance("position_cov", self.position_cov).copy()
+            cov.setflags(write=False)
+            object.__setattr__(self, "position_cov", cov)
+
+    @classmethod
+    def full(cls, s_m: float, *, position_std_m: float, heading_std: float, detection_probability: float = 1.0) -> Fix:
+        """Position and heading: an AprilTag, a reflector set, a docking station. ``position_std_m`` is per axis.
+
+        Examples
+        --------
+        >>> Fix.full(10.0, position_std_m=0.1, heading_std=0.02).heading_std
+        0.02
+        """
+        return cls(
+            s_m=s_m,
+            position_cov=_isotropic(position_std_m),
+            heading_std=heading_std,
+            detection_probability=detection_probability,
+        )
+
+    @classmethod
+    def position(cls, s_m: float, *, position_std_m: float, detection_probability: float = 1.0) -> Fix:
+        """Position only: an RFID tag. ``position_std_m`` is per axis."""
+        return cls(s_m=s_m, position_cov=_isotropic(position_std_m), detection_probability=detection_probability)
+
+    @classmethod
+    def heading(cls, s_m: float, *, heading_std: float, detection_probability: float = 1.0) -> Fix:
+        """Heading only: a compass, a wall of known direction."""
+        return cls(s_m=s_m, heading_std=heading_std, detection_probability=detection_probability)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """Readings along one path, or laws of readings, as arrays of one length.
+
+    Attributes
+    ----------
+    s_m : where along the path, metres
+    square, skew : E|e|² (m²) and E[e²] (complex, m²) of the position error that is read; NaN where none is
+    heading_var : variance of the heading error that is read, rad² (Gaussian); NaN where none is
+    chance : probability that the reading succeeds
+    rank : of readings at one place the one with the highest rank comes last
+    source : which fix or beacon gives it
+
+    Examples
+    --------
+    >>> Readings.of([Fix.position(3.0, position_std_m=0.1), Fix.heading(5.0, heading_std=0.02)]).s_m.tolist()
+    [3.0, 5.0]
+    """
+
+    s_m: Floats
+    square: Floats
+    skew: Complexes
+    heading_var: Floats
+    chance: Floats
+    rank: Ints
+    source: Ints
+
+    @classmethod
+    def of(cls, fixes: Sequence[Fix]) -> Readings:
+        """The readings that fixes are: they come before those of beacons at one place."""
+        count = len(fixes)
+        cov = [((np.nan, 0.0), (0.0, np.nan)) if f.position_cov is None else f.position_cov.tolist() for f in fixes]
+        (xx, xy), (_, yy) = np.array(cov, dtype=float).reshape(count, 2, 2).transpose(1, 2, 0)
+        return cls(
+            np.array([fix.s_m for fix in fixes], dtype=float),
+            xx + yy,
+            xx - yy + 2j * xy,
+            np.array([fix.heading_std for fix in fixes], dtype=float) ** 2,  # None: NaN
+            np.array([fix.detection_probability for fix in fixes], dtype=float),
+            np.full(count, -1),
+            np.arange(count),
+        )
+
+    def __len__(self) -> int:
+        return len(self.s_m)
+
+    def __getitem__(self, index: Any) -> Readings:
+        return Readings(*(x[index] for x in self.arrays()))
+
+    def __add__(self, more: Readings) -> Readings:
+        """These and, at one place after those of the same rank, ``more``."""
+        return Readings(*(np.concatenate(pair) for pair in zip(self.arrays(), more.arrays(), strict=True)))
+
+    def arrays(self) -> tuple[Array, ...]:
+        """The arrays, in the order of the attributes."""
+        return (self.s_m, self.square, self.skew, self.heading_var, self.chance, self.rank, self.source)
+
+    @property
+    def read_position(self) -> Bools:
+        return ~np.isnan(self.square)
+
+    @property
+    def read_heading(self) -> Bools:
+        return ~np.isnan(self.heading_var)
+
+    def resets(self) -> Resets:
+        """What the estimator ``reset`` makes of them."""
+        places, turns = self.read_position, self.read_heading
+        law = law_moments("gaussian", np.where(turns, self.heading_var, 0.0))
+        placed, turned = self.chance * places, self.chance * turns
+        return Resets(
+            keep_heading=1 - turned,
+            d1=turned * law.d1,
+            d2=turned * law.d2,
+            keep_position=1 - placed,
+            N=self.chance * np.where(places, self.square, 0.0),
+            e2=self.chance * np.where(places, self.skew, 0.0),
+            keep_cross=1 - self.chance,
+            lever=(turned - placed * turns) * law.d1,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Resets:
+    """What readings do to error moments when they replace what they measure: each a linear map with these coefficients.
+
+    With probability ``chance`` the heading error δ, if it is read, becomes a fresh one with moments d1, d2, -2 d1, and
+    the position error e, if it is read, a fresh one with E|e|² and E[e²]; fresh errors have mean zero and are
+    independent of what stays, so E[e conj δ] = E e conj(E δ) afterwards. Moments of a mixture are mixtures of moments.
+    """
+
+    keep_heading: Array
+    d1: Array
+    d2: Array
+    keep_position: Array
+    N: Array
+    e2: Array
+    keep_cross: Array
+    lever: Array
+
+    def apply(self, before: Moments) -> Moments:
+        """Error moments (world frame) just after readings, given those just before them; over any leading axes, or in
+        Python's numbers; exact.
+
+        Examples
+        --------
+        >>> tag = Readings.of([Fix.position(0.0, position_std_m=0.1)])
+        >>> tag.resets()[0].apply(identity()).N.round(3).item()
+        0.02
+        """
+        e1 = before.e1
+        return Moments(
+            before.u,
+            before.p,
+            self.keep_heading * before.d1 + self.d1,
+            self.keep_heading * before.d2 + self.d2,
+            self.keep_heading * before.D - 2 * self.d1,
+            self.keep_position * e1,
+            self.keep_position * before.N + self.N,
+            self.keep_position * before.e2 + self.e2,
+            self.keep_cross * before.a + self.lever * e1,
+            self.keep_cross * before.b + self.lever * e1,
+        )
+
+    def __getitem__(self, index: Any) -> Resets:
+        return Resets(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    def numbers(self) -> list[Resets]:
+        """One by one, as Python's numbers, on which a single `apply` costs a tenth."""
+        return [
+            Resets(*row) for row in zip(*(getattr(self, field.name).tolist() for field in fields(self)), strict=True)
+        ]
+
+
+def start_errors(start_fix: Fix | None) -> Moments:
+    """Error moments at the start of a path (world frame): none, or those of a fix."""
+    return identity() if start_fix is None else Readings.of([start_fix]).resets()[0].apply(identity())
+
+
+def _isotropic(position_std_m: float) -> Floats:
+    return not_negative("position_std_m", position_std_m) ** 2 * np.eye(2)
