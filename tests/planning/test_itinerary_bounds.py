@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.bounds import least_end_drift, least_length, least_worst_drift
-from driftplan.planning.itinerary import search as itinerary_search
 from driftplan.planning.itinerary.check import ItineraryCheck
 from driftplan.planning.request import Reliance
-from driftplan.planning.roadmap.beacon_search import BeaconSearch, length_of
+from driftplan.planning.roadmap import beacon_walks
+from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.graph import Roadmap
-from driftplan.planning.roadmap.prices import AdditiveCost
+from driftplan.planning.roadmap.prices import AdditiveCost, length_of
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
@@ -88,15 +88,15 @@ def small_roadmap(monkeypatch):
     """Makes the search use a roadmap of so many random nodes, every node joined to the nearest five."""
 
     def use(count, seed):
-        def roadmap(space, world, ends, noise, beacons, *, known, longest, nodes, seed=seed):
+        def roadmap(space, world, ends, noise, beacons, *, known, longest, max_nodes, seed=seed):
             found = Roadmap(AdditiveCost(space, ends[1], noise, "length"), ends[0])
             rng = np.random.default_rng(seed)
             points = np.concatenate([[b.xy for b in beacons], rng.uniform(2, 38, (count - len(beacons), 2))])
             found.add(points, 5, math.inf)
             return found
 
-        monkeypatch.setattr(itinerary_search, "itinerary_roadmap", roadmap)
-        monkeypatch.setattr(BeaconSearch, "_shortest", lambda self: self.ends)  # the hall is empty
+        monkeypatch.setattr(beacon_walks, "roadmap_among_beacons", roadmap)
+        monkeypatch.setattr(BeaconSearch, "_grown", lambda self, cost: self.ends)  # the hall is empty
 
     return use
 

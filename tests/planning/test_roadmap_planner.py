@@ -15,7 +15,6 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.ompl import roadmap as plain
 from driftplan.planning.ompl.collision import use_world
 from driftplan.planning.ompl.objective import DriftObjective
 from driftplan.planning.ompl.roadmap_planner import RoadmapPlanner
@@ -82,20 +81,8 @@ def greatest(path, beacons=SIGNS, noise=NOISE, world=WORLD):
     return float(drift_with_beacons(path, noise, beacons, world).profile(0.05).rms.max())
 
 
-def test_it_is_the_planner_that_the_package_exports_and_without_beacons_the_plain_one():
+def test_it_is_the_planner_that_the_package_exports():
     assert driftplan.RoadmapPlanner is RoadmapPlanner
-    found = []
-    for kind in (RoadmapPlanner, plain.RoadmapPlanner):
-        setup, si = plane()
-        objective = ob.PathLengthOptimizationObjective(si)
-        setup.setOptimizationObjective(objective)
-        planner = kind(si, objective, WORLD, seed=3)
-        setup.setPlanner(planner)
-        setup.setup()
-        calls = iter(range(100_000))
-        setup.solve(ob.PlannerTerminationCondition(lambda calls=calls: next(calls) > 40))
-        found.append(waypoints(setup))
-    np.testing.assert_array_equal(*found)
 
 
 def test_the_shortest_route_within_a_limit_is_that_of_plan_route():
@@ -260,7 +247,7 @@ def test_what_a_checker_raises_comes_out_and_the_next_solve_works():
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"max_drift": -1.0}, "max_drift finite and > 0"),
+        ({"max_drift": -1.0}, "max_drift > 0"),
         ({"beacons": ["A"]}, "Beacon objects"),
         ({"minimise": "time"}, "minimise one of"),
         ({"beacons": SIGNS, "redundancy": 3}, "redundancy 1"),
