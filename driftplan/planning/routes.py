@@ -108,17 +108,6 @@ class Route:
         """Whether beacons, a limit or the worst drift had a say in it."""
         return bool(self.captures) or self.max_drift is not None or self.minimise == "worst_drift"
 
-    @property
-    def bound_sentence(self) -> str:
-        """What the bound says, for people."""
-        what = {"drift": "rms", "length": "length", "worst_drift": "worst rms"}[self.minimise]
-        which = "route"
-        if self.bound_covers == "roadmap":
-            which = "path of its roadmap"
-            if math.isfinite(self.bound_heading_std):
-                which += f" with a heading error of at most {self.bound_heading_std:.2g} rad (std) at the goal"
-        return f"No {which} has less than {self.bound:#.4g} m of {what}."
-
     def __repr__(self) -> str:
         """What a person would want to know, not a page of waypoints."""
         counted = f", {len(self.beacons)} beacons" if self.captures else ""
