@@ -39,6 +39,7 @@ FINE = 0.015  # slack of labels as a share of the limit squared, for a good path
 MAX_LABELS = 100_000  # of one search
 _LIMIT_STEP = 0.97  # of the limit that the graph is held to, when the exact model finds it broken
 _MARGIN_GROWTH = 1.4  # the margin within ranges, when beacons would be missed
+_NEARLY = 1.1  # times the limit that is asked for, a graph may be held to in looking for routes that keep it
 _MARGIN_STEP = 0.03  # of the widest range
 _MAX_ATTEMPTS = 12
 _BATCHES = 2  # of the roadmap for the shortest path
@@ -194,8 +195,9 @@ class BeaconWalks:
         find = least_drift_walk if by_end else shortest_walk
         found = find(task, slack_sq=slack * scale**2, stop=self.late, max_labels=max_labels)
         self.labels += found.labels
-        self.exhausted |= not found.finished
-        self.nearest = min(self.nearest, (graph.xy[found.nearest[0]], found.nearest[1]), key=lambda x: x[1])
+        if limit <= _NEARLY * self.reliance.max_drift:  # searches with looser limits say nothing about this one
+            self.exhausted |= not found.finished
+            self.nearest = min(self.nearest, (graph.xy[found.nearest[0]], found.nearest[1]), key=lambda x: x[1])
         return found
 
     def worst(self, path: Floats) -> float:

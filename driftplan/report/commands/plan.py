@@ -118,8 +118,8 @@ def bound_in_words(route: Route) -> str:
             "" if isinf(route.bound_heading_std) else f" with headings off by at most {route.bound_heading_std:.2g} rad"
         )
         return (
-            f"{ended} Of the paths on the graph that it searched{sure}, none has less than {route.bound:#.4g} m of {what}; "
-            "other routes might."
+            f"{ended} Of the paths on the graph that it searched{sure}, none has less than {route.bound:#.4g} m of "
+            f"{what}; other routes might."
         )
     return f"{ended} Proven for every route, obstacles or not: none has less than {route.bound:#.4g} m of {what}."
 
