@@ -62,6 +62,7 @@ from .planning.comparison import compare_routes as compare_routes
 from .planning.ompl.collision import use_world as use_world
 from .planning.ompl.objective import DriftObjective as DriftObjective
 from .planning.ompl.paths import predict_ompl_path as predict_ompl_path
+from .planning.ompl.polish import polish_ompl_path as polish_ompl_path
 from .planning.ompl.roadmap_planner import RoadmapPlanner as RoadmapPlanner
 from .planning.pareto import pareto_routes as pareto_routes
 from .planning.routes import Route as Route

@@ -4,6 +4,7 @@ routes, request, status         plan_route, Route; what is asked, checked once; 
 unaided                         paths for robots that read nothing on the way
 comparison, pareto              compare_routes, pareto_routes
 cost, bounds                    the additive drift cost, its bracket; what no route can do better
+taut_strings                    what no route among the obstacles can do better, and a first route
 roadmap                         the roadmap: growing, pricing, searching, polishing, with beacons or without
 ompl                            OMPL, for scripts of one's own; RoadmapPlanner
 itinerary                       the exact model of drift among beacons
