@@ -26,8 +26,9 @@ the filter estimates them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ import numpy as np
 from driftplan.arrays import Array, Floats, Ints, as_covariance, as_plane, not_negative
 from driftplan.model import moments
 from driftplan.model.elements import run_moments, turn_moments
-from driftplan.model.filter_state import LegColumns, Row, links_of, upper_triangle
+from driftplan.model.filter_state import LegColumns, Row, transition_entries, upper_triangle
 from driftplan.model.moments import Moments
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Runs
@@ -199,17 +200,12 @@ class Legs:
     def columns(self) -> list[LegColumns]:
         """One after the other along the first axis: Python numbers, or arrays over the further axes."""
         size = self.A.shape[-1]
-        links = [(i, k, _listed(self.A[..., i, k])) for i, k in links_of(size)]
-        gains = [_listed(self.C[..., i, j]) for i, j in upper_triangle(size)]
-        shifts = [_listed(self.shift[..., i]) for i in range(size)] if self.shift.any() else None
-        return [
-            LegColumns(
-                tuple((i, k, a[n]) for i, k, a in links),
-                tuple(column[n] for column in gains),
-                None if shifts is None else tuple(column[n] for column in shifts),
-            )
-            for n in range(len(self.A))
-        ]
+        transitions = zip(*(_listed(self.A[..., i, k]) for i, k in transition_entries(size)), strict=True)
+        gains = zip(*(_listed(self.C[..., i, j]) for i, j in upper_triangle(size)), strict=True)
+        shifts: Iterable[Any] = repeat(None, len(self.A))
+        if self.shift.any():
+            shifts = zip(*(_listed(self.shift[..., i]) for i in range(size)), strict=True)
+        return [LegColumns(*leg) for leg in zip(transitions, gains, shifts, strict=True)]
 
 
 def path_legs(

@@ -5,9 +5,10 @@ The mathematics is that of `driftplan.model.covariance`; here the covariance tra
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from operator import add
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +34,7 @@ class Row(NamedTuple):
         return np.concatenate([columns, np.zeros((*columns.shape[:-1], size - 3))], axis=-1)
 
 
-X_AXIS, Y_AXIS, HEADING_AXIS = _AXES = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+X_AXIS, Y_AXIS, HEADING_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
 def position_rows(cov: Floats) -> tuple[Row, ...]:
@@ -73,11 +74,11 @@ def _distance(towards: Floats) -> float:
 
 
 class LegColumns(NamedTuple):
-    """One leg for `FilterState`: what of A is not the identity, the upper triangle of C, the shift."""
+    """One leg for `FilterState`: Python numbers, or arrays over drives."""
 
-    links: tuple[tuple[int, int, Any], ...]
-    gain: tuple[Any, ...]
-    shift: tuple[Any, ...] | None
+    transition: tuple[Any, ...]  # what differs from the identity in A, in the order of `transition_entries`
+    gain: tuple[Any, ...]  # upper triangle of C
+    shift: tuple[Any, ...] | None  # of the mean
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +114,7 @@ class FilterState:
 
     @property
     def size(self) -> int:
-        return _size(len(self.P))
+        return len(_entries(len(self.P)).rows)
 
     @property
     def trace(self) -> Any:
@@ -128,28 +129,16 @@ class FilterState:
     @property
     def matrix(self) -> Floats:
         """(..., d, d)"""
-        at, size = _index(self.size), self.size
         columns = np.broadcast_arrays(*self.P)
-        return np.stack([np.stack([columns[at[i][j]] for j in range(size)], -1) for i in range(size)], -2)
+        return np.stack([np.stack([columns[n] for n in row], axis=-1) for row in _entries(len(columns)).rows], axis=-2)
 
     def driven(self, leg: LegColumns) -> FilterState:
         """After a leg."""
-        P, at = list(self.P), _index(self.size)
-        mean = None if self.mean is None and leg.shift is None else list(self.mean or [0.0] * self.size)
-        for i, k, a in leg.links:  # position first: its rows use the heading before the leg
-            row_i, row_k = at[i], at[k]
-            old = P[row_i[k]]
-            for j in range(self.size):
-                if j != i:
-                    P[row_i[j]] = P[row_i[j]] + a * P[row_k[j]]
-            P[row_i[i]] = P[row_i[i]] + a * (old + P[row_i[k]])
-            if mean is not None:
-                mean[i] = mean[i] + a * mean[k]
-        if mean is not None and leg.shift is not None:
-            mean = [m + b for m, b in zip(mean, leg.shift, strict=True)]
-        return FilterState(
-            tuple(p + c for p, c in zip(P, leg.gain, strict=True)), None if mean is None else tuple(mean)
-        )
+        P, mean = list(self.P), None if self.mean is None else list(self.mean)
+        if mean is None and leg.shift is not None:
+            mean = [0.0] * self.size
+        _drive(P, mean, leg)
+        return FilterState(tuple(P), None if mean is None else tuple(mean))
 
     def read(self, rows: Sequence[Row], share: Any = None) -> FilterState:
         """After a reading.
@@ -165,7 +154,7 @@ class FilterState:
         """
         P, mean = list(self.P), None if self.mean is None else list(self.mean)
         for row in rows:
-            _read_row(P, mean, row, _index(self.size))
+            _read_row(P, mean, row)
         if share is None:
             return FilterState(tuple(P), None if mean is None else tuple(mean))
         rest = 1 - share
@@ -177,30 +166,87 @@ class FilterState:
         return FilterState(tuple(P), tuple(old + share * step for old, step in zip(self.mean, jump, strict=True)))
 
 
-def _read_row(P: list[Any], mean: list[Any] | None, row: Row, at: tuple[tuple[int, ...], ...]) -> None:
-    """One scalar reading, in place: P ← P - g gᵀ/s with g = P h, s = h·g + variance."""
-    size, h = len(at), row.coefficients
-    i = next((k for k, axis in enumerate(_AXES) if h is axis), -1)
-    kept: Any = None
-    if i >= 0:
-        g = [P[at[i][j]] for j in range(size)]
-        weight = _inverse(g[i] + row.variance, 0.0)
-        kept = row.variance * weight
-    else:
-        g = [h[0] * P[at[0][j]] + h[1] * P[at[1][j]] + h[2] * P[at[2][j]] for j in range(size)]
-        parts = h[0] * h[0] * P[at[0][0]] + h[1] * h[1] * P[at[1][1]] + h[2] * h[2] * P[at[2][2]]
-        s = h[0] * g[0] + h[1] * g[1] + h[2] * g[2] + row.variance
-        weight = _inverse(s, _KNOWN_VARIANCE_SHARE * parts)
-    if mean is not None:
-        measured = (mean[i] if i >= 0 else h[0] * mean[0] + h[1] * mean[1] + h[2] * mean[2]) * weight
-        for j in range(size):
-            mean[j] = mean[j] - g[j] * measured
-    for j in range(size):
-        for k in range(j, size):
-            if i in (j, k):  # the row that is measured shrinks by a factor: no digit is lost
-                P[at[j][k]] = P[at[j][k]] * kept
+def states_along(
+    start: FilterState, legs: Sequence[LegColumns], rows_at: Mapping[int, Sequence[tuple[Sequence[Row], Any]]]
+) -> tuple[FilterState, FilterState]:
+    """One drive: the states at every leg border, before and after the readings there, as arrays over the borders.
+
+    Parameters
+    ----------
+    start : FilterState
+    legs : sequence of LegColumns, m of them
+    rows_at : mapping
+        Border (0 to m) to its readings, in order: rows and the chance of each, None for certainty.
+
+    Returns
+    -------
+    before, after : FilterState, columns of shape (m + 1,)
+    """
+    state = start
+    if state.mean is None and any(leg.shift is not None for leg in legs):
+        state = FilterState(state.P, (0.0,) * state.size)
+    P, mean = list(state.P), None if state.mean is None else list(state.mean)
+    before: list[tuple[Any, ...]] = []
+    after: list[tuple[Any, ...]] = []
+    for border in range(len(legs) + 1):
+        if border:
+            _drive(P, mean, legs[border - 1])
+        before.append((*P, *(mean or ())))
+        for rows, chance in rows_at.get(border, ()):
+            if chance is None:
+                for row in rows:
+                    _read_row(P, mean, row)
             else:
-                P[at[j][k]] = P[at[j][k]] - g[j] * g[k] * weight
+                read = FilterState(tuple(P), None if mean is None else tuple(mean)).read(rows, chance)
+                P, mean = list(read.P), None if read.mean is None else list(read.mean)
+        after.append((*P, *(mean or ())))
+    return _stacked(before, len(P)), _stacked(after, len(P))
+
+
+def _stacked(states: list[tuple[Any, ...]], columns: int) -> FilterState:
+    entries = tuple(np.array(states).T)
+    return FilterState(entries[:columns], entries[columns:] or None)
+
+
+def _drive(P: list[Any], mean: list[Any] | None, leg: LegColumns) -> None:
+    """One leg, in place."""
+    additions = _entries(len(P)).row_additions
+    for a, (_, _, ik, ii, others) in zip(leg.transition, additions, strict=True):
+        old = P[ik]
+        for ij, kj in others:
+            P[ij] = P[ij] + a * P[kj]
+        P[ii] = P[ii] + a * (old + P[ik])
+    P[:] = map(add, P, leg.gain)
+    if mean is not None:
+        for a, (i, k, *_) in zip(leg.transition, additions, strict=True):
+            mean[i] = mean[i] + a * mean[k]
+        if leg.shift is not None:
+            mean[:] = map(add, mean, leg.shift)
+
+
+def _read_row(P: list[Any], mean: list[Any] | None, row: Row) -> None:
+    """One scalar reading, in place: P ← P - g gᵀ/s with g = P h, s = h·g + variance."""
+    (h, variance), entries = row, _entries(len(P))
+    axis = 0 if h is X_AXIS else 1 if h is Y_AXIS else 2 if h is HEADING_AXIS else None
+    if axis is None:
+        rows = entries.rows[:3]
+        g = [h[0] * P[x] + h[1] * P[y] + h[2] * P[t] for x, y, t in zip(*rows, strict=True)]
+        parts = sum(c * c * P[own[i]] for i, (c, own) in enumerate(zip(h, rows, strict=True)))
+        weight = _inverse(h[0] * g[0] + h[1] * g[1] + h[2] * g[2] + variance, _KNOWN_VARIANCE_SHARE * parts)
+        for n, (i, k) in enumerate(upper_triangle(len(g))):
+            P[n] = P[n] - g[i] * g[k] * weight
+    else:  # the row that is measured shrinks by a factor: no digit is lost
+        own = entries.rows[axis]
+        g = [P[n] for n in own]
+        weight = _inverse(g[axis] + variance, 0.0)
+        for ik, i, k in entries.besides[axis]:
+            P[ik] = P[ik] - P[i] * P[k] * weight
+        kept = variance * weight
+        for n in own:
+            P[n] = P[n] * kept
+    if mean is not None:
+        measured = (h[0] * mean[0] + h[1] * mean[1] + h[2] * mean[2]) * weight
+        mean[:] = [m - gain * measured for m, gain in zip(mean, g, strict=True)]
 
 
 def _inverse(s: Any, floor: Any) -> Any:
@@ -221,18 +267,31 @@ def upper_triangle(size: int) -> tuple[tuple[int, int], ...]:
 
 
 @cache
-def links_of(size: int) -> tuple[tuple[int, int], ...]:
-    """Where the transition of a leg differs from the identity, in the order in which `FilterState.driven` needs it."""
+def transition_entries(size: int) -> tuple[tuple[int, int], ...]:
+    """Where the transition of a leg differs from the identity: position first, its rows use the heading before."""
     return tuple((i, k) for i in range(2) for k in range(2, size)) + tuple((2, k) for k in range(3, size))
 
 
-@cache
-def _index(size: int) -> tuple[tuple[int, ...], ...]:
-    """Where the entry i, j is among the columns."""
-    place = {pair: n for n, pair in enumerate(upper_triangle(size))}
-    return tuple(tuple(place[min(i, j), max(i, j)] for j in range(size)) for i in range(size))
+class _Entries(NamedTuple):
+    """Where among the columns the entries are that the steps need."""
+
+    rows: tuple[tuple[int, ...], ...]
+    row_additions: tuple[
+        tuple[int, int, int, int, tuple[tuple[int, int], ...]], ...
+    ]  # i, k, ik, ii, (ij, kj) for j != i
+    besides: tuple[tuple[tuple[int, int, int], ...], ...]  # of each axis a: jk, aj, ak for j, k != a
 
 
 @cache
-def _size(columns: int) -> int:
-    return int(((8 * columns + 1) ** 0.5 - 1) / 2)
+def _entries(columns: int) -> _Entries:
+    size = int(((8 * columns + 1) ** 0.5 - 1) / 2)
+    pairs = upper_triangle(size)
+    rows = tuple(tuple(pairs.index((min(i, j), max(i, j))) for j in range(size)) for i in range(size))
+    return _Entries(
+        rows,
+        tuple(
+            (i, k, rows[i][k], rows[i][i], tuple((rows[i][j], rows[k][j]) for j in range(size) if j != i))
+            for i, k in transition_entries(size)
+        ),
+        tuple(tuple((rows[j][k], rows[a][j], rows[a][k]) for j, k in pairs if a not in (j, k)) for a in range(size)),
+    )
