@@ -27,59 +27,22 @@ the filter estimates them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import repeat
 from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Array, Floats, Ints, as_covariance, as_plane, not_negative
+from driftplan.arrays import Array, Floats, Ints, as_covariance, as_plane
 from driftplan.model import moments
 from driftplan.model.elements import run_moments, turn_moments
 from driftplan.model.filter_state import LegColumns, Row, transition_entries, upper_triangle
 from driftplan.model.moments import Moments
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import NO_SPREAD, SYSTEMATIC, OdometryNoise, SystematicSpread
 from driftplan.model.paths import Runs
 
 SMALL_NOISE_FACTOR = 2.0**-20  # on standard deviations: the neglected terms are 1e-12 of what is kept
 _PERFECT_READING_VARIANCE = 1e-12  # m² or rad²: of a perfect reading of what a stretch began with, in an element only
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SystematicSpread:
-    """Constants of the odometry that differ from drive to drive; the robot's filter estimates them as it goes.
-
-    Parameters
-    ----------
-    heading_bias_per_m, heading_bias_per_rad, distance_scale_error : float
-        Standard deviation, between drives, of the constants of these names of `OdometryNoise`: rad/m, rad/rad, m/m.
-
-    Examples
-    --------
-    >>> SystematicSpread(distance_scale_error=0.02).names
-    ('distance_scale_error',)
-    """
-
-    heading_bias_per_m: float = 0.0
-    heading_bias_per_rad: float = 0.0
-    distance_scale_error: float = 0.0
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            object.__setattr__(self, field.name, not_negative(field.name, getattr(self, field.name)))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Those that are not zero: the further states, in this order."""
-        return tuple(field.name for field in fields(self) if getattr(self, field.name) > 0)
-
-    @property
-    def variances(self) -> tuple[float, ...]:
-        """Of the further states."""
-        return tuple(getattr(self, name) ** 2 for name in self.names)
-
-
-NO_SPREAD = SystematicSpread()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -280,7 +243,7 @@ def _of_one_noise(
     C[..., :2, 2] = C[..., 2, :2] = with_heading
     C[..., 2, 2] = small.D
     C /= SMALL_NOISE_FACTOR**2
-    for name in dict.fromkeys((*names, *(f.name for f in fields(SystematicSpread)))):
+    for name in SYSTEMATIC:
         value = getattr(noise, name)
         if name in names or value:
             per_unit = _sensitivity(facing, turns, lengths, curvatures, noise.step_m, name)
