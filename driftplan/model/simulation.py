@@ -241,12 +241,12 @@ class _FusingDrives(_Drives):
         swung = np.stack([-estimate.imag, estimate.real], axis=-1)
         F = np.tile(np.eye(self.size), (self.count, 1, 1))
         F[:, :2, 2] = swung
-        for k, name in enumerate(self.spread.names, start=3):
+        for k, name in enumerate(self.spread.names, start=3):  # what is learnt is taken off what odometry reports
             if name == "distance_scale_error":
-                F[:, :2, k] = np.stack([estimate.real, estimate.imag], axis=-1)
+                F[:, :2, k] = -np.stack([estimate.real, estimate.imag], axis=-1)
             else:
                 heading = length if name == "heading_bias_per_m" else turn
-                F[:, 2, k], F[:, :2, k] = heading, share * heading * swung
+                F[:, 2, k], F[:, :2, k] = -heading, -share * heading * swung
         G = np.zeros((self.count, self.size, 3))
         G[:, 0, 0], G[:, 1, 0] = facing.real, facing.imag
         G[:, 0, 1], G[:, 1, 1] = -facing.imag, facing.real
