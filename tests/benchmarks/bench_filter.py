@@ -52,9 +52,7 @@ def main() -> None:
     print(f"relative difference of the end's variance: {one_drive(path) / plain_matrices(path) - 1:.1e}")
     route, read = walk(STATIONS + 1), (np.random.default_rng(1).random((STATIONS, LAYOUTS)) < 0.3).astype(float)
     layouts, alone = seconds(lambda: many_layouts(route, read), 3), seconds(lambda: one_drive(route), 3)
-    print(
-        f"{LAYOUTS} layouts of a route of {STATIONS} stations: {layouts:.3f} s; one by one about {alone * LAYOUTS:.1f} s"
-    )
+    print(f"{LAYOUTS} layouts of {STATIONS} stations: {layouts:.3f} s; one by one about {alone * LAYOUTS:.1f} s")
 
 
 if __name__ == "__main__":
