@@ -118,9 +118,9 @@ def _in_sight(
     keep[asked & point] = world.line_of_sight(a[asked & point], eye[asked & point])
     stretch = asked & ~point
     between = shapely.convex_hull(shapely.multipoints(np.stack([eye, a, b], axis=-2)))  # a triangle or a line
-    blocked = stretch & shapely.intersects(world.opaque, between)
+    blocked = stretch & shapely.intersects(world.opaque.prepared, between)
     keep |= stretch & ~blocked
-    walls = shapely.get_parts(world.opaque)
+    walls = shapely.get_parts(world.opaque.area)
     tree = shapely.STRtree(walls)
     seen: list[tuple[int, int, float, float]] = []
     for k in np.flatnonzero(blocked).tolist():

@@ -249,6 +249,17 @@ class OdometryNoise:
         """Whether any systematic error (bias or scale) is set."""
         return any(getattr(self, name) != 0 for name in SYSTEMATIC)
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is white along the path, without steps, systematic or correlated errors: what the additive cost
+        of `driftplan.planning.cost` prices in full, so that its bracket holds."""
+        return self.step_m is None and not self.is_systematic and self.heading_distance_corr == 0
+
+    @property
+    def turns_matter(self) -> bool:
+        """Whether a turn on the spot adds any error."""
+        return bool(self.heading_var_per_rad or self.distance_var_per_rad or self.heading_bias_per_rad)
+
     def __repr__(self) -> str:
         """Only what differs from a perfect odometer."""
         said = (f"{f.name}={getattr(self, f.name)!r}" for f in fields(self) if getattr(self, f.name) != f.default)

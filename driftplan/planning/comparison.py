@@ -6,7 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from driftplan.model.drift import Drift
 from driftplan.planning.routes import Route
+from driftplan.tables import NONE, decimals, digits, table, yes_no
+from driftplan.world.world import World
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -16,8 +19,8 @@ class Comparison:
     Attributes
     ----------
     rows : tuple of dict
-        One per route: name, length_m, rms_m, bias_m (its norm), radius95_m, all at the goal, and planner; with routes
-        that count on beacons among them also how many beacons each does.
+        One per route: name, length_m, rms_m, bias_m (its norm), radius95_m, all at the goal, and planner (None for
+        paths of your own); how many beacons each counts on, where one does; collision_free, where a world was given.
     """
 
     rows: tuple[dict[str, Any], ...]
@@ -27,33 +30,39 @@ class Comparison:
         return [dict(row) for row in self.rows]
 
     def __str__(self) -> str:
-        counted = all("beacons" in row for row in self.rows)
-        header = ("route", "length m", "rms m", "bias m", "radius95 m", *(["beacons"] if counted else []), "planner")
-        lines = [
-            [
-                row["name"],
-                *(f"{row[key]:.3f}" for key in ("length_m", "rms_m", "bias_m", "radius95_m")),
-                *([str(row["beacons"])] if counted else []),
-                row["planner"],
-            ]
-            for row in self.rows
-        ]
-        widths = [max(len(line[k]) for line in (header, *lines)) for k in range(len(header))]
-        left = (0, len(header) - 1)
-        return "\n".join(
-            "  ".join(f"{cell:{'<' if k in left else '>'}{widths[k]}}" for k, cell in enumerate(line)).rstrip()
-            for line in (header, *lines)
-        )
+        rows = self.rows
+        rms, bias, radius = digits(*([row[key] for row in rows] for key in ("rms_m", "bias_m", "radius95_m")))
+        columns: dict[str, list[str]] = {
+            "route": [row["name"] for row in rows],
+            "length m": decimals([row["length_m"] for row in rows], 2),
+            "rms m": rms,
+            "bias m": bias,
+            "radius95 m": radius,
+        }
+        least = min((row["rms_m"] for row in rows if row.get("collision_free", True)), default=0.0)
+        if len(rows) > 1 and least > 0:
+            columns["above least %"] = [f"{100 * (row['rms_m'] / least - 1):+.1f}" for row in rows]
+        if all("beacons" in row for row in rows):
+            columns["beacons"] = [str(row["beacons"]) for row in rows]
+        columns["planner"] = [row["planner"] or NONE for row in rows]
+        if all("collision_free" in row for row in rows):
+            columns["collision-free"] = yes_no(row["collision_free"] for row in rows)
+        return table(columns)
 
 
-def compare_routes(routes: Sequence[Route], names: Sequence[str] | None = None) -> Comparison:
+def compare_routes(
+    routes: Sequence[Route | Drift], names: Sequence[str] | None = None, *, world: World | None = None
+) -> Comparison:
     """Length and drift of routes, side by side.
 
     Parameters
     ----------
-    routes : sequence of Route
+    routes : sequence of Route or Drift
+        A `Drift` is that of a path of your own.
     names : sequence of str, optional
-        Default: what each minimises.
+        Default: what each minimises, "given" for paths of your own.
+    world : World, optional
+        Say of every route whether it is free of collisions there, so that paths through walls do not set the standard.
 
     Raises
     ------
@@ -69,28 +78,32 @@ def compare_routes(routes: Sequence[Route], names: Sequence[str] | None = None) 
     >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
     >>> route = plan_route(world, (2, 2), (8, 2), noise, time_limit=0.1)
     >>> print(compare_routes([route]))
-    route  length m  rms m  bias m  radius95 m  planner
-    drift     6.000  0.061   0.000       0.106  roadmap
+    route  length m   rms m  bias m  radius95 m  planner
+    drift      6.00  0.0608  0.0003      0.1057  roadmap
     """
-    if not routes or not all(isinstance(route, Route) for route in routes):
-        raise ValueError("expected at least one Route, as plan_route returns it")
+    if not routes or not all(isinstance(route, (Route, Drift)) for route in routes):
+        raise ValueError("expected at least one Route, as plan_route returns it, or Drift, as predict_drift does")
     if names is not None and len(names) != len(routes):
         raise ValueError(f"expected a name for each of {len(routes)} routes, got {len(names)}")
-    rows: list[dict[str, Any]] = []
-    for k, route in enumerate(routes):
-        end = route.drift.end
-        rows.append(
-            {
-                "name": names[k] if names is not None else route.minimise,
-                "length_m": route.length,
-                "rms_m": float(end.rms),
-                "bias_m": float(end.bias_norm),
-                "radius95_m": float(end.radius(0.95)),
-                "planner": route.planner,
-            }
-        )
-    beacons = [getattr(route, "beacons", None) for route in routes]  # of an Itinerary
-    if any(some is not None for some in beacons):
-        for row, some in zip(rows, beacons, strict=True):
+    rows = tuple(_row(route, None if names is None else names[k], world) for k, route in enumerate(routes))
+    counted = [getattr(route, "beacons", None) for route in routes]  # of an Itinerary
+    if any(some is not None for some in counted):
+        for row, some in zip(rows, counted, strict=True):
             row["beacons"] = len(some or ())
-    return Comparison(rows=tuple(rows))
+    return Comparison(rows=rows)
+
+
+def _row(route: Route | Drift, name: str | None, world: World | None) -> dict[str, Any]:
+    drift, planned = (route, None) if isinstance(route, Drift) else (route.drift, route)
+    end = drift.end
+    row = {
+        "name": name or (planned.minimise if planned else "given"),
+        "length_m": float(drift.length),
+        "rms_m": float(end.rms),
+        "bias_m": float(end.bias_norm),
+        "radius95_m": float(end.radius(0.95)),
+        "planner": planned.planner if planned else None,
+    }
+    if world is not None:
+        row["collision_free"] = bool(world.segments_free(drift.xy[:-1], drift.xy[1:]).all())
+    return row

@@ -27,7 +27,6 @@ def plan_route(
     max_drift: float | None = None,
     max_detour: float | None = None,
     planner: str = ROADMAP,
-    exact: bool = False,
     candidates: Iterable[ArrayLike] = (),
     start_heading: float | None = None,
     time_limit: float | None = None,
@@ -53,8 +52,6 @@ def plan_route(
         Greatest rms drift anywhere on the way, metres.
     planner : str
         Itineraries know "roadmap" only.
-    exact : bool
-        Search for the least exact drift, for plain routes.
     candidates : iterable of (n, 2)
         Other paths to be considered, for plain routes.
     time_limit : float, optional
@@ -74,7 +71,7 @@ def plan_route(
     PlannerError
         If an itinerary is asked of another planner than "roadmap".
     ValueError
-        If candidates, ``iterations`` or ``exact`` are given for an itinerary, or itinerary options for a plain route.
+        If candidates or ``iterations`` are given for an itinerary, or itinerary options for a plain route.
 
     Examples
     --------
@@ -97,7 +94,6 @@ def plan_route(
             noise,
             minimise=minimise,
             planner=planner,
-            exact=exact,
             max_detour=max_detour,
             candidates=candidates,
             start_heading=start_heading,
@@ -109,8 +105,6 @@ def plan_route(
         raise PlannerError(f"expected planner={ROADMAP!r} for routes with beacons or max_drift, got {planner!r}")
     if iterations is not None:
         raise ValueError("expected no iterations for routes with beacons or max_drift: give a time_limit")
-    if exact:
-        raise ValueError("expected exact=False for routes with beacons or max_drift, whose drift is always exact")
     if list(candidates):
         raise ValueError("expected no candidates for routes with beacons or max_drift: they are searched for")
     return plan_itinerary(

@@ -16,9 +16,9 @@ from driftplan.arrays import Floats
 from driftplan.errors import NoPathError
 from driftplan.model.drift import Drift
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.cost import CostRates, bracket
+from driftplan.planning.bounds import DeadReckoningBound
 from driftplan.planning.roadmap.polish import polished
-from driftplan.planning.roadmap.prices import Pricing, exact_drift
+from driftplan.planning.roadmap.prices import Pricing, exact_drift, noises_of
 from driftplan.planning.roadmap.search import Status, check_connected, checked_ends, plan_on_roadmap, said
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -92,7 +92,6 @@ def plan_route(
     *,
     minimise: Minimise = "drift",
     planner: str = ROADMAP,
-    exact: bool = False,
     max_detour: float | None = None,
     candidates: Iterable[ArrayLike] = (),
     start_heading: float | None = None,
@@ -117,9 +116,6 @@ def plan_route(
         rms drift at the goal, or length.
     planner : str
         "roadmap", or of OMPL "rrtstar", "informed_rrtstar", "sorrtstar", "bitstar".
-    exact : bool
-        Search the roadmap for the least exact drift, not for the least additive cost that bounds it: worth its time
-        when the heading error at the goal exceeds half a radian, or for a sharp ``bound``. Only with planner "roadmap".
     max_detour : float, optional
         Greatest length as a multiple of the shortest route found, >= 1.
     candidates : iterable of (n, 2)
@@ -174,10 +170,6 @@ def plan_route(
         from driftplan.planning.ompl.solve import check_planner
 
         check_planner(planner, also=(ROADMAP,))
-    elif exact and minimise == "length":
-        raise ValueError("expected exact=True with minimise='drift' only: lengths need no exact search")
-    if exact and planner != ROADMAP:
-        raise ValueError(f"expected exact=True with planner='{ROADMAP}' only, got planner={planner!r}")
     seconds = time_limit if time_limit is not None else _SECONDS if iterations is None else _NO_LIMIT_S
     ends = checked_ends(world, start, goal, noise, minimise, seconds, None, start_heading)
     check_connected(world, ends)
@@ -194,13 +186,13 @@ def plan_route(
     known = [*given, *brief.paths]
     shares = 1 if max_detour is None else 1 + _DETOUR_TRIALS
     each = (1 - _SHARE_OF_SHORTEST) * seconds / shares
-    found = search.run("drift", world, each, exact, candidates=known)
+    found = search.run("drift", world, each, candidates=known)
     pool = [*known, *found.paths]
     if planner != ROADMAP:  # which has polished what it was given
         pool += [search.polish(path) for path in brief.paths]
     shortest = min(search.some(pool, seconds), key=_length)
     longest = math.inf if max_detour is None else max_detour * _length(shortest)
-    if all(_length(path) > longest for path in found.paths):
+    if found.paths and all(_length(path) > longest for path in found.paths):
         pool += search.within_detour(longest, each)
     fitting = [path for path in pool if _length(path) <= longest * (1 + 1e-9)]
     route = search.route(min(fitting, key=search.mean_square), "drift", found)
@@ -247,7 +239,6 @@ class _Search:
         minimise: Minimise,
         world: World,
         time_limit: float,
-        exact: bool = False,
         noise: OdometryNoise | None = None,
         candidates: Sequence[Floats] = (),
     ) -> _Found:
@@ -264,7 +255,6 @@ class _Search:
                     self.ends[1],
                     noise,
                     minimise=minimise,
-                    exact=exact,
                     time_limit=time_limit,
                     batches=self.iterations,
                     seed=self.seed,
@@ -329,7 +319,8 @@ class _Search:
         score = float(drift.length) if minimise == "length" else float(drift.end.rms) ** 2
         bound = found.bound
         if bound is None:
-            bound = straight if minimise == "length" else _least_mean_square(self.world, self.noise, straight, score)
+            unaided = DeadReckoningBound(noises_of(self.world, self.noise), (), score)
+            bound = straight if minimise == "length" else min(float(unaided.square(np.asarray(straight))), score)
         bound = min(bound, score)  # a candidate may beat the roadmap
         return Route(
             path=path,
@@ -340,27 +331,6 @@ class _Search:
             bound=bound if minimise == "length" else math.sqrt(bound),
             bound_covers="all routes" if found.bound is None else "roadmap",
         )
-
-
-def _least_mean_square(world: World, noise: OdometryNoise, straight: float, found: float) -> float:
-    """A value that no route's E|e|² falls below, in m², given a route that has ``found``.
-
-    Position noise adds its variance per metre exactly, and no route is shorter than ``straight``. So a route at least
-    as good as the one found is no longer than found/(position variance per metre), which bounds its heading error, and
-    the bracket Λ J <= E|e|² bounds the heading part, J being at least that of the straight run. Turn noise, steps and
-    systematic errors are outside that bracket, and errors that are correlated outside all of this.
-    """
-    kinds = (noise, *(zone.noise for zone in world.zones))
-    if any(kind.heading_distance_corr != 0 for kind in kinds):
-        return 0.0
-    rates = [CostRates.of(kind) for kind in kinds]
-    position = min(rate.position for rate in rates)
-    least = position * straight
-    plain = all(kind.step_m is None and kind.heading_var_per_rad == 0 and not kind.is_systematic for kind in kinds)
-    if plain and position > 0:
-        heading_std = math.sqrt(max(rate.heading for rate in rates) * found / position)
-        least += float(bracket(heading_std)) * min(rate.heading for rate in rates) * straight**3 / 3
-    return min(least, found)
 
 
 def _candidate(world: World, ends: Floats, path: ArrayLike) -> Floats:

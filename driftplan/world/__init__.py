@@ -1,7 +1,8 @@
 """Geometry: maps and files. No OMPL, no beacons.
 
 world, inflation                World: where a disc-shaped robot can drive, what it can see
-zones, zone_files               floors with odometry of their own
+prepared_area                   an area that several threads may ask at once
+zones, zone_grid, zone_files    floors with odometry of their own, quick to find among many
 mapfiles                        load_world, save_world, and the formats: ros_map, movingai_map, geojson_map
 cells, cell_pictures            from cells to polygons and back; a YAML file and the picture it names
 trajectories                    paths and trajectories in files

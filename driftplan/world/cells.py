@@ -10,6 +10,7 @@ import shapely
 from shapely import MultiPolygon
 
 from driftplan.arrays import Bools, Ints
+from driftplan.world.prepared_area import PreparedArea
 
 MAX_CELLS = 25_000_000  # 5000 x 5000: a map of 250 m at 0.05 m
 MAX_SIDES = 2_000_000  # between occupied and other cells
@@ -62,7 +63,7 @@ def cells_of_outline(obstacles: MultiPolygon, bounds: tuple[float, float, float,
     width, height = (max(ceil(extent / cell_size_m - 1e-6), 1) for extent in (xmax - xmin, ymax - ymin))
     if width * height > MAX_CELLS:
         raise ValueError(f"expected at most {MAX_CELLS} cells, got {width} x {height}: use a larger cell_size_m")
-    shapely.prepare(obstacles)
+    area = PreparedArea(obstacles).prepared
     occupied = np.zeros((height, width), dtype=bool)
     size = 4096  # large blocks first, then the eighths of those that an outline crosses, down to the cells
     blocks = size * np.argwhere(np.ones((ceil(height / size), ceil(width / size))))
@@ -70,11 +71,11 @@ def cells_of_outline(obstacles: MultiPolygon, bounds: tuple[float, float, float,
         low = np.array([xmin, ymin]) + (blocks[:, ::-1] + 1e-6) * cell_size_m
         high = np.array([xmin, ymin]) + (blocks[:, ::-1] + (size - 1e-6)) * cell_size_m
         boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
-        touched = shapely.intersects(obstacles, boxes)
+        touched = shapely.intersects(area, boxes)
         if size == 1:
             occupied[tuple(blocks[touched].T)] = True
             break
-        filled = touched & shapely.contains_properly(obstacles, boxes)
+        filled = touched & shapely.contains_properly(area, boxes)
         for row, column in blocks[filled]:
             occupied[row : row + size, column : column + size] = True
         eighths = size // 8 * np.argwhere(np.ones((8, 8)))

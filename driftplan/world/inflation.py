@@ -11,6 +11,7 @@ import shapely
 from shapely import MultiPolygon
 
 from driftplan.arrays import Bools, Floats
+from driftplan.world.prepared_area import PreparedArea
 
 Bounds = tuple[float, float, float, float]
 
@@ -29,8 +30,9 @@ class Inflation:
     The disc's arcs are replaced by chords outside the true circle, so the grown obstacles contain the exact ones. GEOS
     also fills concave dents of less than 1 % of the radius. A point of contact counts as a collision.
 
-    Every answer comes from one GEOS predicate on one prepared geometry. The scalar methods first look into a table of
-    cells, which answers only with a margin that is far above round-off; so they agree with the vectorised ones.
+    Every answer comes from one GEOS predicate on one geometry, prepared for each thread that asks. The scalar methods
+    first look into a table of cells, which answers only with a margin that is far above round-off; so they agree with
+    the vectorised ones.
     """
 
     def __init__(self, obstacles: MultiPolygon, bounds: Bounds, radius: float) -> None:
@@ -39,21 +41,21 @@ class Inflation:
             self.obstacles: Any = shapely.union_all(parts)
         else:
             self.obstacles = obstacles
-        shapely.prepare(self.obstacles)
+        self._obstacles = PreparedArea(self.obstacles)
         xmin, ymin, xmax, ymax = bounds
         self.bounds = (xmin + radius, ymin + radius, xmax - radius, ymax - radius)
 
     def points_free(self, xy: Floats) -> Bools:
         """Whether the centre may be at ``xy`` (..., 2)."""
         x, y = xy[..., 0], xy[..., 1]
-        return np.asarray(self._inside(x, y) & ~shapely.intersects_xy(self.obstacles, x, y))
+        return np.asarray(self._inside(x, y) & ~shapely.intersects_xy(self._obstacles.prepared, x, y))
 
     def segments_free(self, a: Floats, b: Floats) -> Bools:
         """Whether the centre may move straight from ``a`` to ``b``, (..., 2) of the same shape."""
         # The frame is convex, so its ends tell whether a segment stays within.
         free = np.asarray(self._inside(a[..., 0], a[..., 1]) & self._inside(b[..., 0], b[..., 1]))
         lines = shapely.linestrings(np.stack([a[free], b[free]], axis=-2))
-        free[free] = ~shapely.intersects(self.obstacles, lines)
+        free[free] = ~shapely.intersects(self._obstacles.prepared, lines)
         return free
 
     def point_free(self, x: float, y: float) -> bool:
@@ -65,7 +67,7 @@ class Inflation:
         step = reach[int((y - ymin) * per_m) * width + int((x - xmin) * per_m)]
         if step != _UNSURE:
             return step >= 0
-        return not shapely.intersects_xy(self.obstacles, x, y)
+        return not shapely.intersects_xy(self._obstacles.prepared, x, y)
 
     def segment_free(self, x0: float, y0: float, x1: float, y1: float) -> bool:
         """`segments_free` for one segment."""
@@ -88,7 +90,7 @@ class Inflation:
                 break
             x += dx * (step / left)
             y += dy * (step / left)
-        return not shapely.intersects(self.obstacles, shapely.linestrings(((x0, y0), (x1, y1))))
+        return not shapely.intersects(self._obstacles.prepared, shapely.linestrings(((x0, y0), (x1, y1))))
 
     @cached_property
     def _reach(self) -> tuple[list[float], int, float]:
@@ -107,9 +109,9 @@ class Inflation:
         margin = 1e-6 * cell + 1e-12 * extent
         grid_x, grid_y = np.meshgrid(x, y)
         cells = shapely.box(grid_x - margin, grid_y - margin, grid_x + cell + margin, grid_y + cell + margin)
-        free = ~shapely.intersects(self.obstacles, cells)
+        free = ~shapely.intersects(self._obstacles.prepared, cells)
         reach = np.zeros(free.shape)
-        reach[~free] = np.where(shapely.contains_properly(self.obstacles, cells[~free]), _BLOCKED, _UNSURE)
+        reach[~free] = np.where(shapely.contains_properly(self._obstacles.prepared, cells[~free]), _BLOCKED, _UNSURE)
         rings = np.pad(free, 1, constant_values=True)  # beyond the frame no segment goes: both its ends are inside
         for ring in range(1, _MAX_RINGS + 1):
             rings = np.pad(_all_of_three(_all_of_three(rings).T).T, 1, constant_values=True)

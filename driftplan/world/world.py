@@ -19,8 +19,9 @@ from shapely import MultiPolygon, Polygon
 from driftplan.arrays import Bools, Floats, Ints, bounds_of, point_of, points_of
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.inflation import Inflation
+from driftplan.world.prepared_area import PreparedArea
 from driftplan.world.shapes import polygon_of
-from driftplan.world.zones import Zone, ZonePieces, pieces_in_zones, zone_at
+from driftplan.world.zones import Zone, ZoneIndex, ZonePieces
 
 _WALL_DEPTH = 1e-6  # m: a line of sight may graze a wall this deep, so that a beacon mounted on a wall can be seen
 _STEP_IN = 1e-6  # m: a point moved into free space is moved this far past its boundary
@@ -33,6 +34,9 @@ class World:
     The inflation is conservative: whatever `is_free` and `segments_free` accept keeps the robot's centre at least
     ``robot_radius`` away from every obstacle and from the edge of the map. What is more than 1.03 times that far away
     is accepted.
+
+    Threads may share a world, processes may be forked while they do, and a world can be pickled (it then derives what it
+    needs again), as routes, layouts and noises can.
 
     Parameters
     ----------
@@ -114,6 +118,10 @@ class World:
         parts = (part for part in shapely.get_parts(self.free) if not part.is_empty)
         return tuple(sorted(parts, key=lambda part: -part.area))
 
+    @cached_property
+    def _prepared_parts(self) -> tuple[PreparedArea, ...]:
+        return tuple(map(PreparedArea, self.free_parts))
+
     def is_free(self, xy: ArrayLike) -> Bools:
         """Whether the robot's centre may be at each of the points ``(..., 2)``; shape ``(...)``."""
         return self._inflation.points_free(points_of("xy", xy))
@@ -146,12 +154,11 @@ class World:
         xy = points_of("xy", xy)
         part = np.full(xy.shape[:-1], -1, dtype=np.int64)
         to_place = np.asarray(self.is_free(xy))
-        for i, polygon in enumerate(self.free_parts):
+        for i, polygon in enumerate(self._prepared_parts):
             if not to_place.any():
                 break
-            shapely.prepare(polygon)
             here = to_place.copy()
-            here[to_place] = shapely.intersects_xy(polygon, xy[to_place])
+            here[to_place] = shapely.intersects_xy(polygon.prepared, xy[to_place])
             part[here] = i
             to_place &= ~here
         if to_place.any():  # free, yet a round-off outside of all parts
@@ -233,13 +240,19 @@ class World:
         A ray may graze a wall and end on one, so that a beacon mounted on a wall can be seen.
         """
         a, b = np.broadcast_arrays(points_of("a", a), points_of("b", b))
-        return np.asarray(~shapely.intersects(self.opaque, shapely.linestrings(np.stack([a, b], axis=-2))))
+        sight = shapely.linestrings(np.stack([a, b], axis=-2))
+        return np.asarray(~shapely.intersects(self.opaque.prepared, sight))
 
     # Zones
 
+    @cached_property
+    def zone_index(self) -> ZoneIndex:
+        """What answers questions about zones."""
+        return ZoneIndex(self.zones)
+
     def zone_at(self, xy: ArrayLike) -> Ints:
         """Index into `zones` of the zone that holds at each of the points ``(..., 2)``; -1 outside all of them."""
-        return zone_at(self.zones, points_of("xy", xy))
+        return self.zone_index.at(points_of("xy", xy))
 
     def noise_at(self, xy: ArrayLike, elsewhere: OdometryNoise) -> OdometryNoise:
         """The noise that holds at one point (2,): its zone's, or ``elsewhere``."""
@@ -260,7 +273,7 @@ class World:
         a, b = np.broadcast_arrays(points_of("a", a), points_of("b", b))
         if a.ndim != 2:
             raise ValueError(f"expected segments (n, 2), got ends of shape {a.shape}")
-        return pieces_in_zones(self.zones, a, b)
+        return self.zone_index.pieces(a, b)
 
     def cut_at_zones(self, path: ArrayLike) -> tuple[Floats, Ints]:
         """The same path (n, 2) with waypoints added where the zone changes, and the zone of each of its legs.
@@ -294,11 +307,9 @@ class World:
         return Inflation(self.obstacles, self.bounds, self.robot_radius)
 
     @cached_property
-    def opaque(self) -> Polygon | MultiPolygon:
+    def opaque(self) -> PreparedArea:
         """What blocks `line_of_sight`: the obstacles without their outermost micrometre."""
-        opaque = self.obstacles.buffer(-_WALL_DEPTH, join_style="mitre")
-        shapely.prepare(opaque)
-        return opaque
+        return PreparedArea(self.obstacles.buffer(-_WALL_DEPTH, join_style="mitre"))
 
     def __getstate__(self) -> dict[str, Any]:
         return {field.name: getattr(self, field.name) for field in fields(self)}

@@ -14,9 +14,11 @@ from shapely import MultiPolygon, Polygon
 
 from driftplan.arrays import Floats, Ints
 from driftplan.model.noise import OdometryNoise
+from driftplan.world.prepared_area import PreparedArea
 from driftplan.world.shapes import polygon_of
+from driftplan.world.zone_grid import ZoneGrid
 
-_FEW_SIDES = 32  # of a zone: then arithmetic on all pairs of sides and segments beats searching
+_FEW_SIDES = 32  # of all zones: then arithmetic on all pairs of sides and segments beats searching
 _PAST_CORNER = 1e-9  # of a side's length: rounding must not let a segment slip through a corner
 
 
@@ -50,11 +52,6 @@ class Zone:
         rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(self.polygon))]
         return np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in rings])
 
-    @cached_property
-    def tree(self) -> shapely.STRtree:
-        """The sides, to be searched."""
-        return shapely.STRtree(shapely.linestrings(self.sides))
-
     def __getstate__(self) -> dict[str, Any]:
         return {"polygon": self.polygon, "noise": self.noise}
 
@@ -68,54 +65,68 @@ class ZonePieces(NamedTuple):
     zone: Ints  # (n,) index of the zone in `World.zones`, -1 outside all
 
 
-def zone_at(zones: Sequence[Zone], xy: Floats) -> Ints:
-    """Index of the zone that holds at each of the points (..., 2): the last of those it is in; -1 outside all."""
-    index = np.full(xy.shape[:-1], -1, dtype=np.int64)
-    for i, zone in enumerate(zones):
-        shapely.prepare(zone.polygon)
-        index[shapely.intersects_xy(zone.polygon, xy[..., 0], xy[..., 1])] = i
-    return index
+class ZoneIndex:
+    """The zones of a world, to be asked about many points and segments, from any number of threads."""
 
+    def __init__(self, zones: Sequence[Zone]) -> None:
+        self.areas = tuple(PreparedArea(zone.polygon) for zone in zones)
+        self._sides = np.concatenate([np.zeros((0, 2, 2)), *(zone.sides for zone in zones)])
 
-def pieces_in_zones(zones: Sequence[Zone], a: Floats, b: Floats) -> ZonePieces:
-    """The segments from ``a`` to ``b``, (n, 2) each, cut where the zone that holds changes."""
-    every = np.arange(len(a))
-    segment, fraction = [every, every], [np.zeros(len(a)), np.ones(len(a))]
-    along = b - a
-    length2 = np.einsum("ij,ij->i", along, along)
-    for zone in zones:
-        which, at = _crossings(zone, a, along)
-        segment.append(which)
-        fraction.append(at)
-    cut_segment, cut_fraction = np.concatenate(segment), np.clip(np.concatenate(fraction), 0.0, 1.0)
-    order = np.lexsort((cut_fraction, cut_segment))
-    which, at = cut_segment[order], cut_fraction[order]
-    # Cuts closer than 1e-12 of the segment's length bound no piece; a segment of no length is one piece.
-    keep = (which[1:] == which[:-1]) & ((at[1:] - at[:-1] > 1e-12) | (length2[which[1:]] == 0))
-    which, start, end = which[1:][keep], at[:-1][keep], at[1:][keep]
-    zone_of = zone_at(zones, a[which] + (0.5 * (start + end))[:, None] * along[which])
-    merge = np.concatenate([[True], (which[1:] != which[:-1]) | (zone_of[1:] != zone_of[:-1])])[: len(which)]
-    first = np.flatnonzero(merge)
-    last = np.append(first[1:], len(which)) - 1 if len(first) else first
-    return ZonePieces(which[first], start[first], end[last], zone_of[first])
+    @cached_property
+    def grid(self) -> ZoneGrid:
+        """By the boxes of the zones, of which there must be some."""
+        return ZoneGrid(shapely.bounds([area.area for area in self.areas]))
 
+    @cached_property
+    def _tree(self) -> shapely.STRtree:
+        return shapely.STRtree(shapely.linestrings(self._sides))
 
-def _crossings(zone: Zone, a: Floats, along: Floats) -> tuple[Ints, Floats]:
-    """Which segments from ``a`` (n, 2) cross sides of the zone, and where, as fractions of the segment.
+    def at(self, xy: Floats) -> Ints:
+        """Index of the zone that holds at each of the points (..., 2): the last of those it is in; -1 outside all."""
+        points, index = xy.reshape(-1, 2), np.full(xy.size // 2, -1, dtype=np.int64)
+        if len(self.areas) and len(points):
+            point, zone = self.grid.near_points(points)
+            first = np.flatnonzero(np.diff(zone, prepend=-1))
+            for mine in np.split(np.arange(len(zone)), first[1:]) if len(zone) else ():
+                k, asked = zone[mine[0]], point[mine]
+                index[asked[shapely.intersects_xy(self.areas[k].prepared, points[asked])]] = k
+        return index.reshape(xy.shape[:-1])
 
-    A segment along a side crosses the side's neighbours, and one through a corner both that meet there. GEOS would cut
-    no segment where it leaves a side that it runs along but for rounding.
-    """
-    begin, side = zone.sides[:, 0], zone.sides[:, 1] - zone.sides[:, 0]
-    if len(side) <= _FEW_SIDES:
-        at, crossed = _crossing(a[:, None], along[:, None], begin, side)
-        which, k = np.nonzero(crossed)
-        return which, at[which, k]
-    near = _PAST_CORNER * float(np.abs(side).max())
-    lines = shapely.linestrings(np.stack([a, a + along], axis=-2))
-    which, k = zone.tree.query(lines, predicate="dwithin", distance=near)
-    at, crossed = _crossing(a[which], along[which], begin[k], side[k])
-    return which[crossed], at[crossed]
+    def pieces(self, a: Floats, b: Floats) -> ZonePieces:
+        """The segments from ``a`` to ``b``, (n, 2) each, cut where the zone that holds changes."""
+        every = np.arange(len(a))
+        along = b - a
+        length2 = np.einsum("ij,ij->i", along, along)
+        crossing, at = self._crossings(a, along)
+        cut_segment = np.concatenate([every, every, crossing])
+        cut_fraction = np.concatenate([np.zeros(len(a)), np.ones(len(a)), np.clip(at, 0.0, 1.0)])
+        order = np.lexsort((cut_fraction, cut_segment))
+        which, at = cut_segment[order], cut_fraction[order]
+        # Cuts closer than 1e-12 of the segment's length bound no piece; a segment of no length is one piece.
+        keep = (which[1:] == which[:-1]) & ((at[1:] - at[:-1] > 1e-12) | (length2[which[1:]] == 0))
+        which, start, end = which[1:][keep], at[:-1][keep], at[1:][keep]
+        zone_of = self.at(a[which] + (0.5 * (start + end))[:, None] * along[which])
+        merge = np.concatenate([[True], (which[1:] != which[:-1]) | (zone_of[1:] != zone_of[:-1])])[: len(which)]
+        first = np.flatnonzero(merge)
+        last = np.append(first[1:], len(which)) - 1 if len(first) else first
+        return ZonePieces(which[first], start[first], end[last], zone_of[first])
+
+    def _crossings(self, a: Floats, along: Floats) -> tuple[Ints, Floats]:
+        """Which segments from ``a`` (n, 2) cross sides of zones, and where, as fractions of the segment.
+
+        A segment along a side crosses the side's neighbours, and one through a corner both that meet there. GEOS would
+        cut no segment where it leaves a side that it runs along but for rounding.
+        """
+        begin, side = self._sides[:, 0], self._sides[:, 1] - self._sides[:, 0]
+        if len(side) <= _FEW_SIDES:
+            at, crossed = _crossing(a[:, None], along[:, None], begin, side)
+            which, k = np.nonzero(crossed)
+            return which, at[which, k]
+        near = _PAST_CORNER * float(np.abs(side).max())
+        lines = shapely.linestrings(np.stack([a, a + along], axis=-2))
+        which, k = self._tree.query(lines, predicate="dwithin", distance=near)
+        at, crossed = _crossing(a[which], along[which], begin[k], side[k])
+        return which[crossed], at[crossed]
 
 
 def _crossing(a: Floats, along: Floats, begin: Floats, side: Floats) -> tuple[Floats, NDArray[np.bool_]]:

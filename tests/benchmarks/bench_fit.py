@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 from driftplan.model.calibration.fit import PARAMETERS, fit_noise
-from driftplan.model.calibration.segment_ladder import ladder_of
+from driftplan.model.calibration.segment_sets import segment_set
 from driftplan.model.calibration.segments import TruthNoise
 from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
@@ -38,10 +38,10 @@ def main() -> None:
     print("samples   drive m   segments   all rates s   six rates s   one evaluation ms")
     for length in (200.0, 1000.0, 5000.0):
         drive = recorded(length, 0)
-        ladder, _ = ladder_of([drive])
+        segments, _ = segment_set([drive])
         begin = time.perf_counter()
         for _ in range(5):
-            ladder.expected(ladder.windows(NOISE), TruthNoise(1e-5, 0.0))
+            segments.expected(segments.windows(NOISE), TruthNoise(1e-5, 0.0))
         evaluation = (time.perf_counter() - begin) / 5
         seconds = []
         for parameters in (PARAMETERS, FITTED):
@@ -49,7 +49,7 @@ def main() -> None:
             fit_noise(*drive, parameters=parameters)
             seconds.append(time.perf_counter() - begin)
         print(
-            f"{len(drive[0].times):7d} {length:9.0f} {len(ladder.values):10d} {seconds[0]:13.2f} {seconds[1]:13.2f} "
+            f"{len(drive[0].times):7d} {length:9.0f} {len(segments.values):10d} {seconds[0]:13.2f} {seconds[1]:13.2f} "
             f"{1e3 * evaluation:19.1f}"
         )
 

@@ -147,7 +147,7 @@ def roadmap(query: Query) -> Trace:
     began = time.process_time()
     search = RoadmapSearch(pricing, np.array(query.start))
     trace: Trace = []
-    while time.process_time() - began < SECONDS and not search.is_done:
+    while time.process_time() - began < SECONDS and not search.is_optimal:
         search.grow(lambda: time.process_time() - began >= SECONDS)
         if search.path is not None:
             trace.append((time.process_time() - began, search.additive_cost))

@@ -13,7 +13,7 @@ from driftplan.model.calibration.fit import PARAMETERS, fit_noise
 from driftplan.model.calibration.noise_check import check_noise
 from driftplan.model.calibration.quasi_likelihood import bootstrap, bounded_step, solve
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
-from driftplan.model.calibration.segment_ladder import ladder_of
+from driftplan.model.calibration.segment_sets import segment_set
 from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Run
@@ -116,7 +116,7 @@ def test_what_a_fit_does_not_know_is_allowed_for_when_it_is_checked_elsewhere():
 
 
 def test_a_wandering_bias_is_said_to_be_no_random_walk():
-    """A gyro whose bias wanders over 30 m: heading errors of neighbouring stretches are alike."""
+    """A gyro whose bias wanders over 30 m: heading errors of neighbouring resampled are alike."""
     log, truth = recorded(OdometryNoise(heading_var_per_m=1e-5, distance_var_per_m=1e-4), length_m=1500, seed=3)
     rng = np.random.default_rng(0)
     moved = np.abs(log.moves)
@@ -312,8 +312,8 @@ def test_a_variance_fitted_as_zero_still_has_an_upper_limit():
 
 
 def test_what_pushes_a_variance_below_zero_does_not_narrow_its_interval():
-    ladder, _ = ladder_of([recorded(length_m=100)])
-    solution = solve(ladder, (*FITTED, "lateral_var_per_m"), 20)
+    segments, _ = segment_set([recorded(length_m=100)])
+    solution = solve(segments, (*FITTED, "lateral_var_per_m"), 20)
     k = solution.names.index("lateral_var_per_m")
     theta, score = solution.theta.copy(), solution.score.copy()
     theta[k] = 0.0
@@ -321,7 +321,7 @@ def test_what_pushes_a_variance_below_zero_does_not_narrow_its_interval():
     pushed = score.copy()
     pushed[:, k] -= 10 * np.abs(score[:, k]).mean()
     found = [
-        bootstrap(ladder, solution._replace(theta=theta, score=s), 400, np.random.default_rng(0))[0][:, k]
+        bootstrap(segments, solution._replace(theta=theta, score=s), 400, np.random.default_rng(0))[0][:, k]
         for s in (score, pushed)
     ]
     assert abs(found[0].mean()) < 0.2 * found[0].std()

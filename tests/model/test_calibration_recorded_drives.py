@@ -111,13 +111,13 @@ def test_a_mowers_drift_with_and_without_beacons_is_as_predicted(mower):
         with_fixes[index:] += fixed(second, estimate, index) - with_fixes[index]
 
     path = np.column_stack([true.real, true.imag])[::5]
-    stretch = np.abs(np.diff(path[:, 0] + 1j * path[:, 1])).sum() / second.travelled[-1]
+    drive = np.abs(np.diff(path[:, 0] + 1j * path[:, 1])).sum() / second.travelled[-1]
     s = np.linspace(20, second.travelled[-1] - 1, 300)
     for measured, fixes in (
         (estimate, []),
-        (with_fixes, [Fix.position(p * stretch, position_std_m=fix_std) for p in places]),
+        (with_fixes, [Fix.position(p * drive, position_std_m=fix_std) for p in places]),
     ):
-        drift = predict_drift(path, fit.noise, fixes=fixes).at(s * stretch)
+        drift = predict_drift(path, fit.noise, fixes=fixes).at(s * drive)
         error = np.interp(s, second.travelled, np.abs(measured - true))
         # one drive is one sample of a random walk: its rms along the way is within a factor of two of the expected one
         # with probability above 0.9 (measured: 0.81 without fixes, 0.90 with them)

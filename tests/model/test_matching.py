@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.model.calibration.matching import match
+from driftplan.model.calibration.matched_drive import match
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
@@ -28,12 +28,12 @@ def delayed(log, seconds):
 def test_perfect_odometry_agrees_with_the_truth_at_every_knot():
     log, truth = drive()
     found = match(log, truth, spacing_m=0.5)
-    (stretch,) = found.stretches
+    (part,) = found.resampled
     assert found.time_offset_s == 0.0
-    np.testing.assert_allclose(np.diff(stretch.driven), 0.5, atol=0.06)  # knots are samples, 5 cm apart
-    turn = np.exp(1j * (stretch.truth_heading[0] - stretch.estimate_heading[0]))
-    np.testing.assert_allclose(stretch.estimate * turn + stretch.truth[0], stretch.truth, atol=1e-9)
-    np.testing.assert_allclose(stretch.estimate_heading, stretch.truth_heading, atol=1e-9)
+    np.testing.assert_allclose(np.diff(part.driven), 0.5, atol=0.06)  # knots are samples, 5 cm apart
+    turn = np.exp(1j * (part.truth_heading[0] - part.estimate_heading[0]))
+    np.testing.assert_allclose(part.estimate * turn + part.truth[0], part.truth, atol=1e-9)
+    np.testing.assert_allclose(part.estimate_heading, part.truth_heading, atol=1e-9)
     assert found.counts.driven_m == pytest.approx(34.0)
     assert found.counts.used_m == pytest.approx(34.0, abs=0.5)
     assert found.counts.turned_rad == pytest.approx(2 * np.pi)
@@ -62,10 +62,10 @@ def test_a_reference_mounted_askew_is_found_and_turned_back(askew, bias):
     straight = match(log, truth, spacing_m=0.1, time_offset_s=0.0)
     assert straight.heading_offset == 0.0
     np.testing.assert_allclose(
-        found.stretches[0].truth_heading, straight.stretches[0].truth_heading + askew - found.heading_offset, atol=1e-9
+        found.resampled[0].truth_heading, straight.resampled[0].truth_heading + askew - found.heading_offset, atol=1e-9
     )
     given = match(log, turned, spacing_m=0.1, time_offset_s=0.0, heading_offset=askew)
-    np.testing.assert_allclose(given.stretches[0].truth_heading, straight.stretches[0].truth_heading, atol=1e-9)
+    np.testing.assert_allclose(given.resampled[0].truth_heading, straight.resampled[0].truth_heading, atol=1e-9)
 
 
 def test_no_offset_is_invented_for_a_steady_drive():
@@ -79,11 +79,11 @@ def test_no_offset_is_invented_for_a_steady_drive():
 def test_knots_are_apart_in_true_distance_whatever_the_odometry_counts():
     noise = OdometryNoise(distance_scale_error=0.25, distance_var_per_m=1e-3)
     log, truth = drive(noise)
-    (stretch,) = match(log, truth, spacing_m=1.0, time_offset_s=0.0).stretches
-    true_steps = np.abs(np.diff(stretch.truth))
-    straight = true_steps > 0.95 * np.diff(stretch.driven)
+    (part,) = match(log, truth, spacing_m=1.0, time_offset_s=0.0).resampled
+    true_steps = np.abs(np.diff(part.truth))
+    straight = true_steps > 0.95 * np.diff(part.driven)
     # true chords over true distances: pieces of 4 m are measured, so 1 m keeps some of its noise of 3 cm
-    np.testing.assert_allclose(true_steps[straight], np.diff(stretch.driven)[straight], atol=0.1)
+    np.testing.assert_allclose(true_steps[straight], np.diff(part.driven)[straight], atol=0.1)
     assert np.mean(true_steps[straight]) == pytest.approx(1.0, abs=0.02)
 
 
@@ -116,8 +116,8 @@ def test_positions_tell_how_the_robot_turned_where_the_odometry_was_wrong():
     noise = OdometryNoise(heading_var_per_m=3e-3, heading_bias_per_rad=-0.1)
     path = 40 * [Run(length_m=3.0, curvature_per_m=0.6), Run(length_m=3.0, curvature_per_m=-0.8, turn_rad=1.0)]
     log, truth = simulate_log(path, noise, rng=1, truth_position_std_m=0.004)
-    (true,) = match(log, truth, spacing_m=0.25, time_offset_s=0.0, heading_offset=0.0).stretches
-    (found,) = match(log, truth.without_heading(), spacing_m=0.25, time_offset_s=0.0).stretches
+    (true,) = match(log, truth, spacing_m=0.25, time_offset_s=0.0, heading_offset=0.0).resampled
+    (found,) = match(log, truth.without_heading(), spacing_m=0.25, time_offset_s=0.0).resampled
     for knots in (16, 160):  # of 4 m and 40 m
         was, said, seen = (
             np.diff(x[::knots])
@@ -139,8 +139,8 @@ def test_standstill_takes_time_and_no_distance():
     found = match(still, Trajectory(at, truth.xy, truth.heading), spacing_m=0.5)
     assert found.counts.standstill_s == pytest.approx(pause)
     assert found.counts.breaks == 0
-    (stretch,) = found.stretches
-    np.testing.assert_allclose(np.abs(np.diff(stretch.estimate)), np.abs(np.diff(stretch.truth)), atol=1e-6)
+    (part,) = found.resampled
+    np.testing.assert_allclose(np.abs(np.diff(part.estimate)), np.abs(np.diff(part.truth)), atol=1e-6)
 
 
 def test_jitter_at_standstill_is_no_distance():
@@ -172,10 +172,10 @@ def test_a_counter_that_wraps_round_cuts_the_drive_and_is_counted(glitch):
     found = match(OdometryLog(log.times, moves, turns), truth, spacing_m=0.5)
     assert (found.counts.odometry_outliers, found.counts.truth_outliers, found.counts.breaks) == (1, 0, 1)
     assert found.counts.driven_m == pytest.approx(34.0, abs=0.1)
-    for stretch in found.stretches:
-        turn = np.exp(1j * (stretch.truth_heading[0] - stretch.estimate_heading[0]))
-        moved = (stretch.estimate - stretch.estimate[0]) * turn
-        assert np.abs(moved - (stretch.truth - stretch.truth[0])).max() < 0.05
+    for part in found.resampled:
+        turn = np.exp(1j * (part.truth_heading[0] - part.estimate_heading[0]))
+        moved = (part.estimate - part.estimate[0]) * turn
+        assert np.abs(moved - (part.truth - part.truth[0])).max() < 0.05
     slip = log.moves.copy()
     slip[300:310] *= 5.0
     assert match(OdometryLog(log.times, slip, log.turns), truth, spacing_m=0.5).counts.odometry_outliers == 0
@@ -185,15 +185,15 @@ def test_a_gap_of_the_truth_while_moving_cuts_the_drive():
     log, truth = drive()
     seen = (truth.times < 8) | (truth.times > 13)
     found = match(log, Trajectory(truth.times[seen], truth.xy[seen], truth.heading[seen]), spacing_m=0.5)
-    assert len(found.stretches) == 2
+    assert len(found.resampled) == 2
     assert found.counts.breaks == 1
-    first, second = found.stretches
+    first, second = found.resampled
     assert first.driven[-1] < 8.1
     assert second.driven[0] > 9
     whole = match(
         log, Trajectory(truth.times[seen], truth.xy[seen], truth.heading[seen]), spacing_m=0.5, max_gap_s=60.0
     )
-    assert len(whole.stretches) == 1
+    assert len(whole.resampled) == 1
 
 
 def test_a_gap_in_velocities_cuts_the_drive_but_one_in_increments_does_not():
@@ -201,9 +201,9 @@ def test_a_gap_in_velocities_cuts_the_drive_but_one_in_increments_does_not():
     kept = np.concatenate([np.arange(100), np.arange(160, len(log.times))])
     moved = np.diff(log.positions[kept]) * np.exp(-1j * log.headings[kept][:-1])
     turned = np.diff(log.headings[kept])
-    for holds, stretches in ((False, 1), (True, 2)):
+    for holds, resampled in ((False, 1), (True, 2)):
         sparse = OdometryLog(log.times[kept], moved, turned, holds_velocity=holds)
-        assert len(match(sparse, truth, spacing_m=0.5, max_gap_s=2.0).stretches) == stretches
+        assert len(match(sparse, truth, spacing_m=0.5, max_gap_s=2.0).resampled) == resampled
 
 
 def test_outliers_of_the_truth_are_left_out_and_counted():
@@ -212,16 +212,16 @@ def test_outliers_of_the_truth_are_left_out_and_counted():
     xy[[50, 300, 301, 500]] += [3.0, -2.0]
     found = match(log, Trajectory(truth.times, xy, truth.heading), spacing_m=0.5)
     assert (found.counts.truth_outliers, found.counts.breaks) == (4, 0)
-    (stretch,) = found.stretches
-    turn = np.exp(1j * (stretch.truth_heading[0] - stretch.estimate_heading[0]))
-    assert np.abs(stretch.estimate * turn + stretch.truth[0] - stretch.truth).max() < 0.05
+    (part,) = found.resampled
+    turn = np.exp(1j * (part.truth_heading[0] - part.estimate_heading[0]))
+    assert np.abs(part.estimate * turn + part.truth[0] - part.truth).max() < 0.05
 
 
 def test_a_truth_that_jumps_for_good_cuts_the_drive_there():
     log, truth = drive(truth_position_std_m=0.005)
     xy = truth.xy + np.where(truth.times > 20, 5.0, 0.0)[:, None]
     found = match(log, Trajectory(truth.times, xy, truth.heading), spacing_m=0.5)
-    assert (found.counts.truth_outliers, found.counts.breaks, len(found.stretches)) == (0, 1, 2)
+    assert (found.counts.truth_outliers, found.counts.breaks, len(found.resampled)) == (0, 1, 2)
 
 
 def test_repeated_samples_and_odometry_without_truth_are_counted():

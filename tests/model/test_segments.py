@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.model.calibration.matching import Stretch
+from driftplan.model.calibration.resampling import ResampledDrive
 from driftplan.model.calibration.segments import TruthNoise, expect, observe, pieces, windows, windows_of
 from driftplan.model.drift import predict_drift
 from driftplan.model.moments import compose
@@ -34,9 +34,9 @@ def true_path():
     return np.concatenate([[2 - 1j], 2 - 1j + np.cumsum(moves)]), headings
 
 
-def stretch(estimate, estimate_heading, truth, truth_heading):
+def drive(estimate, estimate_heading, truth, truth_heading):
     driven = LENGTH * np.arange(KNOTS)
-    return Stretch(driven, estimate, estimate_heading, truth, truth_heading, TURNS, np.abs(TURNS))
+    return ResampledDrive(driven, estimate, estimate_heading, truth, truth_heading, TURNS, np.abs(TURNS))
 
 
 def simulated(runs, rng, position_std, heading_std, known_heading):
@@ -58,7 +58,7 @@ def simulated(runs, rng, position_std, heading_std, known_heading):
         estimate = away * np.concatenate([[0.0], np.cumsum(moves)])
         noisy = truth + position_std * (rng.standard_normal(KNOTS) + 1j * rng.standard_normal(KNOTS))
         seen = headings + heading_std * rng.standard_normal(KNOTS) if known_heading else None
-        yield stretch(estimate, headings + error + 1.1, noisy, seen)
+        yield drive(estimate, headings + error + 1.1, noisy, seen)
 
 
 @pytest.mark.parametrize("known_heading", [True, False])
@@ -67,7 +67,7 @@ def test_expected_errors_are_those_of_simulated_drives(known_heading):
     position_std, heading_std, runs = 0.1, 0.04, 5_000
     truth, headings = true_path()
     steps = KNOTS - 1 if known_heading else (KNOTS - 1) // 2
-    nominal = stretch(truth, headings, truth, headings if known_heading else None)
+    nominal = drive(truth, headings, truth, headings if known_heading else None)
     seen = observe(nominal, steps, 1)
     found = windows_of(nominal, NOISE, [steps])
     mean, cov = expect(nominal, seen, found, steps, TruthNoise(position_std**2, heading_std**2))
@@ -106,7 +106,7 @@ def test_a_straight_segment_drifts_as_predict_drift_says(heading, per_rad, along
     )
     n = 64
     line = np.arange(n + 1.0) / 8
-    straight = Stretch(line, line + 0j, 0 * line, line + 0j, 0 * line, np.zeros(n), np.zeros(n))
+    straight = ResampledDrive(line, line + 0j, 0 * line, line + 0j, 0 * line, np.zeros(n), np.zeros(n))
     seen = observe(straight, n, 1)
     mean, cov = expect(straight, seen, windows_of(straight, noise, [n]), n, TruthNoise(0.0, 0.0))
     drift = predict_drift([(0, 0), (line[-1], 0)], noise).end
@@ -127,7 +127,7 @@ def test_chords_align_rightly_where_heading_noise_outweighs_distance_noise():
     theta = np.cumsum(np.sqrt(noise.heading_var_per_m * 0.25) * rng.standard_normal((runs, 2 * knots)), axis=1)
     step = 0.5 + np.sqrt(noise.distance_var_per_m * 0.5) * rng.standard_normal((runs, knots - 1))
     paths = np.cumsum(np.insert(step * np.exp(1j * theta[:, 0 : 2 * knots - 2 : 2]), 0, 0, axis=1), axis=1)
-    straight = Stretch(line.real, line, 0 * line.real, line, None, np.zeros(knots - 1), np.zeros(knots - 1))
+    straight = ResampledDrive(line.real, line, 0 * line.real, line, None, np.zeros(knots - 1), np.zeros(knots - 1))
     seen = observe(straight, steps, 1)
     mean, cov = expect(straight, seen, windows_of(straight, noise, [steps]), steps, TruthNoise(0.0, 0.0))
     values = np.array([observe(straight._replace(estimate=path), steps, 1).values[0] for path in paths])
@@ -145,7 +145,7 @@ def test_a_curved_segment_drifts_as_predict_drift_says():
     headings = np.concatenate([[0.0], np.cumsum(turns)])
     truth = np.concatenate([[0.0], np.cumsum(lengths * np.exp(1j * headings[1:]))])
     driven = np.concatenate([[0.0], np.cumsum(lengths)])
-    curve = Stretch(driven, truth, headings, truth, headings, turns, np.abs(turns))
+    curve = ResampledDrive(driven, truth, headings, truth, headings, turns, np.abs(turns))
     seen = observe(curve, n, 1)
     mean, cov = expect(curve, seen, windows_of(curve, NOISE, [n]), n, TruthNoise(0.0, 0.0))
     drift = predict_drift(Runs.from_odometry(lengths, turns), NOISE).end
@@ -161,7 +161,7 @@ def test_windows_are_compositions_of_their_pieces(count, steps):
     n = KNOTS - 1
     steps = [min(s, n) for s in steps]
     truth, headings = true_path()
-    element = pieces(stretch(truth, headings, truth, headings), NOISE)
+    element = pieces(drive(truth, headings, truth, headings), NOISE)
     found = windows(element, steps)
     for s in steps:
         start = min(count, n - s)
@@ -181,7 +181,7 @@ def test_observations_do_not_depend_on_the_frames_they_are_recorded_in(turn, shi
     estimate = truth + 0.1 * (rng.standard_normal(KNOTS) + 1j * rng.standard_normal(KNOTS))
     said = headings + 0.1 * rng.standard_normal(KNOTS)
     for known in (True, False):
-        here = stretch(estimate, said, truth, headings if known else None)
+        here = drive(estimate, said, truth, headings if known else None)
         there = here._replace(estimate=estimate * np.exp(1j * turn) + shift, estimate_heading=said + turn)
         steps = 8
         assert observe(there, steps, 3).values == pytest.approx(observe(here, steps, 3).values, abs=1e-9)
@@ -194,6 +194,6 @@ def test_segments_whose_chord_says_nothing_are_not_aligned_by_it():
     circle = np.concatenate([np.exp(1j * angle), 1 + np.arange(1, 20)])  # once round, then straight ahead
     driven = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(circle)))])
     n = len(circle)
-    loop = Stretch(driven, circle, np.zeros(n), circle, None, np.zeros(n - 1), np.zeros(n - 1))
+    loop = ResampledDrive(driven, circle, np.zeros(n), circle, None, np.zeros(n - 1), np.zeros(n - 1))
     assert 0 not in observe(loop, 16, 1).starts
     assert 16 in observe(loop, 8, 1).starts

@@ -13,8 +13,8 @@ from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
+from driftplan.planning.bounds import least_length
 from driftplan.planning.comparison import compare_routes
-from driftplan.planning.itinerary.bounds import least_length
 from driftplan.planning.itinerary.check import ItineraryCheck
 from driftplan.planning.itinerary.itinerary import plan_itinerary
 from driftplan.planning.routes import Route

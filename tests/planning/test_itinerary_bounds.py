@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.model.noise import OdometryNoise
+from driftplan.planning.bounds import least_end_drift, least_length, least_worst_drift
 from driftplan.planning.itinerary import search as itinerary_search
-from driftplan.planning.itinerary.bounds import least_end_drift, least_length, least_worst_drift
 from driftplan.planning.itinerary.check import ItineraryCheck
 from driftplan.planning.itinerary.search import ItinerarySearch, length_of
 from driftplan.planning.roadmap.graph import Roadmap

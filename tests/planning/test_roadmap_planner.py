@@ -261,7 +261,6 @@ def test_what_a_checker_raises_comes_out_and_the_next_solve_works():
         ({"beacons": ["A"]}, "Beacon objects"),
         ({"minimise": "time"}, "minimise one of"),
         ({"beacons": SIGNS, "redundancy": 3}, "redundancy 1"),
-        ({"beacons": SIGNS, "exact": True}, "exact=False"),
         ({"beacons": SIGNS, "noise": "loud"}, "an OdometryNoise"),
         ({"max_detour": 1.2}, "beacons, max_drift or minimise together with max_detour"),
         ({"initial": Fix.full(0.0, position_std_m=1.0, heading_std=0.1)}, "together with initial"),

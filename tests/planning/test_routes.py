@@ -241,20 +241,12 @@ def test_a_detour_is_bounded():
     assert free.rms < bounded.rms <= shortest.rms
 
 
-def test_exact_search_says_how_near_the_best_of_its_roadmap_the_route_is():
+def test_a_bound_says_what_it_covers():
     noise = OdometryNoise(heading_var_per_m=0.05, distance_var_per_m=1e-4)  # 0.8 rad of heading error at the goal
-    plain = plan_route(WALL, (2, 2), (8, 2), noise, iterations=1)
-    exact = plan_route(WALL, (2, 2), (8, 2), noise, iterations=1, exact=True, candidates=[plain.path])
-    assert exact.drift.end.heading_std > 0.5
-    assert exact.rms <= plain.rms
-    for route in (plain, exact):
-        assert route.bound_covers == "roadmap"
-        assert 0 < route.bound <= route.rms
+    route = plan_route(WALL, (2, 2), (8, 2), noise, iterations=1)
+    assert route.bound_covers == "roadmap"
+    assert 0 < route.bound <= route.rms
     assert plan_route(WALL, (2, 2), (8, 2), noise, planner="bitstar", iterations=4000).bound_covers == "all routes"
-    with pytest.raises(ValueError, match="exact=True with planner='roadmap' only, got planner='bitstar'"):
-        plan_route(WALL, (2, 2), (8, 2), noise, planner="bitstar", exact=True)
-    with pytest.raises(ValueError, match="exact=True with minimise='drift' only"):
-        plan_route(WALL, (2, 2), (8, 2), noise, minimise="length", exact=True)
 
 
 def test_the_start_heading_is_paid_for():
@@ -406,3 +398,15 @@ def test_a_route_says_in_a_line_what_it_is():
         f"Route({route.length:.2f} m, rms {route.rms:.4g} m at the goal, least drift of roadmap"
     )
     assert len(repr(route)) < 150
+
+
+def test_a_planner_that_finds_nothing_in_time_is_not_asked_again(monkeypatch):
+    """No path at all is not a path that is too long."""
+    from driftplan.planning.ompl import solve
+
+    asked = []
+    monkeypatch.setattr(solve, "solve", lambda *args, **kwargs: asked.append(kwargs["time_limit"]))
+    world = World.from_polygons([], bounds=(0, 0, 10, 10), robot_radius=0.5)
+    with pytest.raises(NoPathError):
+        plan_route(world, (2, 2), (8, 2), OdometryNoise(heading_var_per_m=1e-4), planner="rrtstar", time_limit=0.5)
+    assert sum(asked) == pytest.approx(0.5)

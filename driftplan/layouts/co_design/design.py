@@ -12,6 +12,7 @@ from driftplan.layouts.co_design.trips import Trip
 from driftplan.layouts.layout import Layout
 from driftplan.planning.itinerary.itinerary import Itinerary
 from driftplan.planning.itinerary.search import length_of
+from driftplan.tables import decimals, table
 
 
 class DesignStatus(Enum):
@@ -94,12 +95,21 @@ class CoDesign(Design):
         return math.inf if self.baseline is None else self.baseline.cost - self.cost
 
     def __str__(self) -> str:
-        rows = [("shortest routes, then beacons", self.baseline), ("chosen together", self)]
-        lines = [f"{'':30s} {'beacons':>7s} {'their cost':>11s} {'driving':>11s} {'together':>11s}"]
-        for name, design in rows:
-            if design is None:
-                lines.append(f"{name:30s} no layout keeps the limit on the shortest routes")
-            else:
-                numbers = (design.beacon_cost, design.driving_cost, design.cost)
-                lines.append(f"{name:30s} {len(design.beacons):7d} " + " ".join(f"{x:11.2f}" for x in numbers))
-        return "\n".join([*lines, self.status.value])
+        shown: dict[str, Design] = {"chosen together": self}
+        if self.baseline is not None:
+            shown = {"shortest routes, then beacons": self.baseline, **shown}
+        lines = [
+            table(
+                {
+                    "design": shown,
+                    "beacons": [str(len(design.beacons)) for design in shown.values()],
+                    "their cost": decimals([design.beacon_cost for design in shown.values()], 2),
+                    "driving": decimals([design.driving_cost for design in shown.values()], 2),
+                    "together": decimals([design.cost for design in shown.values()], 2),
+                }
+            ),
+            self.status.value,
+        ]
+        if self.baseline is None:
+            lines.insert(1, "No layout keeps the limit on the shortest routes.")
+        return "\n".join(lines)

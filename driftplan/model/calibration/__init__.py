@@ -7,7 +7,8 @@ relative_errors     drift in % and deg/m, as benchmarks count it
 recordings          what the odometry said, and where the robot was
 simulated_log       a recording of a simulated drive
 
-How a fit goes: `matching` puts odometry beside truth, `reference_offsets` finds what lies between them for good,
-`segment_ladder` cuts drives into `segments` of several lengths, `quasi_likelihood` fits their errors' moments,
-`segment_check` compares predicted with measured, `fit_notes` says in words what to know.
+How a fit goes: `matched_drive` puts odometry beside truth, `reference_offsets` finds what lies between them for good,
+`resampling` takes the drive at even knots, `segment_sets` cuts drives into `segments` of several lengths,
+`quasi_likelihood` fits their errors' moments, `segment_check` compares predicted with measured, `notes` says in words
+what to know.
 """

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.arrays import Floats
-from driftplan.model.calibration.fit_notes import drive_notes, mounting_notes, reference_notes
-from driftplan.model.calibration.matching import Match, MatchCounts, match
+from driftplan.model.calibration.matched_drive import MatchCounts
 from driftplan.model.calibration.noise_check import Estimate, Truth, checked
+from driftplan.model.calibration.notes import drive_notes, judged, mounting_notes, reference_notes
 from driftplan.model.calibration.quasi_likelihood import (
     DRIVES_TO_HOLD_OUT,
     RANDOM,
@@ -34,11 +34,11 @@ from driftplan.model.calibration.quasi_likelihood import (
     spread_out,
     standard_errors,
 )
-from driftplan.model.calibration.recordings import OdometryLog, Trajectory
-from driftplan.model.calibration.relative_errors import RelativeErrors, pooled, relative_errors
+from driftplan.model.calibration.relative_errors import RelativeErrors, segment_errors
 from driftplan.model.calibration.segment_check import SegmentCheck, check_segments
-from driftplan.model.calibration.segment_ladder import Ladder, drives_of, ladder_of
+from driftplan.model.calibration.segment_sets import SegmentSet, drives_of, segment_set
 from driftplan.model.noise import OdometryNoise
+from driftplan.tables import table
 
 PARAMETERS = SYSTEMATIC + RANDOM
 
@@ -46,7 +46,6 @@ _MOST_STEPS = 50
 _FIRST_LOOK = 4  # steps after which collinear rates are told
 _COLLINEAR = 20.0  # variance inflation above which a rate per radian cannot be told from one per metre
 _STRAIGHT_RAD = 0.2  # turned per longest segment: below, nothing is learnt about turning
-_FRAMES = 40  # frames in the shortest segment when relative errors are counted: its length is overshot by half a frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -119,22 +118,28 @@ class NoiseFit:
         lengths_m : array of float, optional
             Lengths of segments, metres. Default: as `fit_noise` chooses for these drives.
         """
-        ladder, _ = ladder_of(drives_of(estimates, truths), lengths_m=lengths_m, **options)
-        there = elsewhere(ladder, self._solution)
-        spread = rms_spread(ladder, there, self._replicates, self.confidence, ladder.position)
+        segments, _ = segment_set(drives_of(estimates, truths), lengths_m=lengths_m, **options)
+        there = elsewhere(segments, self._solution)
+        spread = rms_spread(segments, there, self._replicates, self.confidence, segments.position)
         noise, truth = models(there.names, there.theta)
-        return checked(ladder, noise, truth, self.std_errors, spread)
+        return checked(segments, noise, truth, self.std_errors, spread)
 
     def __str__(self) -> str:
-        lines = [f"{'':24} {'fitted':>12} {'std error':>11}   {100 * self.confidence:.3g} % interval"]
-        for name, (low, high) in self.intervals.items():
-            value = getattr(self.noise, name)
-            lines.append(f"{name:24} {value:12.4g} {self.std_errors[name]:11.2g}   {low:.4g} .. {high:.4g}")
+        names, intervals = list(self.intervals), self.intervals.values()
+        rates = table(
+            {
+                "rate": names,
+                "fitted": [f"{getattr(self.noise, name):.4g}" for name in names],
+                "std error": [f"{self.std_errors[name]:.2g}" for name in names],
+                f"{100 * self.confidence:.3g} % interval": [f"{low:.4g} .. {high:.4g}" for low, high in intervals],
+            }
+        )
         reference = f"white errors of the reference: {self.truth_position_std_m:.2g} m"
         if self.check.has_heading:
             reference += f", {degrees(self.truth_heading_std):.2g} deg"
         counts = self.counts
-        lines += [
+        lines = [
+            rates,
             "",
             reference,
             f"{counts.used_m:.1f} m used (the odometry counted {counts.driven_m:.1f} m in all), "
@@ -194,7 +199,7 @@ def fit_noise(
     use_heading : bool, optional
         Whether to use the truth's headings. Default: if all drives have them, and they are more than the odometry's.
     time_offset_s, heading_offset, max_gap_s : float, optional
-        See `driftplan.model.calibration.matching.match`.
+        See `driftplan.model.calibration.matched_drive.match`.
     confidence : float
         Of the intervals.
     resamples : int
@@ -233,7 +238,7 @@ def fit_noise(
     if isinstance(resamples, bool) or resamples < 100:
         raise ValueError(f"expected resamples >= 100, got {resamples!r}")
     drives = drives_of(estimates, truths)
-    ladder, matches = ladder_of(
+    segments, matches = segment_set(
         drives,
         lengths_m=lengths_m,
         use_heading=use_heading,
@@ -241,20 +246,24 @@ def fit_noise(
         heading_offset=heading_offset,
         max_gap_s=max_gap_s,
     )
-    if len(ladder.values) < len(names):
+    if len(segments.values) < len(names):
         raise ValueError(
             f"expected drives with at least as many segments as there are rates to fit, {len(names)}, got "
-            f"{len(ladder.values)}: record longer drives, or fit fewer parameters"
+            f"{len(segments.values)}: record longer drives, or fit fewer parameters"
         )
-    solution, notes = _solved(ladder, names)
-    replicates, blocks = bootstrap(ladder, solution, resamples, np.random.default_rng(seed))
+    solution, notes = _solved(segments, names)
+    replicates, blocks = bootstrap(segments, solution, resamples, np.random.default_rng(seed))
     error = standard_errors(replicates, blocks)
     replicates = spread_out(solution, replicates, blocks, confidence)
     low, high = intervals(solution, replicates, confidence)
     noise, truth = models(solution.names, solution.theta)
-    spread = rms_spread(ladder, solution, replicates, confidence, ladder.position)
-    moments = ladder.expected(ladder.windows(noise), truth)
-    check = check_segments(ladder, *moments, rms_intervals_m=spread.intervals)
+    spread = rms_spread(segments, solution, replicates, confidence, segments.position)
+    moments = segments.expected(segments.windows(noise), truth)
+    check = judged(check_segments(segments, *moments, rms_intervals_m=spread.intervals))
+    relative = heading_rms = None
+    if segments.has_heading:
+        relative = segment_errors(segments, drives, matches, max_gap_s)
+        heading_rms = rms_spread(segments, solution, replicates, confidence, slice(2, 3)).intervals
     fitted = [k for k, name in enumerate(solution.names) if name not in TRUTH]
     return NoiseFit(
         noise=noise,
@@ -264,19 +273,17 @@ def fit_noise(
         truth_position_std_m=sqrt(truth.position_var),
         truth_heading_std=sqrt(truth.heading_var),
         check=check,
-        held_out=check_segments(ladder, *held_out(ladder, solution)),
-        relative_errors=_relative_errors(ladder, drives, matches, max_gap_s) if ladder.has_heading else None,
-        heading_rms_intervals=(
-            rms_spread(ladder, solution, replicates, confidence, slice(2, 3)).intervals if ladder.has_heading else None
-        ),
-        counts=_summed(matches),
+        held_out=judged(check_segments(segments, *held_out(segments, solution))),
+        relative_errors=relative,
+        heading_rms_intervals=heading_rms,
+        counts=sum((m.counts for m in matches), MatchCounts()),
         time_offsets_s=tuple(m.time_offset_s for m in matches),
         heading_offsets=tuple(m.heading_offset for m in matches),
         notes=(
             *notes,
             *mounting_notes(matches),
-            *reference_notes(ladder, truth, check),
-            *drive_notes(ladder, solution, error),
+            *reference_notes(segments, truth, check),
+            *drive_notes(segments, solution, error),
             *check.notes,
         ),
         _solution=solution.estimate_only(),
@@ -291,21 +298,19 @@ def _checked_parameters(parameters: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in PARAMETERS if name in names)
 
 
-def _solved(ladder: Ladder, names: tuple[str, ...]) -> tuple[Solution, list[str]]:
+def _solved(segments: SegmentSet, names: tuple[str, ...]) -> tuple[Solution, list[str]]:
     """The estimate, without what cannot be told from the rest, and what there is to say about it."""
     notes: list[str] = []
     turning = [name for name in names if name.endswith("_per_rad")]
-    if turning and ladder.turned_per_longest < _STRAIGHT_RAD:
+    turned, longest = segments.turned_per_longest, segments.bins[-1].length_m
+    if turning and turned < _STRAIGHT_RAD:
         names = tuple(name for name in names if name not in turning)
-        notes.append(
-            f"The robot hardly turned ({ladder.turned_per_longest:.2g} rad per {ladder.rungs[-1].length_m:.3g} m): no "
-            "rate per radian is fitted."
-        )
-    truth = TRUTH if ladder.has_heading else TRUTH[:1]
+        notes.append(f"The robot hardly turned ({turned:.2g} rad per {longest:.3g} m): no rate per radian is fitted.")
+    truth = TRUTH if segments.has_heading else TRUTH[:1]
     start = None
     for most_steps in (_FIRST_LOOK, _MOST_STEPS):  # what cannot be told apart would take long to converge
         while True:
-            solution = solve(ladder, [*names, *truth], most_steps, start)
+            solution = solve(segments, [*names, *truth], most_steps, start)
             inflation = solution.variance_inflation()
             worst = max((name for name in names if name in turning), key=lambda n: inflation.get(n, 0.0), default="")
             if inflation.get(worst, 0.0) < _COLLINEAR:
@@ -316,33 +321,3 @@ def _solved(ladder: Ladder, names: tuple[str, ...]) -> tuple[Solution, list[str]
     if not solution.converged:
         notes.append("The fit did not converge: its numbers are those of the last step.")
     return solution, notes
-
-
-def _summed(matches: Sequence[Match]) -> MatchCounts:
-    total = MatchCounts()
-    for m in matches:
-        total += m.counts
-    return total
-
-
-def _relative_errors(
-    ladder: Ladder, drives: list[tuple[OdometryLog, Trajectory]], matches: Sequence[Match], max_gap_s: float | None
-) -> RelativeErrors | None:
-    """Errors by KITTI's definition, whose frames are the samples of the sparser recording, not the segments' knots."""
-    lengths = [rung.length_m for rung in ladder.rungs]
-    found = []
-    for (odometry, truth), m in zip(drives, matches, strict=True):
-        frames = match(
-            odometry,
-            truth,
-            spacing_m=lengths[0] / _FRAMES,
-            time_offset_s=m.time_offset_s,
-            heading_offset=m.heading_offset,
-            max_gap_s=max_gap_s,
-        )
-        for s in frames.stretches:
-            if s.truth_heading is not None and np.abs(np.diff(s.truth)).sum() > lengths[0]:
-                estimate = np.column_stack([s.estimate.real, s.estimate.imag, s.estimate_heading])
-                true = np.column_stack([s.truth.real, s.truth.imag, s.truth_heading])
-                found.append(relative_errors(estimate, true, lengths, step=_FRAMES // 4))
-    return pooled(found) if found else None

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driftplan.arrays import Floats
-from driftplan.model.calibration.segment_ladder import Ladder
+from driftplan.model.calibration.segment_sets import SegmentSet
 from driftplan.model.calibration.segments import TruthNoise
 from driftplan.model.noise import OdometryNoise
 
@@ -112,19 +112,19 @@ def models(names: Sequence[str], theta: Floats) -> tuple[OdometryNoise, TruthNoi
     return OdometryNoise(**values), truth
 
 
-def solve(ladder: Ladder, names: Sequence[str], most_steps: int, start: Floats | None = None) -> Solution:
+def solve(segments: SegmentSet, names: Sequence[str], most_steps: int, start: Floats | None = None) -> Solution:
     """The parameters that solve the equations, or the last of ``most_steps`` steps from ``start`` towards them."""
     names = tuple(names)
-    theta, scale = _start(ladder, names)
+    theta, scale = _start(segments, names)
     theta = theta if start is None else start
     bounded = np.array([name not in SYSTEMATIC for name in names])
-    longest = np.array([0.5 / ladder.rungs[-1].length_m if name == "heading_bias_per_m" else 0.2 for name in names])
-    model = _Model(ladder, names, theta)
+    longest = np.array([0.5 / segments.bins[-1].length_m if name == "heading_bias_per_m" else 0.2 for name in names])
+    model = _Model(segments, names, theta)
     size = np.inf
     for k in range(most_steps):
         if size > _SETTLED:
             slopes = model.slopes(scale)
-        score, information = _equations(ladder, model.mean, model.cov, *slopes)
+        score, information = _equations(segments, model.mean, model.cov, *slopes)
         total = information.sum(axis=0)
         error = 1 / np.sqrt(np.maximum(np.diag(total), 1e-300))
         lowest = np.where(bounded, -(1 - _SLOWEST_SHRINK) * model.theta, -np.inf)
@@ -133,29 +133,29 @@ def solve(ladder: Ladder, names: Sequence[str], most_steps: int, start: Floats |
         step = np.where(bounded, step, np.clip(step, -longest, longest))
         size = float(np.max(np.abs(step) / error))
         damped = 0.5 ** (k // _DAMPED_AFTER) * step  # weights that follow the estimate can make it swing
-        model = _Model(ladder, names, _possible(names, model.theta + damped))
+        model = _Model(segments, names, _possible(names, model.theta + damped))
         if size < _CONVERGED:
             break
     vanishing = bounded & (model.theta < _NEGLIGIBLE * error)
-    model = _Model(ladder, names, np.where(vanishing, 0.0, model.theta))
+    model = _Model(segments, names, np.where(vanishing, 0.0, model.theta))
     slopes = model.slopes(scale)
-    score, information = _equations(ladder, model.mean, model.cov, *slopes)
+    score, information = _equations(segments, model.mean, model.cov, *slopes)
     return Solution(names, model.theta, score, information, size < _CONVERGED, *slopes)
 
 
-def systematic_errors(ladder: Ladder, noise: OdometryNoise, truth: TruthNoise) -> dict[str, tuple[float, float]]:
+def systematic_errors(segments: SegmentSet, noise: OdometryNoise, truth: TruthNoise) -> dict[str, tuple[float, float]]:
     """What the systematic errors of these drives seem to be, one step from a noise: values and standard errors."""
     names = (*SYSTEMATIC, *RANDOM, *TRUTH)
     theta = np.array([*(getattr(noise, name) for name in (*SYSTEMATIC, *RANDOM)), *truth])
-    model = _Model(ladder, names, theta)
-    d_mean, d_cov = model.slopes(_start(ladder, names)[1])
-    score, information = _equations(ladder, model.mean, model.cov, d_mean, d_cov)
+    model = _Model(segments, names, theta)
+    d_mean, d_cov = model.slopes(_start(segments, names)[1])
+    score, information = _equations(segments, model.mean, model.cov, d_mean, d_cov)
     few = len(SYSTEMATIC)
     score, information = score[:, :few], information[:, :few, :few]
     step = np.linalg.lstsq(information.sum(axis=0), score.sum(axis=0))[0]
     there = score - information @ step
     here = Solution(SYSTEMATIC, theta[:few] + step, there, information, True, d_mean[:, :few], d_cov[:, :few])
-    replicates, blocks = bootstrap(ladder, here, 400, np.random.default_rng(0))
+    replicates, blocks = bootstrap(segments, here, 400, np.random.default_rng(0))
     error = standard_errors(replicates, blocks)
     return {name: (float(here.theta[k]), float(error[k])) for k, name in enumerate(SYSTEMATIC)}
 
@@ -177,7 +177,7 @@ def bounded_step(information: Floats, score: Floats, lowest: Floats) -> Floats:
     return np.asarray(np.maximum(found.x * scale, lowest))
 
 
-def bootstrap(ladder: Ladder, solution: Solution, resamples: int, rng: np.random.Generator) -> tuple[Floats, int]:
+def bootstrap(segments: SegmentSet, solution: Solution, resamples: int, rng: np.random.Generator) -> tuple[Floats, int]:
     """One step from the estimate for blocks of the drives drawn anew.
 
     Blocks, two longest segments long, may begin anywhere in steps of 1/8 of their length; the drives' end joins their
@@ -190,12 +190,12 @@ def bootstrap(ladder: Ladder, solution: Solution, resamples: int, rng: np.random
     blocks : int
         How many blocks make the whole.
     """
-    length = _BLOCK_SPANS * ladder.rungs[-1].length_m
-    blocks = max(int(ladder.total_m / length), 2)
-    bins = _BLOCK_STARTS * blocks
-    bin_of = np.minimum((ladder.place_m / ladder.total_m * bins).astype(int), bins - 1)
-    score, information = _blocks(solution.score, bin_of, bins), _blocks(solution.information, bin_of, bins)
-    drawn = rng.multinomial(blocks, np.full(bins, 1 / bins), size=resamples).astype(float)
+    length = _BLOCK_SPANS * segments.bins[-1].length_m
+    blocks = max(int(segments.total_m / length), 2)
+    slots = _BLOCK_STARTS * blocks
+    slot_of = np.minimum((segments.place_m / segments.total_m * slots).astype(int), slots - 1)
+    score, information = _blocks(solution.score, slot_of, slots), _blocks(solution.information, slot_of, slots)
+    drawn = rng.multinomial(blocks, np.full(slots, 1 / slots), size=resamples).astype(float)
     push = np.where(solution.bounded & (solution.theta == 0), solution.score.sum(axis=0), 0.0)
     total, scale = _normed(np.tensordot(drawn, information, 1))
     step = np.linalg.solve(total, ((drawn @ score - push) * scale)[..., None])[..., 0] * scale
@@ -229,20 +229,22 @@ def standard_errors(replicates: Floats, blocks: int) -> Floats:
 
 
 class RmsSpread(NamedTuple):
-    """How well a fit knows the rms that it predicts on every rung: intervals (rungs, 2), standard errors (rungs,)."""
+    """How well a fit knows the rms that it predicts on every bin: intervals (bins, 2), standard errors (bins,)."""
 
     intervals: Floats
     std_errors: Floats
 
 
-def rms_spread(ladder: Ladder, solution: Solution, replicates: Floats, confidence: float, where: slice) -> RmsSpread:
+def rms_spread(
+    segments: SegmentSet, solution: Solution, replicates: Floats, confidence: float, where: slice
+) -> RmsSpread:
     """Spread of the predicted rms of the observed values ``where``: its logarithm to first order in the parameters."""
     noise, truth = models(solution.names, solution.theta)
-    mean, cov = ladder.expected(ladder.windows(noise), truth)
+    mean, cov = segments.expected(segments.windows(noise), truth)
     m, C = mean[:, where], cov[:, where, where]
-    square = ladder.by_rung((m**2).sum(axis=1) + np.trace(C, axis1=1, axis2=2))
+    square = segments.by_bin((m**2).sum(axis=1) + np.trace(C, axis1=1, axis2=2))
     slope = 2 * (m[:, None] * solution.d_mean[:, :, where]).sum(axis=-1)
-    slope = ladder.by_rung(slope + np.trace(solution.d_cov[:, :, where, where], axis1=2, axis2=3))
+    slope = segments.by_bin(slope + np.trace(solution.d_cov[:, :, where, where], axis1=2, axis2=3))
     square = np.maximum(square, 1e-300)
     logs = (replicates - solution.theta) @ slope.T / square  # of the mean square: it is positive, and skew as few slips
     tail = (1 - confidence) / 2
@@ -251,32 +253,32 @@ def rms_spread(ladder: Ladder, solution: Solution, replicates: Floats, confidenc
     return RmsSpread(low_high, 0.5 * np.sqrt(square) * logs.std(axis=0))
 
 
-def elsewhere(ladder: Ladder, solution: Solution) -> Solution:
+def elsewhere(segments: SegmentSet, solution: Solution) -> Solution:
     """The same estimate beside other segments: its equations and derivatives there."""
-    model = _Model(ladder, solution.names, solution.theta)
-    slopes = model.slopes(_start(ladder, solution.names)[1])
-    score, information = _equations(ladder, model.mean, model.cov, *slopes)
+    model = _Model(segments, solution.names, solution.theta)
+    slopes = model.slopes(_start(segments, solution.names)[1])
+    score, information = _equations(segments, model.mean, model.cov, *slopes)
     return solution._replace(score=score, information=information, d_mean=slopes[0], d_cov=slopes[1])
 
 
-def held_out(ladder: Ladder, solution: Solution) -> tuple[Floats, Floats]:
+def held_out(segments: SegmentSet, solution: Solution) -> tuple[Floats, Floats]:
     """Mean (n, 3) and covariance (n, 3, 3) that each part of the drives has by the estimate from the other parts.
 
     A part is a drive where there are three or more, else a fifth of them laid end to end. The estimate without a part
     is a few steps from the whole one, with that one's derivatives.
     """
-    part, parts = ladder.drive, int(ladder.drive.max()) + 1
+    part, parts = segments.drive_of, int(segments.drive_of.max()) + 1
     if parts < DRIVES_TO_HOLD_OUT:
-        part, parts = np.minimum((ladder.place_m / ladder.total_m * _PARTS).astype(int), _PARTS - 1), _PARTS
+        part, parts = np.minimum((segments.place_m / segments.total_m * _PARTS).astype(int), _PARTS - 1), _PARTS
     mean, cov = np.empty((len(part), 3)), np.empty((len(part), 3, 3))
-    whole = _Model(ladder, solution.names, solution.theta)
+    whole = _Model(segments, solution.names, solution.theta)
     for k in range(parts):
         mine, model = part == k, whole
         for _ in range(_HELD_OUT_STEPS):
-            score, information = _equations(ladder, model.mean, model.cov, solution.d_mean, solution.d_cov)
+            score, information = _equations(segments, model.mean, model.cov, solution.d_mean, solution.d_cov)
             lowest = np.where(solution.bounded, -model.theta, -np.inf)
             step = bounded_step(information[~mine].sum(axis=0), score[~mine].sum(axis=0), lowest)
-            model = _Model(ladder, solution.names, _possible(solution.names, model.theta + step))
+            model = _Model(segments, solution.names, _possible(solution.names, model.theta + step))
         mean[mine], cov[mine] = model.mean[mine], model.cov[mine]
     return mean, cov
 
@@ -293,11 +295,11 @@ def _widened(blocks: int) -> float:
 class _Model:
     """Moments of the observations at one parameter vector."""
 
-    def __init__(self, ladder: Ladder, names: tuple[str, ...], theta: Floats) -> None:
-        self.ladder, self.names, self.theta = ladder, names, theta
+    def __init__(self, segments: SegmentSet, names: tuple[str, ...], theta: Floats) -> None:
+        self.segments, self.names, self.theta = segments, names, theta
         noise, truth = models(names, theta)
-        self.windows = ladder.windows(noise)
-        self.mean, self.cov = ladder.expected(self.windows, truth)
+        self.windows = segments.windows(noise)
+        self.mean, self.cov = segments.expected(self.windows, truth)
 
     def slopes(self, scale: Floats) -> tuple[Floats, Floats]:
         """Derivatives of the moments by forward differences, (n, k, 3) and (n, k, 3, 3)."""
@@ -307,33 +309,33 @@ class _Model:
             moved = self.theta.copy()
             moved[k] += step
             noise, truth = models(self.names, moved)
-            found = self.windows if name in TRUTH else self.ladder.windows(noise)
-            mean, cov = self.ladder.expected(found, truth)
+            found = self.windows if name in TRUTH else self.segments.windows(noise)
+            mean, cov = self.segments.expected(found, truth)
             means.append((mean - self.mean) / step)
             covs.append((cov - self.cov) / step)
         return np.stack(means, axis=1), np.stack(covs, axis=1)
 
 
-def _equations(ladder: Ladder, mean: Floats, cov: Floats, d_mean: Floats, d_cov: Floats) -> tuple[Floats, Floats]:
+def _equations(segments: SegmentSet, mean: Floats, cov: Floats, d_mean: Floats, d_cov: Floats) -> tuple[Floats, Floats]:
     """Left side (n, k) and expected slope (n, k, k), observation by observation."""
-    typical = (ladder.by_rung(cov) + ladder.floor())[ladder.rung]
+    typical = (segments.by_bin(cov) + segments.floor())[segments.bin_of]
     white = np.linalg.inv(np.linalg.cholesky((1 - _EVENNESS) * cov + _EVENNESS * typical))  # white' white = V
     transposed = np.swapaxes(white, 1, 2)
-    r = (white @ (ladder.values - mean)[..., None])[..., 0]
+    r = (white @ (segments.values - mean)[..., None])[..., 0]
     J = d_mean @ transposed
     K = (white[:, None] @ d_cov @ transposed[:, None]).reshape(*d_mean.shape[:2], 9)
     surplus = (r[:, :, None] * r[:, None, :] - white @ cov @ transposed).reshape(-1, 9, 1)
     score = (J @ r[..., None] + 0.5 * K @ surplus)[..., 0]
     information = J @ np.swapaxes(J, 1, 2) + 0.5 * K @ np.swapaxes(K, 1, 2)
-    return score * ladder.weight[:, None], information * ladder.weight[:, None, None]
+    return score * segments.weight[:, None], information * segments.weight[:, None, None]
 
 
-def _start(ladder: Ladder, names: Sequence[str]) -> tuple[Floats, Floats]:
+def _start(segments: SegmentSet, names: Sequence[str]) -> tuple[Floats, Floats]:
     """Where to begin, and the scale of each parameter: shares of the mean squares of the longest segments."""
-    length, shortest = ladder.rungs[-1].length_m, ladder.rungs[0].length_m
-    squares = ladder.by_rung(ladder.values**2)[-1]
+    length, shortest = segments.bins[-1].length_m, segments.bins[0].length_m
+    squares = segments.by_bin(segments.values**2)[-1]
     along = squares[0] / length
-    heading = squares[2] / length if ladder.has_heading else 12 * squares[2] / length**3
+    heading = squares[2] / length if segments.has_heading else 12 * squares[2] / length**3
     share = {
         "heading_var_per_m": heading / 2,
         "heading_var_per_rad": heading / 2,
@@ -348,11 +350,11 @@ def _start(ladder: Ladder, names: Sequence[str]) -> tuple[Floats, Floats]:
     return theta, np.array([max(float(size[name]), 1e-18) for name in names])
 
 
-def _blocks(values: Floats, bin_of: NDArray[np.intp], bins: int) -> Floats:
+def _blocks(values: Floats, slot_of: NDArray[np.intp], slots: int) -> Floats:
     """Sums over the blocks that begin at every bin."""
-    binned = np.zeros((bins, *values.shape[1:]))
-    np.add.at(binned, bin_of, values)
-    return np.asarray(np.sum([np.roll(binned, -k, axis=0) for k in range(_BLOCK_STARTS)], axis=0))
+    slotted = np.zeros((slots, *values.shape[1:]))
+    np.add.at(slotted, slot_of, values)
+    return np.asarray(np.sum([np.roll(slotted, -k, axis=0) for k in range(_BLOCK_STARTS)], axis=0))
 
 
 def _normed(information: Floats) -> tuple[Floats, Floats]:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from driftplan.arrays import Complexes, Floats, finite
+from driftplan.arrays import Bools, Complexes, Floats, finite
 from driftplan.model.paths import wrap
 
 _STANDING = 0.02  # of the usual speed and turn rate: slower is standing,
@@ -166,7 +166,7 @@ class OdometryLog:
         return np.concatenate([[0.0], np.cumsum(np.abs(self.moves))])
 
     @property
-    def standing(self) -> NDArray[np.bool_]:
+    def standing(self) -> Bools:
         """In which steps the robot stood, (n,): nothing moved, or within a second hardly more than jitter does, 2 % of
         what is usual when it drives and turns (or 0.01 rad)."""
         half = max(0.5, float(np.median(np.diff(self.times))))
@@ -271,9 +271,12 @@ class Trajectory:
 
     def between(self, first_s: float, last_s: float) -> Trajectory:
         """The samples from ``first_s`` to ``last_s`` seconds."""
-        inside = (self.times >= first_s) & (self.times <= last_s)
-        heading = None if self.heading is None else self.heading[inside]
-        return Trajectory(self.times[inside], self.xy[inside], heading, self.repeated)
+        return self.chosen((self.times >= first_s) & (self.times <= last_s))
+
+    def chosen(self, samples: Bools) -> Trajectory:
+        """Some of the samples."""
+        heading = None if self.heading is None else self.heading[samples]
+        return Trajectory(self.times[samples], self.xy[samples], heading, self.repeated)
 
 
 def _chord(turns: Floats) -> Complexes:
@@ -298,7 +301,7 @@ def _merged(times: Floats, moves: Complexes, turns: Floats) -> OdometryLog:
     return OdometryLog(times[keep], moves, np.diff(headings), repeated=int(keep.size - keep.sum()))
 
 
-def _later(times: Floats) -> NDArray[np.bool_]:
+def _later(times: Floats) -> Bools:
     """Which samples are later than all before them."""
     return np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
 

@@ -14,12 +14,17 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, finite, whole
+from driftplan.arrays import Floats, Ints, finite, whole
+from driftplan.model.calibration.matched_drive import MatchedDrive, match
+from driftplan.model.calibration.recordings import OdometryLog, Trajectory
+from driftplan.model.calibration.segment_sets import SegmentSet
+from driftplan.tables import decimals, table
 
 KITTI_LENGTHS_M = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
 Pairs = Literal["kitti", "evo"]
+_FRAMES = 40  # frames in the shortest segment of a fit: its length is overshot by half a frame
 
 
 class RelativeError(NamedTuple):
@@ -60,12 +65,15 @@ class RelativeErrors:
     rotation_deg_per_m: float
 
     def __str__(self) -> str:
-        lines = [f"{'length m':>9} {'segments':>9} {'drift %':>9} {'deg/m':>9}"]
-        for row in self.lengths:
-            lines.append(
-                f"{row.length_m:9.4g} {row.segments:9d} {row.translation_percent:9.3f} {row.rotation_deg_per_m:9.5f}"
-            )
-        return "\n".join([*lines, f"{'all':>9} {'':9} {self.translation_percent:9.3f} {self.rotation_deg_per_m:9.5f}"])
+        rows = self.lengths
+        return table(
+            {
+                "length m": [*(f"{row.length_m:.4g}" for row in rows), "all"],
+                "segments": [*(row.segments for row in rows), sum(row.segments for row in rows)],
+                "drift %": decimals([*(row.translation_percent for row in rows), self.translation_percent], 3),
+                "deg/m": decimals([*(row.rotation_deg_per_m for row in rows), self.rotation_deg_per_m], 5),
+            }
+        )
 
 
 def relative_errors(
@@ -181,14 +189,41 @@ def pooled(several: Sequence[RelativeErrors]) -> RelativeErrors:
     )
 
 
-def _kitti_pairs(along: Floats, length: float, step: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def segment_errors(
+    segments: SegmentSet,
+    drives: Sequence[tuple[OdometryLog, Trajectory]],
+    matches: Sequence[MatchedDrive],
+    max_gap_s: float | None,
+) -> RelativeErrors | None:
+    """Errors of matched drives at the lengths of their segments; frames are the samples of the sparser recording, not
+    the segments' knots. None where no part is long enough."""
+    lengths = [length.length_m for length in segments.bins]
+    found = []
+    for (odometry, truth), m in zip(drives, matches, strict=True):
+        frames = match(
+            odometry,
+            truth,
+            spacing_m=lengths[0] / _FRAMES,
+            time_offset_s=m.time_offset_s,
+            heading_offset=m.heading_offset,
+            max_gap_s=max_gap_s,
+        )
+        for part in frames.resampled:
+            if part.truth_heading is not None and np.abs(np.diff(part.truth)).sum() > lengths[0]:
+                estimate = np.column_stack([part.estimate.real, part.estimate.imag, part.estimate_heading])
+                true = np.column_stack([part.truth.real, part.truth.imag, part.truth_heading])
+                found.append(relative_errors(estimate, true, lengths, step=_FRAMES // 4))
+    return pooled(found) if found else None
+
+
+def _kitti_pairs(along: Floats, length: float, step: int) -> tuple[Ints, Ints]:
     first = np.arange(0, len(along), step)
     last = np.searchsorted(along, along[first] + length, side="right")  # first frame that is farther
     reached = last < len(along)
     return first[reached], last[reached]
 
 
-def _evo_pairs(along: Floats, length: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _evo_pairs(along: Floats, length: float) -> tuple[Ints, Ints]:
     ends, begin = [0], 0.0
     while True:
         end = int(np.searchsorted(along, begin + length * (1 - 1e-12)))
@@ -199,7 +234,7 @@ def _evo_pairs(along: Floats, length: float) -> tuple[NDArray[np.intp], NDArray[
     return np.array(ends[:-1], dtype=np.intp), np.array(ends[1:], dtype=np.intp)
 
 
-def _between(poses: Floats, first: NDArray[np.intp], last: NDArray[np.intp]) -> Floats:
+def _between(poses: Floats, first: Ints, last: Ints) -> Floats:
     return np.asarray(np.linalg.solve(poses[first], poses[last]))
 
 

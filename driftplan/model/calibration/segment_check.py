@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from driftplan.arrays import Floats
-from driftplan.model.calibration.segment_ladder import Ladder
+from driftplan.model.calibration.segment_sets import SegmentSet
+from driftplan.tables import decimals, table
 
 LEVELS = (0.5, 0.9, 0.95)
 
@@ -81,78 +82,76 @@ class SegmentCheck:
         return not self.notes
 
     def __str__(self) -> str:
-        heads = "".join(f" {f'{100 * level:g} %':>12}" for level in LEVELS)
-        lines = [
-            "errors of segments, measured and predicted; shares inside the predicted regions (± 2 standard errors)",
-            f"{'length m':>9} {'number':>7} {'rms m':>9} {'predicted':>9} {'':17}{heads} {'NEES':>6}",
-        ]
-        for row in self.lengths:
-            shares = " ".join(
-                f"{100 * share:5.1f} (±{200 * error:3.0f})"
-                for share, error in zip(row.coverage, row.coverage_error, strict=True)
-            )
-            low, high = row.predicted_rms_interval_m
-            band = f"{low:.3g} .. {high:.3g}" if low < high else ""
-            sizes = f"{row.length_m:9.3g} {row.independent:7.0f} {row.measured_rms_m:9.4g} {row.predicted_rms_m:9.4g}"
-            lines.append(f"{sizes} {band:17} {shares} {row.mean_nees:6.2f}")
-        return "\n".join(lines)
+        rows = self.lengths
+        columns = {
+            "length m": [f"{row.length_m:.3g}" for row in rows],
+            "number": decimals([row.independent for row in rows], 0),
+            "rms m": [f"{row.measured_rms_m:.4g}" for row in rows],
+            "predicted": [f"{row.predicted_rms_m:.4g}" for row in rows],
+        }
+        intervals = [row.predicted_rms_interval_m for row in rows]
+        if any(low < high for low, high in intervals):
+            columns["interval"] = [f"{low:.3g} .. {high:.3g}" for low, high in intervals]
+        for k, level in enumerate(LEVELS):
+            shares = ((row.coverage[k], row.coverage_error[k]) for row in rows)
+            columns[f"{100 * level:g} %"] = [f"{100 * share:5.1f} (±{200 * error:3.0f})" for share, error in shares]
+        columns["NEES"] = decimals([row.mean_nees for row in rows], 2)
+        head = "errors of segments, measured and predicted; shares inside the predicted regions (± 2 standard errors)"
+        return f"{head}\n{table(columns)}"
 
 
 def check_segments(
-    ladder: Ladder,
+    segments: SegmentSet,
     mean: Floats,
     cov: Floats,
     *,
     rms_intervals_m: Floats | None = None,
-    rms_errors_m: Floats | None = None,
 ) -> SegmentCheck:
-    """The errors of a ladder of segments against their predicted moments, from `Ladder.expected`.
+    """The errors of segments against their predicted moments, from `SegmentSet.expected`;
+    `driftplan.model.calibration.notes.judged` adds the verdict.
 
     Parameters
     ----------
     mean, cov : arrays, shapes (n, 3), (n, 3, 3)
     rms_intervals_m : array, shape (lengths, 2), optional
         Of the predicted rms; told, not judged by.
-    rms_errors_m : array, shape (lengths,), optional
-        Standard errors of the predicted rms, where it owes nothing to these segments: what the verdict allows for.
     """
-    cov = cov + ladder.floor()[ladder.rung]
-    where = ladder.position
-    y, m, C = ladder.values[:, where], mean[:, where], cov[:, where, where]
+    cov = cov + segments.floor()[segments.bin_of]
+    where = segments.position
+    y, m, C = segments.values[:, where], mean[:, where], cov[:, where, where]
     nees = np.einsum("ni,nij,nj->n", y - m, np.linalg.inv(C), y - m)
     squares, predicted = (y**2).sum(axis=1), (m**2).sum(axis=1) + np.trace(C, axis1=1, axis2=2)
-    gained, heading = ladder.values[:, 2] ** 2, mean[:, 2] ** 2 + cov[:, 2, 2]
+    gained, heading = segments.values[:, 2] ** 2, mean[:, 2] ** 2 + cov[:, 2, 2]
     lengths = []
-    for k, rung in enumerate(ladder.rungs):
-        mine = ladder.rung == k
-        independent = max(ladder.total_m / rung.length_m, 1.0)
+    for k, length in enumerate(segments.bins):
+        mine = segments.bin_of == k
+        independent = max(segments.total_m / length.length_m, 1.0)
         rms = float(np.sqrt(squares[mine].mean()))
         least_error = 0.5 / np.sqrt(independent)  # of the rms of a round Gaussian error, relative
         limits = [-2 * np.log1p(-level) for level in LEVELS]  # of χ² with two degrees of freedom
         lengths.append(
             LengthCheck(
-                rung.length_m,
+                length.length_m,
                 int(mine.sum()),
                 independent,
                 rms,
                 float(np.sqrt(predicted[mine].mean())),
-                max(_mean_error(squares[mine], ladder.place_m[mine], rung.length_m) / (2 * rms), least_error * rms)
+                max(_mean_error(squares[mine], segments.place_m[mine], length.length_m) / (2 * rms), least_error * rms)
                 if rms > 0
                 else 0.0,
                 _interval(rms_intervals_m, k, float(np.sqrt(predicted[mine].mean()))),
-                float(np.sqrt(gained[mine].mean())) if ladder.has_heading else float("nan"),
-                float(np.sqrt(heading[mine].mean())) if ladder.has_heading else float("nan"),
+                float(np.sqrt(gained[mine].mean())) if segments.has_heading else float("nan"),
+                float(np.sqrt(heading[mine].mean())) if segments.has_heading else float("nan"),
                 tuple(float((nees[mine] < limit).mean()) for limit in limits),
                 tuple(float(np.sqrt(level * (1 - level) / independent)) for level in LEVELS),
                 float(nees[mine].mean() / 2),
             )
         )
-    allowed = np.zeros(len(lengths)) if rms_errors_m is None else rms_errors_m
     return SegmentCheck(
         lengths=tuple(lengths),
-        errors_m=tuple(np.sqrt(squares[ladder.rung == k]) for k in range(len(lengths))),
-        has_heading=ladder.has_heading,
-        notes=_verdict(lengths, allowed),
+        errors_m=tuple(np.sqrt(squares[segments.bin_of == k]) for k in range(len(lengths))),
+        has_heading=segments.has_heading,
+        notes=(),
     )
 
 
@@ -169,47 +168,3 @@ def _mean_error(values: Floats, place_m: Floats, length_m: float) -> float:
         return float(values.std())
     surplus = np.bincount(block, values - values.mean())
     return float(np.sqrt((surplus**2).sum() * len(count) / (len(count) - 1)) / len(values))
-
-
-def _verdict(lengths: list[LengthCheck], rms_errors_m: Floats) -> tuple[str, ...]:
-    """Plain sentences about what does not fit, judged at three standard errors, those of the prediction included."""
-    notes = []
-    ratio = np.array([row.measured_rms_m / row.predicted_rms_m for row in lengths])
-    error = np.hypot([row.measured_rms_error_m for row in lengths], rms_errors_m)
-    error = error / [row.predicted_rms_m for row in lengths]
-    off = np.abs(ratio - 1) > np.maximum(3 * error, 0.15)
-    if len(lengths) > 1 and off.any():
-        first, last = lengths[0], lengths[-1]
-        if ratio[-1] > ratio[0] * 1.15:
-            why = "errors grow faster with length than a random walk's: they are correlated over longer stretches"
-        elif ratio[-1] < ratio[0] / 1.15:
-            why = (
-                "errors grow slower with length than a random walk's: part of them does not add up (clock, antenna, "
-                "turns undone by the next)"
-            )
-        else:
-            why = "the errors are of another size than in the drives that were fitted"
-        notes.append(
-            f"The random-walk model does not fit: measured over predicted rms is {ratio[0]:.2f} at "
-            f"{first.length_m:.3g} m and {ratio[-1]:.2f} at {last.length_m:.3g} m; {why}."
-        )
-    centre = np.array([row.coverage[0] - LEVELS[0] for row in lengths]) / [row.coverage_error[0] for row in lengths]
-    tail = np.array([row.coverage[2] - LEVELS[2] for row in lengths]) / [row.coverage_error[2] for row in lengths]
-    heavy = (centre > 3) & (np.array([row.mean_nees for row in lengths]) > 0.7)
-    if heavy.any():
-        row = lengths[int(np.argmax(heavy))]
-        outside = 1 - row.coverage[2]
-        tails = f" and {100 * outside:.0f} % outside the 95 % region" if outside > 1 - LEVELS[2] else ""
-        narrow = " and too narrow for the rest" if tails else ""
-        notes.append(
-            f"The errors are not Gaussian: {100 * row.coverage[0]:.0f} % lie inside the 50 % region{tails} at "
-            f"{row.length_m:.3g} m. Most of the drift comes from a few places (slips?): the rms may hold, the regions "
-            f"are too wide for most segments{narrow}."
-        )
-    if (tail < -3).any() and not heavy.any():
-        row = lengths[int(np.argmin(tail))]
-        notes.append(
-            f"The regions are too small: {100 * (1 - row.coverage[2]):.0f} % of the errors lie outside the 95 % region "
-            f"at {row.length_m:.3g} m."
-        )
-    return tuple(notes)

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driftplan.arrays import Complexes, Floats
-from driftplan.model.calibration.matching import Stretch
+from driftplan.model.calibration.resampling import ResampledDrive
 from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import OdometryNoise
 
@@ -41,7 +41,7 @@ class TruthNoise(NamedTuple):
 
 
 class Observations(NamedTuple):
-    """Observed segments of one length in one stretch.
+    """Observed segments of one length in one part.
 
     Attributes
     ----------
@@ -61,25 +61,25 @@ class Observations(NamedTuple):
     chord: Complexes
 
 
-def observe(stretch: Stretch, steps: int, stride: int) -> Observations:
+def observe(part: ResampledDrive, steps: int, stride: int) -> Observations:
     """Errors of all segments of ``steps`` pieces (with positions alone: two such parts), every ``stride`` knots."""
-    if stretch.truth_heading is not None:
-        return _observe_with_heading(stretch, stretch.truth_heading, steps, stride)
-    return _observe_positions(stretch, steps, stride)
+    if part.truth_heading is not None:
+        return _observe_with_heading(part, part.truth_heading, steps, stride)
+    return _observe_positions(part, steps, stride)
 
 
 def expect(
-    stretch: Stretch, seen: Observations, found: Windows, steps: int, truth: TruthNoise
+    part: ResampledDrive, seen: Observations, found: WindowMoments, steps: int, truth: TruthNoise
 ) -> tuple[Floats, Floats]:
     """Mean (n, 3) and covariance (n, 3, 3) of the observations, from the moments of all windows of ``steps`` pieces."""
     ahead = found.ahead[steps]
     if found.back is None:
         return _expect_with_heading(seen, ahead[seen.starts], truth)
     middle = seen.starts + steps
-    return _expect_positions(seen, found.back[steps][len(stretch.turns) - middle], ahead[middle], truth)
+    return _expect_positions(seen, found.back[steps][len(part.turns) - middle], ahead[middle], truth)
 
 
-class Windows(NamedTuple):
+class WindowMoments(NamedTuple):
     """Moments of runs of consecutive pieces, by their number: driven ahead from every knot, and where segments are
     aligned by chords also back from every knot, last first."""
 
@@ -87,29 +87,29 @@ class Windows(NamedTuple):
     back: dict[int, Moments] | None
 
 
-def windows_of(stretch: Stretch, noise: OdometryNoise, steps: Sequence[int]) -> Windows:
+def windows_of(part: ResampledDrive, noise: OdometryNoise, steps: Sequence[int]) -> WindowMoments:
     """The moments that `expect` needs for segments of these numbers of pieces."""
-    ahead = windows(pieces(stretch, noise), steps)
-    return Windows(ahead, None if stretch.truth_heading is not None else windows(_back(stretch, noise), steps))
+    ahead = windows(pieces(part, noise), steps)
+    return WindowMoments(ahead, None if part.truth_heading is not None else windows(_back(part, noise), steps))
 
 
-def _back(stretch: Stretch, noise: OdometryNoise) -> Moments:
-    """Moments of the odometry from knot to knot when the stretch is driven back: what `pieces` says of it, inverted."""
-    reverse = stretch._replace(
-        driven=-stretch.driven[::-1], truth=stretch.truth[::-1], turns=-stretch.turns[::-1], angles=stretch.angles[::-1]
+def _back(part: ResampledDrive, noise: OdometryNoise) -> Moments:
+    """Moments of the odometry from knot to knot when the drive is driven back: what `pieces` says of it, inverted."""
+    reverse = part._replace(
+        driven=-part.driven[::-1], truth=part.truth[::-1], turns=-part.turns[::-1], angles=part.angles[::-1]
     )
     return pieces(reverse, noise, way=-1)
 
 
-def pieces(stretch: Stretch, noise: OdometryNoise, way: int = 1) -> Moments:
+def pieces(part: ResampledDrive, noise: OdometryNoise, way: int = 1) -> Moments:
     """Moments of the odometry between knots, in world coordinates: half of the heading error, the move, the other half.
 
     The random errors grow with the true distance between knots and the angle turned. Relative error of E|e|² over n
     pieces: 1/(2n²). On the ``way`` back (-1), a heading bias per metre turns the other way.
     """
-    length = np.diff(stretch.driven)
-    turn, angle = stretch.turns, stretch.angles
-    move = np.diff(stretch.truth)
+    length = np.diff(part.driven)
+    turn, angle = part.turns, part.angles
+    move = np.diff(part.truth)
     spread = noise.heading_var_per_m * length + noise.heading_var_per_rad * angle
     mean = way * noise.heading_bias_per_m * length + noise.heading_bias_per_rad * turn
     half = _heading_error(spread / 2, mean / 2)
@@ -166,13 +166,13 @@ def _heading_error(variance: Floats, mean: Floats) -> Moments:
     return Moments(np.ones(variance.shape), zero, d1, d2, -2 * d1.real, zero, zero, zero, zero, zero)
 
 
-def _observe_with_heading(stretch: Stretch, heading: Floats, steps: int, stride: int) -> Observations:
-    starts = np.arange(0, len(stretch.truth) - steps, stride)
+def _observe_with_heading(part: ResampledDrive, heading: Floats, steps: int, stride: int) -> Observations:
+    starts = np.arange(0, len(part.truth) - steps, stride)
     ends = starts + steps
     frame = np.exp(1j * heading[starts])
-    said = (stretch.estimate[ends] - stretch.estimate[starts]) * np.exp(-1j * stretch.estimate_heading[starts])
-    driven = (stretch.truth[ends] - stretch.truth[starts]) / frame
-    gained = (stretch.estimate_heading[ends] - stretch.estimate_heading[starts]) - (heading[ends] - heading[starts])
+    said = (part.estimate[ends] - part.estimate[starts]) * np.exp(-1j * part.estimate_heading[starts])
+    driven = (part.truth[ends] - part.truth[starts]) / frame
+    gained = (part.estimate_heading[ends] - part.estimate_heading[starts]) - (heading[ends] - heading[starts])
     e = said - driven
     return Observations(starts, np.stack([e.real, e.imag, np.sin(gained)], axis=-1), frame, driven)
 
@@ -196,16 +196,16 @@ def _expect_with_heading(seen: Observations, w: Moments, truth: TruthNoise) -> t
     return mean, cov
 
 
-def _observe_positions(stretch: Stretch, steps: int, stride: int) -> Observations:
-    starts = np.arange(0, len(stretch.truth) - 2 * steps, stride)
+def _observe_positions(part: ResampledDrive, steps: int, stride: int) -> Observations:
+    starts = np.arange(0, len(part.truth) - 2 * steps, stride)
     middle, ends = starts + steps, starts + 2 * steps
-    first, said_first = (x[middle] - x[starts] for x in (stretch.truth, stretch.estimate))
+    first, said_first = (x[middle] - x[starts] for x in (part.truth, part.estimate))
     usable = np.minimum(np.abs(first), np.abs(said_first)) >= _SHORTEST_CHORD * (
-        stretch.driven[middle] - stretch.driven[starts]
+        part.driven[middle] - part.driven[starts]
     )
     starts, middle, ends = starts[usable], middle[usable], ends[usable]
     first, said_first = first[usable], said_first[usable]
-    second, said_second = (x[ends] - x[middle] for x in (stretch.truth, stretch.estimate))
+    second, said_second = (x[ends] - x[middle] for x in (part.truth, part.estimate))
     frame = first / np.abs(first)
     e = said_second * np.abs(said_first) / said_first - second / frame
     values = np.stack([np.abs(said_first) - np.abs(first), e.real, e.imag], axis=-1)

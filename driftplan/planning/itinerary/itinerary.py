@@ -2,7 +2,7 @@
 
 What is returned has been checked by the exact model (`driftplan.planning.itinerary.check`): everywhere on the way, with
 every beacon dead that may be, and without beacons that the robot would probably miss. How it is found is told by
-`driftplan.planning.itinerary.search`, what cannot be beaten by `driftplan.planning.itinerary.bounds`.
+`driftplan.planning.itinerary.search`, what cannot be beaten by `driftplan.planning.bounds`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from driftplan.beacons.capture import Capture
 from driftplan.errors import InfeasibleError
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.itinerary.bounds import least_end_drift, least_length, least_worst_drift
+from driftplan.planning.bounds import least_end_drift, least_length, least_worst_drift
 from driftplan.planning.itinerary.reasons import why_infeasible
 from driftplan.planning.itinerary.search import ROUNDING, ItinerarySearch, length_of
 from driftplan.planning.roadmap.search import Status, check_connected, checked_ends
@@ -44,7 +44,7 @@ class Itinerary(Route):
     minimise : {"length", "drift", "worst_drift"}
     bound : float
         Proven lower bound, over all routes, of what was minimised, metres. It takes no notice of obstacles, nor of
-        ``redundancy`` and ``min_capture`` (`driftplan.planning.itinerary.bounds`).
+        ``redundancy`` and ``min_capture`` (`driftplan.planning.bounds`).
     beacons : tuple of Beacon
         Those it counts on, in the order of their first reading.
     captures : tuple of Capture

@@ -17,11 +17,11 @@ from driftplan.beacons.beacon import Beacon
 from driftplan.errors import NoPathError, PlannerError
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.planning.bounds import Bound
 from driftplan.planning.itinerary.itinerary import Itinerary, Objective, answer, best_path, check_options, longest_of
 from driftplan.planning.itinerary.reasons import why_infeasible
 from driftplan.planning.itinerary.search import ItinerarySearch
 from driftplan.planning.ompl import roadmap as plain
-from driftplan.planning.roadmap.exact_roadmap import Bound
 from driftplan.planning.roadmap.graph import Roadmap
 from driftplan.planning.roadmap.prices import Pricing
 from driftplan.planning.roadmap.search import Status
@@ -41,8 +41,8 @@ class RoadmapPlanner(plain.RoadmapPlanner):
 
     Parameters
     ----------
-    si, objective, world, seed, exact, name :
-        As there. Without a ``world`` nothing blocks the sight of beacons. ``exact`` is for plans without beacons.
+    si, objective, world, seed, name :
+        As there. Without a ``world`` nothing blocks the sight of beacons.
     beacons : sequence of Beacon
     max_drift : float, optional
         Greatest rms drift anywhere on the way, metres.
@@ -103,10 +103,9 @@ class RoadmapPlanner(plain.RoadmapPlanner):
         noise: OdometryNoise | None = None,
         most_nodes: int = 2000,
         seed: int = 0,
-        exact: bool = False,
         name: str = "Roadmap",
     ) -> None:
-        super().__init__(si, objective, world, seed=seed, exact=exact, name=name)
+        super().__init__(si, objective, world, seed=seed, name=name)
         self._plans_itineraries = bool(beacons) or max_drift is not None or minimise is not None
         self._minimise, self._noise = minimise, noise
         self._length_weight: float = getattr(objective, "length_weight", 0.0)
@@ -125,8 +124,6 @@ class RoadmapPlanner(plain.RoadmapPlanner):
             if idle := [option for option, value in given.items() if value is not None]:
                 raise ValueError(f"expected beacons, max_drift or minimise together with {', '.join(idle)}, got none")
             return
-        if exact:
-            raise ValueError("expected exact=False with beacons or max_drift, whose drift is always exact")
         if minimise is not None and minimise not in get_args(Objective):
             raise ValueError(f"expected minimise one of {get_args(Objective)}, got {minimise!r}")
         if noise is not None and not isinstance(noise, OdometryNoise):
@@ -172,8 +169,6 @@ def _never() -> bool:
 class ItineraryGrowth:
     """Itineraries on ever larger roadmaps, from one start to one goal."""
 
-    exact = False
-
     def __init__(
         self,
         pricing: Pricing,
@@ -217,7 +212,7 @@ class ItineraryGrowth:
         return self.cost
 
     @property
-    def is_done(self) -> bool:
+    def is_optimal(self) -> bool:
         return self._is_largest or (self.itinerary is not None and self.itinerary.status is Status.OPTIMAL)
 
     @property
@@ -255,12 +250,11 @@ class ItineraryGrowth:
             self.batches += 1
             self._is_largest = nodes == self.most_nodes
 
-    def finish(self, stop: Callable[[], bool]) -> tuple[Bound, bool]:
+    def finish(self) -> Bound:
         """The bound on what was minimised, over all routes."""
         assert self.itinerary is not None
         bound = self.itinerary.bound
-        proven = self.itinerary.status is Status.OPTIMAL
-        return Bound(bound if self.minimise == "length" else bound**2, math.inf), proven
+        return Bound(bound if self.minimise == "length" else bound**2, math.inf)
 
     def why_not(self) -> str | None:
         """What stands in the way of an itinerary."""

@@ -22,9 +22,9 @@ from driftplan.beacons.beacon import Beacon
 from driftplan.errors import NoPathError
 from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.planning.bounds import least_worst_drift, max_distance_within
 from driftplan.planning.cost import CostRates
 from driftplan.planning.itinerary.beacon_roadmap import BeaconRoadmap
-from driftplan.planning.itinerary.bounds import least_worst_drift, reach_of
 from driftplan.planning.itinerary.check import ALL_ALIVE, ItineraryCheck
 from driftplan.planning.itinerary.labels import LabelTask, Walk, least_drift_walk, shortest_walk
 from driftplan.planning.itinerary.nodes import itinerary_roadmap
@@ -366,7 +366,7 @@ class ItinerarySearch:
         xmin, ymin, xmax, ymax = self.space.bounds
         rates = [CostRates.of(kind) for kind in self.kinds]
         heading, position = min(r.heading for r in rates), min(r.position for r in rates)
-        return reach_of(limit**2, heading, position, math.hypot(xmax - xmin, ymax - ymin))
+        return max_distance_within(limit**2, heading, position, math.hypot(xmax - xmin, ymax - ymin))
 
     def _shortest(self) -> Floats:
         pricing = Pricing(self.space, self.ends[1], self.noise, "length")

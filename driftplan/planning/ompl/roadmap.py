@@ -13,10 +13,10 @@ from ompl import geometric as og
 
 from driftplan.arrays import Floats, Ints
 from driftplan.errors import PlannerError
+from driftplan.planning.bounds import Bound
 from driftplan.planning.ompl.roadmap_spaces import Asked, Boxed, box_of
 from driftplan.planning.ompl.roadmap_targets import Target, target_of
 from driftplan.planning.ompl.spaces import SpaceKind, space_kind
-from driftplan.planning.roadmap.exact_roadmap import Bound
 from driftplan.planning.roadmap.graph import Roadmap
 from driftplan.planning.roadmap.growth import RoadmapSearch
 from driftplan.planning.roadmap.prices import Pricing, Space
@@ -47,9 +47,6 @@ class RoadmapPlanner(ob.Planner):
         Without it every motion is put to ``si.checkMotion``. An objective with zones needs its world here.
     seed : int
         Of the samples.
-    exact : bool
-        After the roadmap has been grown, search it for the least exact drift; see `plan_on_roadmap`. The roadmap is
-        then kept small and the search may go on after the last batch until the termination condition says stop.
     name : str
         As OMPL and its benchmarks show it.
 
@@ -92,7 +89,6 @@ class RoadmapPlanner(ob.Planner):
         world: World | None = None,
         *,
         seed: int = 0,
-        exact: bool = False,
         name: str = "Roadmap",
     ) -> None:
         super().__init__(si, name)
@@ -107,7 +103,6 @@ class RoadmapPlanner(ob.Planner):
         self._world = world
         self._target = None if objective is None else target_of(objective)
         self._seed = int(seed)
-        self._exact = bool(exact)
         self._queries: list[_Query] = []
         self._scale = 1.0
         self._bound: Bound | None = None
@@ -137,7 +132,7 @@ class RoadmapPlanner(ob.Planner):
         if not self._queries or self._best().search.path is None:
             return 0.0, inf
         if self._bound is None:
-            self._bound, _ = self._best().search.finish(lambda: True)
+            self._bound = self._best().search.finish()
         return self._bound.mean_square, self._bound.heading_std
 
     def solve(self, ptc: Any) -> Any:
@@ -157,7 +152,7 @@ class RoadmapPlanner(ob.Planner):
             self._queries = [self._query(target, start, goal) for goal in goals for start in starts]
         self._bound = None
         while not ptc():
-            growing = [query.search for query in self._queries if not query.search.is_done]
+            growing = [query.search for query in self._queries if not query.search.is_optimal]
             if not growing or objective.isSatisfied(ob.Cost(self._scale * self._best().search.additive_cost)):
                 break
             for search in growing:
@@ -165,8 +160,6 @@ class RoadmapPlanner(ob.Planner):
         best = self._best()
         if best.search.path is None:
             return ob.PlannerStatus(ob.PlannerStatus.TIMEOUT)
-        if best.search.exact and not ptc():
-            self._bound, _ = best.search.finish(ptc)
         problem.clearSolutionPaths()  # OMPL would rank this one among earlier ones by length
         problem.addSolutionPath(self._as_ompl_path(best), False, 0.0, self.getName())
         return ob.PlannerStatus(True, False)
@@ -234,7 +227,7 @@ class RoadmapPlanner(ob.Planner):
 
     def _search(self, pricing: Pricing, start: Floats, start_heading: float | None) -> Growing:
         """What looks for paths from one start to one goal; planners that know more have another."""
-        return RoadmapSearch(pricing, start, seed=self._seed, start_heading=start_heading, exact=self._exact)
+        return RoadmapSearch(pricing, start, seed=self._seed, start_heading=start_heading)
 
     def _as_ompl_path(self, query: _Query) -> Any:
         si = self.getSpaceInformation()
@@ -258,8 +251,6 @@ class Growing(Protocol):
     @property
     def start_heading(self) -> float | None: ...
     @property
-    def exact(self) -> bool: ...
-    @property
     def roadmap(self) -> Roadmap: ...
     @property
     def path(self) -> Floats | None: ...
@@ -268,9 +259,9 @@ class Growing(Protocol):
     @property
     def additive_cost(self) -> float: ...
     @property
-    def is_done(self) -> bool: ...
+    def is_optimal(self) -> bool: ...
     def grow(self, stop: Callable[[], bool], /) -> None: ...
-    def finish(self, stop: Callable[[], bool], /) -> tuple[Bound, bool]: ...
+    def finish(self) -> Bound: ...
 
 
 class _Query(NamedTuple):

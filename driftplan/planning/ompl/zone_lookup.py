@@ -15,11 +15,12 @@ import shapely
 from numpy.typing import NDArray
 
 from driftplan.planning.ompl.curves import after_arc
-from driftplan.world.zones import Zone
+from driftplan.world.zones import Zone, ZoneIndex
 
 T = TypeVar("T")  # of what each zone has its own: rates, or noise
 
 _FEW = 60  # edges of a zone: a Python loop over so many is faster than numpy
+_ON_SIDE = 1e-9  # of an edge: nearer than that a point may be on it
 
 
 class ZoneLookup(Generic[T]):
@@ -28,29 +29,30 @@ class ZoneLookup(Generic[T]):
 
     def __init__(self, zones: Sequence[Zone], values: Sequence[T], elsewhere: T) -> None:
         self._elsewhere = elsewhere
-        self._zones = [
-            (zone.polygon, zone.polygon.bounds, _Outline(zone), value)
-            for zone, value in zip(zones, values, strict=True)
-        ][::-1]
-        for polygon, *_ in self._zones:
-            shapely.prepare(polygon)
+        self._values = tuple(values)
+        self._outlines = [_Outline(zone) for zone in zones]
+        self._index = ZoneIndex(zones)
 
     def at(self, x: float, y: float) -> T:
         """What holds at a point."""
-        for polygon, (left, low, right, high), _, value in self._zones:
-            if left <= x <= right and low <= y <= high and shapely.intersects_xy(polygon, x, y):
-                return value
+        if self._values:
+            for k in self._index.grid.near_point(x, y):  # the last first
+                inside = self._outlines[k].surrounds(x, y)
+                if inside is None:
+                    inside = shapely.intersects_xy(self._index.areas[k].prepared, x, y)
+                if inside:
+                    return self._values[k]
         return self._elsewhere
 
     def pieces(self, x0: float, y0: float, x1: float, y1: float) -> list[tuple[float, float, T]]:
         """The segment from (x0, y0) to (x1, y1) in pieces: from and to, as fractions, and what holds between."""
-        near = self._near(min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1))
+        near = self._index.grid.near_segment(x0, y0, x1, y1) if self._values else ()
         if not near:
             return [(0.0, 1.0, self._elsewhere)]
         dx, dy = x1 - x0, y1 - y0
         cuts = [0.0, 1.0]
-        for outline in near:
-            cuts += outline.crossings(x0, y0, dx, dy)
+        for k in near:
+            cuts += self._outlines[k].crossings(x0, y0, dx, dy)
         return [
             (begin, end, self.at(x0 + 0.5 * (begin + end) * dx, y0 + 0.5 * (begin + end) * dy))
             for begin, end in _between(cuts)
@@ -69,13 +71,14 @@ class ZoneLookup(Generic[T]):
             ]
         radius = 1 / abs(curvature)
         cx, cy = x - sin(yaw) / curvature, y + cos(yaw) / curvature
-        near = self._near(cx - radius, cy - radius, cx + radius, cy + radius)
+        box = cx - radius, cy - radius, cx + radius, cy + radius
+        near = self._index.grid.near_box(*box) if self._values else ()
         if not near:
             return [(x, y, yaw, length, self._elsewhere)]
         turn = curvature * length
         cuts = [0.0, 1.0]
-        for outline in near:
-            for px, py in outline.circle_crossings(cx, cy, radius):
+        for k in near:
+            for px, py in self._outlines[k].circle_crossings(cx, cy, radius):
                 turned = atan2((px - cx) * curvature, (cy - py) * curvature) - yaw
                 turned = turned % tau if turn > 0 else -turned % tau
                 if turned < abs(turn):
@@ -87,24 +90,32 @@ class ZoneLookup(Generic[T]):
             found.append((*start, (stop - begin) * length, self.at(middle[0], middle[1])))
         return found
 
-    def _near(self, xmin: float, ymin: float, xmax: float, ymax: float) -> list[_Outline]:
-        """Outlines of the zones that a box comes near."""
-        return [
-            outline
-            for _, (left, low, right, high), outline, _ in self._zones
-            if xmin <= right and xmax >= left and ymin <= high and ymax >= low
-        ]
-
 
 class _Outline:
     """The border of a zone as edges: a corner and the step to the next."""
 
     def __init__(self, zone: Zone) -> None:
-        rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(zone.polygon))]
-        edges = np.concatenate([np.c_[ring[:-1], np.diff(ring, axis=0)] for ring in rings])
+        edges = np.c_[zone.sides[:, 0], zone.sides[:, 1] - zone.sides[:, 0]]
         edges = edges[(edges[:, 2:] != 0).any(axis=1)]  # corners may be repeated
         self._edges = edges.T.copy()  # (4, n): x, y, step x, step y
         self._few = [tuple(edge) for edge in edges.tolist()] if len(edges) <= _FEW else None
+
+    def surrounds(self, x: float, y: float) -> bool | None:
+        """Whether a point is inside, by the sides that a ray to the right meets; None where it takes GEOS to say."""
+        if self._few is None:
+            return None
+        inside = False
+        for ax, ay, ex, ey in self._few:
+            below, above = ay - y, ay + ey - y
+            near = _ON_SIDE * (abs(ex) + abs(ey))
+            if abs(below) <= near or abs(above) <= near:
+                return None  # as high as a corner
+            if (below < 0) is not (above < 0):
+                side = (x - ax) * ey + below * ex
+                if abs(side) <= near * abs(ey):
+                    return None
+                inside ^= (side < 0) is (ey > 0)
+        return inside
 
     def crossings(self, x: float, y: float, dx: float, dy: float) -> list[float]:
         """Fractions of the segment from (x, y) by (dx, dy) at which it meets the border. Edges that it runs along do

@@ -15,13 +15,9 @@ from collections.abc import Callable
 import numpy as np
 
 from driftplan.arrays import Floats, Ints
-from driftplan.planning.cost import bracket
-from driftplan.planning.roadmap.exact_cost import turns_matter
-from driftplan.planning.roadmap.exact_polish import ExactJudge
-from driftplan.planning.roadmap.exact_roadmap import GAP, TIMES, Bound, bracketed, exactly_best, is_plain, probably_best
-from driftplan.planning.roadmap.exact_search import MOST_LABELS
+from driftplan.planning.bounds import Bound, bracketed
 from driftplan.planning.roadmap.graph import Roadmap
-from driftplan.planning.roadmap.polish import polished, refined
+from driftplan.planning.roadmap.polish import polished
 from driftplan.planning.roadmap.prices import Pricing, exact_drift
 
 _FIRST_BATCH = 128  # samples; every later batch has twice as many, and the next two have corners too
@@ -30,10 +26,6 @@ _MOST_NODES = 40_000  # then a new roadmap is begun
 _CHUNK = 512  # points joined to the roadmap before the clock is looked at again
 _FEW_CORNERS = 200  # no more than these: then all of them at once
 _NEIGHBOURS = 14
-_EXACT_NODES = 1500  # as many nodes as that search can deal with,
-_EXACT_NODES_TURNING = 600  # and when it must look at every pair of edges
-_EXACT_ROUNDS = 2  # a better path is polished, joined to the roadmap, and the search repeated
-_LOOSEST = 3.0  # times the least additive cost is looked at for paths of less exact cost
 # Additive recurrence by the inverse powers of the plastic number g, g³ = g + 1: evenly spread however many are drawn.
 # (M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018.)
 _STEP = 1.32471795724474602596 ** -np.array([1.0, 2.0])
@@ -41,11 +33,7 @@ _DRAWS = 16  # times as many points are drawn, at most, as a batch wants: the in
 
 
 class RoadmapSearch:
-    """An anytime search: `grow` adds a batch of nodes and improves `path`, `finish` says what is proven about it.
-
-    With ``exact`` the roadmap keeps what may be better by the exact cost though it is worse by the additive one, and
-    `finish` searches it for the least exact cost.
-    """
+    """An anytime search: `grow` adds a batch of nodes and improves `path`, `finish` says what is proven about it."""
 
     def __init__(
         self,
@@ -54,11 +42,9 @@ class RoadmapSearch:
         *,
         seed: int = 0,
         start_heading: float | None = None,
-        exact: bool = False,
     ) -> None:
         self.pricing = pricing
         self.start_heading = start_heading
-        self.exact = exact and pricing.minimise == "drift"
         self.roadmap = Roadmap(pricing, start, start_heading)
         self.batches = 0
         self.path: Floats | None = None
@@ -81,33 +67,9 @@ class RoadmapSearch:
         return self.path is not None and self._least_additive <= bound * (1 + 1e-9)
 
     @property
-    def is_done(self) -> bool:
-        """Whether there is no point in growing the roadmap: the best path is optimal, or it is for an exact search and
-        as large as that can deal with."""
-        return self._room <= 0 if self.exact else self.is_optimal
-
-    @property
     def reserve_s(self) -> float:
         """Seconds, about, that it takes to search what has been added so far and to say what is proven about it."""
         return 2 * self._search_s_per_edge * len(self.roadmap.edges)
-
-    @property
-    def _room(self) -> int:
-        """How many samples may be added at once."""
-        if not self.exact:
-            return _LARGEST_BATCH
-        most = _EXACT_NODES_TURNING if turns_matter(self.pricing.noise, self.pricing.space) else _EXACT_NODES
-        return most - len(self.roadmap.xy)
-
-    @property
-    def limit(self) -> float:
-        """Additive cost that a path must stay below to be of use."""
-        if not self.exact or self.path is None:
-            return self._least_additive
-        most_var = (TIMES * self.heading_std) ** 2
-        if not is_plain(self.pricing.noise, self.pricing.space) or not math.isfinite(most_var):
-            return _LOOSEST * self._least_additive
-        return min(self.cost / max(float(bracket(most_var**0.5)), 1e-9), _LOOSEST * self._least_additive)
 
     def grow(self, stop: Callable[[], bool] = lambda: False) -> None:
         """Add a batch of nodes, search, polish. ``stop`` cuts it short; what has been added by then is searched."""
@@ -116,48 +78,31 @@ class RoadmapSearch:
         roadmap = self.roadmap
         corners = self._next_corners()
         while corners and not stop():
-            roadmap.add(corners.pop(0), _NEIGHBOURS, self.limit, all_round=True)
+            roadmap.add(corners.pop(0), _NEIGHBOURS, self._least_additive, all_round=True)
         self._join()
-        samples = self._samples(min(_FIRST_BATCH << min(self.batches, 20), self._room))
+        samples = self._samples(min(_FIRST_BATCH << min(self.batches, 20), _LARGEST_BATCH))
         done = 0
         while done < len(samples) and not stop():
-            roadmap.add(samples[done : done + _CHUNK], _NEIGHBOURS, self.limit)
+            roadmap.add(samples[done : done + _CHUNK], _NEIGHBOURS, self._least_additive)
             done += _CHUNK
         began = time.perf_counter()
         found = roadmap.shortest(self._least_additive)
         self._search_s_per_edge = (time.perf_counter() - began) / max(len(roadmap.edges), 1)
         self._consider(found.nodes, stop)
         if not stop():
-            roadmap.prune(self.limit * (1 + 1e-9))
+            roadmap.prune(self._least_additive * (1 + 1e-9))
         if done >= len(samples) and not corners:
             self.batches += 1
 
-    def finish(self, stop: Callable[[], bool] = lambda: False, most_labels: int = MOST_LABELS) -> tuple[Bound, bool]:
-        """The bound on paths of the roadmap, the best path included, and whether that path is proven to be as good as
-        the best of them. With ``exact``, first the search for a better one, until ``stop`` says so or
-        it has kept so many labels."""
-        noise, roadmap = self.pricing.noise, self.roadmap
+    def finish(self) -> Bound:
+        """The bound on paths of the roadmap, the best path included."""
         assert self.path is not None, "there is nothing to finish without a path"
         self._joined = None  # it may have been pruned since
         self._join()
         if self.pricing.minimise == "length":
-            return Bound(min(roadmap.shortest().cost, self.cost), math.inf), False
-        if not self.exact:
-            bound = bracketed(roadmap, noise, self.heading_std, self._least_additive)
-            return bound._replace(mean_square=min(bound.mean_square, self.cost)), False
-        judge = ExactJudge(self.pricing.space, noise, self.pricing.goal, self.start_heading)
-        if not stop() and (path := probably_best(roadmap, noise)) is not None:
-            self._offer(path)
-        for _ in range(_EXACT_ROUNDS):
-            self._offer(refined(judge, self.pricing.space, self.path, stop))
-            self._join()
-            found, bound, finished = exactly_best(
-                roadmap, noise, self.cost, self.heading_std, stop, self._least_additive, most_labels
-            )
-            if found is None or not self._offer(found) or stop():
-                break
-        bound = bound._replace(mean_square=min(bound.mean_square, self.cost))
-        return bound, finished and bound.mean_square >= self.cost * (1 - 1.5 * GAP)
+            return Bound(min(self.roadmap.shortest().cost, self.cost), math.inf)
+        bound = bracketed(self.roadmap, self.heading_std, self._least_additive)
+        return bound._replace(mean_square=min(bound.mean_square, self.cost))
 
     def consider(self, path: Floats, stop: Callable[[], bool] = lambda: False) -> None:
         """Take a collision-free path (n, 2) from start to goal, as it is or polished, if it is better than the best."""
@@ -233,4 +178,4 @@ class RoadmapSearch:
     def _informed(self, points: Floats) -> Floats:
         lower = self.pricing.lower_bound
         bound = lower(self.roadmap.xy[0], points) + lower(points, self.roadmap.xy[1])
-        return np.asarray(points[bound < self.limit])
+        return np.asarray(points[bound < self._least_additive])

@@ -68,13 +68,18 @@ class Pricing:
     _floor: CostRates = field(init=False, repr=False)  # the least of all
 
     def __post_init__(self) -> None:
-        rates = [CostRates.of(self.noise), *(CostRates.of(zone.noise) for zone in self.space.zones)]
+        rates = [CostRates.of(noise) for noise in self.noises]
         if self.minimise == "length":
             rates = [_LENGTH]
         names = ("heading", "position", "turn_heading", "turn_position")
         floor = CostRates(**{name: min(getattr(rate, name) for rate in rates) for name in names})
-        object.__setattr__(self, "_rates", (*rates[1:], rates[0]))
+        object.__setattr__(self, "_rates", tuple(rates))
         object.__setattr__(self, "_floor", floor)
+
+    @property
+    def noises(self) -> tuple[OdometryNoise, ...]:
+        """Of every zone, then the noise outside: zone -1 is the last."""
+        return noises_of(self.space, self.noise)
 
     @property
     def has_zones(self) -> bool:
@@ -139,6 +144,11 @@ class Pricing:
         return cost
 
 
+def noises_of(space: Space, noise: OdometryNoise) -> tuple[OdometryNoise, ...]:
+    """The noise of every zone of a space, then the one outside of them, so that zone -1 finds it."""
+    return (*(zone.noise for zone in space.zones), noise)
+
+
 def exact_drift(space: Space, path: Floats, noise: OdometryNoise, start_heading: float | None = None) -> Drift:
     """`predict_drift` along a polyline (n, 2), each stretch with the noise of the zone it is in."""
     if not space.zones:
@@ -148,9 +158,9 @@ def exact_drift(space: Space, path: Floats, noise: OdometryNoise, start_heading:
     ends = np.where(
         (pieces.end < 1)[:, None], path[pieces.segment] + pieces.end[:, None] * step, path[pieces.segment + 1]
     )
-    kinds = (*(zone.noise for zone in space.zones), noise)
+    noises = noises_of(space, noise)
     cut = np.concatenate([path[:1], ends])
-    return predict_drift(cut, [kinds[zone] for zone in pieces.zone], start_heading=start_heading)
+    return predict_drift(cut, [noises[zone] for zone in pieces.zone], start_heading=start_heading)
 
 
 def turn_angles(xy: Floats, start_heading: float | None) -> Floats:

@@ -14,21 +14,17 @@ from numpy.typing import ArrayLike
 from driftplan.arrays import Floats, Ints
 from driftplan.errors import GoalError, NoPathError, StartError
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.roadmap.exact_search import MOST_LABELS
 from driftplan.planning.roadmap.growth import RoadmapSearch
 from driftplan.planning.roadmap.prices import Minimise, Pricing
 from driftplan.world.world import World
 
 _BATCHES_TO_FIND_ONE = 4  # are completed in any case while no path is known
-_LABELS_PER_BATCH = 20_000  # of an exact search whose batches are counted: some two seconds
-_EXACT_SHARE = 0.4  # of the time goes into the roadmap that is then searched exactly
 
 
 class Status(Enum):
     """Why the search ended."""
 
     OPTIMAL = "Optimal: the straight run costs as little as any path can."
-    ROADMAP_OPTIMAL = "Proven: no path of the roadmap has an rms drift smaller by 0.1 % (see `bound`)."
     BATCHES_DONE = "All batches done: the best path of the roadmap so far."
     ITERATIONS_DONE = "All iterations done: the best path so far."
     TIME_LIMIT = "Time limit reached: the best path so far."
@@ -51,7 +47,7 @@ class RoadmapResult:
         Proven: no path of the roadmap ``nodes``, ``edges`` costs less, nor does ``path``. For "drift" this covers the
         paths whose heading error at the goal has a standard deviation of up to ``bound_heading_std``. It says nothing
         about paths that leave the roadmap. Zero where nothing is known: noise that the additive cost cannot price
-        (steps, systematic or correlated errors) without ``exact``.
+        (steps, systematic or correlated errors).
     bound_heading_std : float
         rad: twice that of ``path``, or infinite where the bound covers all paths of the roadmap.
     nodes, edges : (n, 2) and (m, 2) arrays
@@ -79,7 +75,6 @@ def plan_on_roadmap(
     noise: OdometryNoise,
     *,
     minimise: Minimise = "drift",
-    exact: bool = False,
     time_limit: float = 1.0,
     batches: int | None = None,
     seed: int = 0,
@@ -96,10 +91,6 @@ def plan_on_roadmap(
     noise : OdometryNoise
         Outside the zones of the world.
     minimise : {"drift", "length"}
-    exact : bool
-        Search the roadmap for the least exact drift rather than the least additive cost, which is an upper bound. Worth
-        while when headings at the goal are off by more than half a radian, or for a sharp ``bound``. The roadmap is
-        then kept small.
     time_limit : float
         Seconds; while no path is known, four batches are completed in any case.
     batches : int, optional
@@ -146,19 +137,18 @@ def plan_on_roadmap(
             status=Status.OPTIMAL,
             batches=0,
         )
-    search = RoadmapSearch(pricing, ends[0], seed=seed, start_heading=start_heading, exact=exact)
-    share = _EXACT_SHARE if search.exact else 1.0
+    search = RoadmapSearch(pricing, ends[0], seed=seed, start_heading=start_heading)
 
     def after(seconds: float) -> bool:
         enough = search.path is not None or search.batches >= _BATCHES_TO_FIND_ONE
         return enough and time.perf_counter() - began > seconds
 
     def grown() -> bool:
-        return after(share * time_limit - search.reserve_s)
+        return after(time_limit - search.reserve_s)
 
     for path in candidates:
         search.consider(path, grown)
-    while not (grown() or search.batches == batches or search.is_done):
+    while not (grown() or search.batches == batches or search.is_optimal):
         search.grow(grown)
         if search.path is None:
             check_connected(world, ends)
@@ -167,14 +157,11 @@ def plan_on_roadmap(
             f"no path found from {said(ends[0])} to {said(ends[1])} within {time_limit:g} s and {search.batches} "
             "batches, though free space connects them: allow more time"
         )
-    labels = MOST_LABELS if batches is None else min(MOST_LABELS, _LABELS_PER_BATCH * batches)
-    bound, proven = search.finish(lambda: after(time_limit), labels)
-    if search.is_optimal and not search.exact:
+    bound = search.finish()
+    if search.is_optimal:
         status = Status.OPTIMAL
-    elif proven:
-        status = Status.ROADMAP_OPTIMAL
     else:
-        status = Status.TIME_LIMIT if after(time_limit) else Status.BATCHES_DONE
+        status = Status.BATCHES_DONE if search.batches == batches else Status.TIME_LIMIT
     return RoadmapResult(
         path=search.path,
         cost=search.cost,

@@ -4,60 +4,61 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats
-from driftplan.model.calibration.matching import Match, Stretch, match
+from driftplan.arrays import Floats, Ints
+from driftplan.model.calibration.matched_drive import MatchedDrive, MatchOptions, match
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
-from driftplan.model.calibration.segments import Observations, TruthNoise, Windows, expect, observe, windows_of
+from driftplan.model.calibration.resampling import ResampledDrive
+from driftplan.model.calibration.segments import Observations, TruthNoise, WindowMoments, expect, observe, windows_of
 from driftplan.model.noise import OdometryNoise
 
 _STRIDES = 4  # segments of a length begin every 1/4 of it
 _KNOTS = 8  # pieces of the shortest segment, or of its half where segments are aligned by their first half
-_RUNGS = 5  # default lengths, each half the next
+_LENGTHS = 5  # default lengths, each half the next
 _LONGEST_SHARE = 16  # the longest default segment fits so many times in all drives together,
 _LONGEST_IN_ONE = 4  # and so many times in the shortest drive
-_LEAST_KNOTS = 4  # samples in the shortest default segment, or in its half
+_MIN_KNOTS = 4  # samples in the shortest default segment, or in its half
 _FLOOR = 1e-6  # of the mean square of the observations of a length
 
 
-class Rung(NamedTuple):
-    """Segments of one length: ``steps`` knots in each part, ``length_m`` in all, by stretch."""
+class LengthBin(NamedTuple):
+    """Segments of one length: ``steps`` knots in each part, ``length_m`` in all, by resampled drive."""
 
     steps: int
     length_m: float
-    sets: tuple[tuple[int, Observations], ...]  # index of the stretch, its observations
+    observed: tuple[tuple[int, Observations], ...]  # index of the resampled drive, its observations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ladder:
+class SegmentSet:
     """Observed segments of several lengths.
 
     Attributes
     ----------
-    stretches : tuple of Stretch
-    rungs : tuple of Rung
+    resampled : tuple of ResampledDrive
+    bins : tuple of LengthBin
         Shortest segments first.
     values : array, shape (n, 3)
-        Observations, see `driftplan.model.calibration.segments`; rung by rung.
-    rung, drive : arrays of int, shape (n,)
+        Observations, see `driftplan.model.calibration.segments`; bin by bin.
+    bin_of, drive_of : arrays of int, shape (n,)
         Which length and which drive each belongs to.
     place_m : array, shape (n,)
         Where each segment begins, all drives laid end to end.
     weight : array, shape (n,)
-        Adding up to the number of longest segments that fit side by side, on every rung.
+        Adding up to the number of longest segments that fit side by side, in every bin.
     total_m : float
         Length of all drives.
     """
 
-    stretches: tuple[Stretch, ...]
-    rungs: tuple[Rung, ...]
+    resampled: tuple[ResampledDrive, ...]
+    bins: tuple[LengthBin, ...]
     values: Floats
-    rung: NDArray[np.intp]
-    drive: NDArray[np.intp]
+    bin_of: Ints
+    drive_of: Ints
     place_m: Floats
     weight: Floats
     total_m: float
@@ -65,25 +66,27 @@ class Ladder:
     @property
     def has_heading(self) -> bool:
         """Whether the truth's headings are used."""
-        return self.stretches[0].truth_heading is not None
+        return self.resampled[0].truth_heading is not None
 
     @property
     def position(self) -> slice:
         """Which of the observed values are the position error at a segment's end."""
         return slice(0, 2) if self.has_heading else slice(1, 3)
 
-    def windows(self, noise: OdometryNoise) -> dict[int, Windows]:
-        """Moments of all segments under a noise, by stretch."""
+    def windows(self, noise: OdometryNoise) -> dict[int, WindowMoments]:
+        """Moments of all segments under a noise, by resampled drive."""
         needed: dict[int, list[int]] = {}
-        for rung in self.rungs:
-            for i, _ in rung.sets:
-                needed.setdefault(i, []).append(rung.steps)
-        return {i: windows_of(self.stretches[i], noise, steps) for i, steps in needed.items()}
+        for length in self.bins:
+            for i, _ in length.observed:
+                needed.setdefault(i, []).append(length.steps)
+        return {i: windows_of(self.resampled[i], noise, steps) for i, steps in needed.items()}
 
-    def expected(self, found: dict[int, Windows], truth: TruthNoise) -> tuple[Floats, Floats]:
+    def expected(self, found: dict[int, WindowMoments], truth: TruthNoise) -> tuple[Floats, Floats]:
         """Mean (n, 3) and covariance (n, 3, 3) of the observations, from what `windows` found."""
         parts = [
-            expect(self.stretches[i], seen, found[i], rung.steps, truth) for rung in self.rungs for i, seen in rung.sets
+            expect(self.resampled[i], seen, found[i], length.steps, truth)
+            for length in self.bins
+            for i, seen in length.observed
         ]
         return np.concatenate([mean for mean, _ in parts]), np.concatenate([cov for _, cov in parts])
 
@@ -91,22 +94,22 @@ class Ladder:
     def turned_per_longest(self) -> float:
         """Angle turned on the length of the longest segments, rad: heading changes (without headings: changes of
         course) over the shortest ones, so that jitter adds little."""
-        rung, turned = self.rungs[0], 0.0
-        for stretch in self.stretches:
-            if stretch.truth_heading is not None:
-                turned += float(np.abs(np.diff(stretch.truth_heading[:: rung.steps])).sum())
+        steps, turned = self.bins[0].steps, 0.0
+        for part in self.resampled:
+            if part.truth_heading is not None:
+                turned += float(np.abs(np.diff(part.truth_heading[::steps])).sum())
             else:
-                chords = np.diff(stretch.truth[:: rung.steps])
+                chords = np.diff(part.truth[::steps])
                 turned += float(np.abs(np.angle(chords[1:] * np.conj(chords[:-1]))).sum())
-        return turned / self.total_m * self.rungs[-1].length_m
+        return turned / self.total_m * self.bins[-1].length_m
 
-    def by_rung(self, values: Floats) -> Floats:
-        """Averages of values (n, ...) over the segments of every length, (rungs, ...)."""
-        return np.stack([values[self.rung == k].mean(axis=0) for k in range(len(self.rungs))])
+    def by_bin(self, values: Floats) -> Floats:
+        """Averages of values (n, ...) over the segments of every length, (bins, ...)."""
+        return np.stack([values[self.bin_of == k].mean(axis=0) for k in range(len(self.bins))])
 
     def floor(self) -> Floats:
-        """Least covariance of the observations of every rung, (rungs, 3, 3): none is taken for exact."""
-        return np.asarray((_FLOOR * self.by_rung(self.values**2) + 1e-24)[:, :, None] * np.eye(3))
+        """Least covariance of the observations of every length, (bins, 3, 3): none is taken for exact."""
+        return np.asarray((_FLOOR * self.by_bin(self.values**2) + 1e-24)[:, :, None] * np.eye(3))
 
 
 def drives_of(estimates: Any, truths: Any) -> list[tuple[OdometryLog, Trajectory]]:
@@ -117,56 +120,48 @@ def drives_of(estimates: Any, truths: Any) -> list[tuple[OdometryLog, Trajectory
     return [_drive(estimate, truth) for estimate, truth in zip(*several, strict=True)]
 
 
-def ladder_of(
+def segment_set(
     drives: list[tuple[OdometryLog, Trajectory]],
     *,
     lengths_m: ArrayLike | None = None,
     use_heading: bool | None = None,
-    time_offset_s: float | None = None,
-    heading_offset: float | None = None,
-    max_gap_s: float | None = None,
-) -> tuple[Ladder, list[Match]]:
+    **options: Unpack[MatchOptions],
+) -> tuple[SegmentSet, list[MatchedDrive]]:
     """The drives matched, and their segments.
 
     Parameters are those of `driftplan.model.calibration.fit.fit_noise`.
     """
-    drives = [(odometry.without_glitches(), truth) for odometry, truth in drives]
-    with_heading = [truth.heading is not None for _, truth in drives]
-    if use_heading and not all(with_heading):
-        raise ValueError("expected headings in every truth with use_heading=True, got positions only")
-    if use_heading is None:
-        use_heading = all(with_heading) and not any(truth_repeats(odometry, truth) for odometry, truth in drives)
-    if not use_heading:
-        drives = [(odometry, truth.without_heading()) for odometry, truth in drives]
-    parts = 1 if use_heading else 2
+    drives = _with_or_without_heading([(odometry.without_glitches(), truth) for odometry, truth in drives], use_heading)
+    parts = 1 if drives[0][1].heading is not None else 2
     sampled = _sampled_every(drives)
     lengths = (
-        _lengths(drives, parts * _LEAST_KNOTS * sampled)
+        _lengths(drives, parts * _MIN_KNOTS * sampled)
         if lengths_m is None
         else np.unique(np.atleast_1d(np.asarray(lengths_m, dtype=float)))
     )
     if lengths.size == 0 or not (np.isfinite(lengths).all() and lengths[0] > 0):
         raise ValueError(f"expected lengths_m > 0, got {lengths_m!r}")
     spacing = max(float(lengths[0]) / (_KNOTS * parts), sampled)
-    matches = [
-        match(
-            odometry,
-            truth,
-            spacing_m=spacing,
-            time_offset_s=time_offset_s,
-            heading_offset=heading_offset,
-            max_gap_s=max_gap_s,
-        )
-        for odometry, truth in drives
-    ]
-    ladder = _climb([m.stretches for m in matches], lengths, spacing, parts)
-    if ladder is None:
-        longest = max(m.counts.driven_m for m in matches)
+    matched = [match(odometry, truth, spacing_m=spacing, **options) for odometry, truth in drives]
+    segments = _collect([m.resampled for m in matched], lengths, spacing, parts)
+    if segments is None:
+        longest = max(m.counts.driven_m for m in matched)
         raise ValueError(
             f"expected uninterrupted drives longer than a segment of {lengths[0]:.3g} m, got drives of at most "
             f"{longest:.3g} m"
         )
-    return ladder, matches
+    return segments, matched
+
+
+def _with_or_without_heading(
+    drives: list[tuple[OdometryLog, Trajectory]], use_heading: bool | None
+) -> list[tuple[OdometryLog, Trajectory]]:
+    with_heading = [truth.heading is not None for _, truth in drives]
+    if use_heading and not all(with_heading):
+        raise ValueError("expected headings in every truth with use_heading=True, got positions only")
+    if use_heading is None:
+        use_heading = all(with_heading) and not any(truth_repeats(odometry, truth) for odometry, truth in drives)
+    return drives if use_heading else [(odometry, truth.without_heading()) for odometry, truth in drives]
 
 
 def truth_repeats(odometry: OdometryLog, truth: Trajectory) -> bool:
@@ -180,43 +175,32 @@ def truth_repeats(odometry: OdometryLog, truth: Trajectory) -> bool:
     return bool(np.median(np.abs(np.diff(truth.heading[inside] - integrated))) < 1e-9)
 
 
-def _climb(drives: Sequence[Sequence[Stretch]], lengths: Floats, spacing: float, parts: int) -> Ladder | None:
+def _collect(
+    drives: Sequence[Sequence[ResampledDrive]], lengths: Floats, spacing: float, parts: int
+) -> SegmentSet | None:
     """Segments of these lengths, in ``parts`` of equal length each, in several drives; None if no drive has any."""
-    flat = [(k, stretch) for k, drive in enumerate(drives) for stretch in drive]
-    sizes = [float(np.ptp(stretch.driven)) for _, stretch in flat]
-    offsets = np.concatenate([[0.0], np.cumsum(sizes)])
-    rungs: list[Rung] = []
-    values, rung_of, drive_of, place = [], [], [], []
+    resampled = tuple(part for drive in drives for part in drive)
+    drive_of = [k for k, drive in enumerate(drives) for _ in drive]
+    begins = np.concatenate([[0.0], np.cumsum([float(np.ptp(part.driven)) for part in resampled])])
+    bins: list[LengthBin] = []
+    rows: list[tuple[Floats, Ints, Ints, Floats]] = []
     for length in lengths.tolist():
         steps = max(1, round(length / (parts * spacing)))
-        sets = []
-        for i, (k, stretch) in enumerate(flat):
-            if len(stretch.truth) <= parts * steps:
-                continue
-            seen = observe(stretch, steps, max(1, parts * steps // _STRIDES))
-            if seen.starts.size == 0:
-                continue
-            sets.append((i, seen))
-            values.append(seen.values)
-            rung_of.append(np.full(seen.starts.size, len(rungs)))
-            drive_of.append(np.full(seen.starts.size, k))
-            place.append(offsets[i] + stretch.driven[seen.starts] - stretch.driven[0])
-        if sets:
-            rungs.append(Rung(steps, parts * steps * spacing, tuple(sets)))
-    if not rungs:
+        observed = []
+        for i, part in enumerate(resampled):
+            seen = observe(part, steps, max(1, parts * steps // _STRIDES))
+            if seen.starts.size:
+                observed.append((i, seen))
+                bin_of, drive = (np.full(seen.starts.size, k) for k in (len(bins), drive_of[i]))
+                rows.append((seen.values, bin_of, drive, begins[i] + part.driven[seen.starts] - part.driven[0]))
+        if observed:
+            bins.append(LengthBin(steps, parts * steps * spacing, tuple(observed)))
+    if not bins:
         return None
-    where = np.concatenate(rung_of)
-    total = float(offsets[-1])
-    return Ladder(
-        tuple(stretch for _, stretch in flat),
-        tuple(rungs),
-        np.concatenate(values),
-        where,
-        np.concatenate(drive_of),
-        np.concatenate(place),
-        (total / rungs[-1].length_m) / np.bincount(where)[where],
-        total,
-    )
+    values, bin_of, drive, place = (np.concatenate(column) for column in zip(*rows, strict=True))
+    total = float(begins[-1])
+    weight = (total / bins[-1].length_m) / np.bincount(bin_of)[bin_of]
+    return SegmentSet(resampled, tuple(bins), values, bin_of, drive, place, weight, total)
 
 
 def _sampled_every(drives: list[tuple[OdometryLog, Trajectory]]) -> float:
@@ -230,7 +214,7 @@ def _lengths(drives: list[tuple[OdometryLog, Trajectory]], least: float) -> Floa
     if min(driven) <= 0:
         raise ValueError("expected drives in which the robot moves, got one without any distance")
     longest = min(sum(driven) / _LONGEST_SHARE, min(driven) / _LONGEST_IN_ONE)
-    lengths = longest / 2.0 ** np.arange(_RUNGS)[::-1]
+    lengths = longest / 2.0 ** np.arange(_LENGTHS)[::-1]
     enough = lengths >= least
     return np.asarray(lengths[enough] if enough.any() else lengths[-1:])
 

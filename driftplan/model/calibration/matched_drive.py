@@ -1,0 +1,241 @@
+"""Odometry beside truth: the two recordings associated by time, cleaned, cut where they cannot be followed, and brought
+to common knots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple, TypedDict
+
+import numpy as np
+
+from driftplan.arrays import Bools, Floats
+from driftplan.model.calibration import reference_offsets
+from driftplan.model.calibration.recordings import OdometryLog, Trajectory
+from driftplan.model.calibration.resampling import ResampledDrive, resample, robust_std, true_motion
+
+_JUMP_SPREADS = (
+    10.0  # a truth sample is an outlier if it is farther from the last good one than the odometry's distance
+)
+_JUMP_S = 0.25  # from so many seconds before to after, plus so many robust standard deviations of one step
+_MOUNTING_KNOTS = 8  # from one to the next when the mounting of the reference is estimated
+_MAX_OUTLIERS = 10  # so many in a row are no outliers: the truth has jumped, and the drive is cut there
+_GAP_S = 2.0  # a gap in the truth, and
+_GAP_INTERVALS = 5  # this many median intervals, whichever is longer
+
+
+class MatchOptions(TypedDict, total=False):
+    """What `match` can be told of two recordings; see there."""
+
+    time_offset_s: float | None
+    heading_offset: float | None
+    max_gap_s: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MatchCounts:
+    """What became of the recordings when they were matched. Counts and durations of several drives add up.
+
+    Attributes
+    ----------
+    odometry_samples, truth_samples : int
+    repeated_samples : int
+        With a time not later than the one before; left out (motion of odometry increments is kept).
+    truth_outliers : int
+        Truth samples farther from their neighbours than the robot can have moved; left out.
+    odometry_outliers : int
+        Steps of the odometry that no robot makes (`OdometryLog.without_glitches`); left out, and the drive cut there.
+    breaks : int
+        Places where a gap, a jump of the truth or an outlier of the odometry cut a drive in two. The truth's gaps count
+        where the robot moved, the odometry's where it reports velocities.
+    outside_truth_s, standstill_s : float
+        Seconds of odometry before the first or after the last truth sample; seconds in which the robot stood
+        (`OdometryLog.standing`), whose jitter is no distance.
+    driven_m, used_m, turned_rad : float
+        Distance by the odometry; true distance on usable parts, and angle turned there (absolute values added up).
+    """
+
+    odometry_samples: int = 0
+    truth_samples: int = 0
+    repeated_samples: int = 0
+    truth_outliers: int = 0
+    odometry_outliers: int = 0
+    breaks: int = 0
+    outside_truth_s: float = 0.0
+    standstill_s: float = 0.0
+    driven_m: float = 0.0
+    used_m: float = 0.0
+    turned_rad: float = 0.0
+
+    def __add__(self, other: MatchCounts) -> MatchCounts:
+        return MatchCounts(**{f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)})
+
+
+class MatchedDrive(NamedTuple):
+    """The uninterrupted parts of one drive, what was left out, and the offsets of clock (truth time minus odometry
+    time, s) and heading (measured true one minus the robot's, rad), both undone in the parts."""
+
+    resampled: tuple[ResampledDrive, ...]
+    counts: MatchCounts
+    time_offset_s: float
+    heading_offset: float
+
+
+def match(
+    odometry: OdometryLog,
+    truth: Trajectory,
+    *,
+    spacing_m: float,
+    time_offset_s: float | None = None,
+    heading_offset: float | None = None,
+    max_gap_s: float | None = None,
+) -> MatchedDrive:
+    """Odometry and truth of one drive at common knots.
+
+    Parameters
+    ----------
+    odometry, truth :
+        Of one drive, recorded at their own times.
+    spacing_m : float
+        Distance between knots.
+    time_offset_s : float, optional
+        Time of the truth's clock minus the odometry's when both see the same event. By default it is estimated, up to
+        1 s: the offset at which the motions agree best, and 0 unless that makes their difference clearly smaller.
+    heading_offset : float, optional
+        Measured true heading minus the robot's, rad: how the marker or sensor is mounted. By default it is estimated,
+        and 0 unless clearly another.
+    max_gap_s : float, optional
+        Truth samples farther apart in time, between which the robot moved, cut the drive; so do gaps in odometry
+        velocities. Default: 2 s or five median intervals, whichever is longer.
+
+    Raises
+    ------
+    ValueError
+        When the recordings do not overlap in time.
+    """
+    odometry = odometry.without_glitches()
+    if time_offset_s is None:
+        time_offset_s = reference_offsets.clock_offset(odometry, truth)
+    clocked = replace(truth, times=truth.times - time_offset_s)
+    good, jumps = _good_samples(odometry, clocked)
+    cleaned = clocked.chosen(good)
+    first, last = _overlap(odometry, cleaned)
+    standing = odometry.standing
+    travelled = np.concatenate([[0.0], np.cumsum(np.where(standing, 0.0, np.abs(odometry.moves)))])
+    gaps = [*jumps, *_glitches(odometry), *_gaps(odometry, cleaned, travelled, max_gap_s, spacing_m)]
+    pieces = _without(first, last, gaps)
+    motion = true_motion(odometry, cleaned, travelled, spacing_m)
+    found = (resample(odometry, cleaned, motion, begin, end, spacing_m) for begin, end in pieces)
+    resampled = [part for part in found if part is not None]
+    if heading_offset is None:
+        heading_offset = _mounting(resampled)
+    counts = MatchCounts(
+        odometry_samples=len(odometry.times) + odometry.repeated,
+        truth_samples=len(truth.times) + truth.repeated,
+        repeated_samples=odometry.repeated + truth.repeated,
+        truth_outliers=len(truth.times) - len(cleaned.times),
+        odometry_outliers=len(odometry.glitches),
+        breaks=len(pieces) - 1,
+        outside_truth_s=float(max(first - odometry.times[0], 0.0) + max(odometry.times[-1] - last, 0.0)),
+        standstill_s=float(np.diff(odometry.times)[standing].sum()),
+        driven_m=float(odometry.travelled[-1]),
+        used_m=float(sum(np.ptp(part.driven) for part in resampled)),
+        turned_rad=float(sum(part.angles.sum() for part in resampled)),
+    )
+    turned_back = tuple(_turned_by(part, -heading_offset) for part in resampled)
+    return MatchedDrive(turned_back, counts, float(time_offset_s), float(heading_offset))
+
+
+def _overlap(odometry: OdometryLog, truth: Trajectory) -> tuple[float, float]:
+    first, last = max(truth.times[0], odometry.times[0]), min(truth.times[-1], odometry.times[-1])
+    if not last > first:
+        raise ValueError(
+            f"expected odometry and truth to overlap in time, got odometry from {odometry.times[0]:.3f} to "
+            f"{odometry.times[-1]:.3f} s and truth from {truth.times[0]:.3f} to {truth.times[-1]:.3f} s"
+        )
+    return float(first), float(last)
+
+
+def _mounting(resampled: list[ResampledDrive]) -> float:
+    """By how much true headings as measured are turned against the robot's."""
+    estimated, true, gained = [], [], []
+    for part in resampled:
+        if part.truth_heading is None:
+            return 0.0
+        at = np.arange(0, len(part.driven), _MOUNTING_KNOTS)
+        estimated.append(np.diff(part.estimate[at]) * np.exp(-1j * part.estimate_heading[at[:-1]]))
+        true.append(np.diff(part.truth[at]) * np.exp(-1j * part.truth_heading[at[:-1]]))
+        gained.append(np.diff(part.estimate_heading[at] - part.truth_heading[at]))
+    if not resampled:
+        return 0.0
+    return reference_offsets.heading_offset(np.concatenate(estimated), np.concatenate(gained), np.concatenate(true))
+
+
+def _turned_by(part: ResampledDrive, angle: float) -> ResampledDrive:
+    return part if part.truth_heading is None else part._replace(truth_heading=part.truth_heading + angle)
+
+
+def _good_samples(odometry: OdometryLog, truth: Trajectory) -> tuple[Bools, list[tuple[float, float]]]:
+    """Which truth samples are no outliers, and from when to when the truth jumps for good."""
+    times, positions, travelled = truth.times, truth.positions, odometry.travelled
+    around = max(_JUMP_S, 2 * float(np.median(np.diff(odometry.times))))
+    before, at, after = (np.interp(times + shift, odometry.times, travelled) for shift in (-around, 0.0, around))
+    steps = np.abs(np.diff(positions))
+    allowance = _JUMP_SPREADS * robust_std(steps - np.diff(at)) + 1e-6 * float(np.ptp(travelled))
+    outside = (times < odometry.times[0]) | (times > odometry.times[-1])  # how far the robot moved there is unknown
+    suspect = np.flatnonzero((steps > after[1:] - before[:-1] + allowance) & ~(outside[1:] | outside[:-1]))
+    good = np.ones(len(times), dtype=bool)
+    jumps: list[int] = []
+    done = -1
+    for k in suspect.tolist():
+        if k < done:
+            continue
+        for far in range(k + 1, min(k + 1 + _MAX_OUTLIERS, len(times))):
+            if abs(positions[far] - positions[k]) <= after[far] - before[k] + allowance:
+                good[k + 1 : far] = False
+                done = far
+                break
+        else:
+            jumps.append(k)
+            done = k + 1
+    kept = np.flatnonzero(good)
+    ends = [(kept[kept <= k][-1], kept[kept > k][0]) for k in jumps]
+    return good, [(float(times[low]), float(times[high])) for low, high in ends]
+
+
+def _glitches(odometry: OdometryLog) -> list[tuple[float, float]]:
+    k = np.searchsorted(odometry.times, odometry.glitches)
+    return list(zip(odometry.times[k].tolist(), odometry.times[k + 1].tolist(), strict=True))
+
+
+def _gaps(
+    odometry: OdometryLog, truth: Trajectory, travelled: Floats, max_gap_s: float | None, spacing_m: float
+) -> list[tuple[float, float]]:
+    """Intervals without a sample, in which the robot moved more than a knot's spacing: of the truth, and of odometry
+    whose motion in them is a guess."""
+    if max_gap_s is None:
+        max_gap_s = max(_GAP_S, _GAP_INTERVALS * float(np.median(np.diff(truth.times))))
+    limits = [(truth.times, max_gap_s)]
+    if odometry.holds_velocity:
+        limits.append((odometry.times, max(max_gap_s, _GAP_INTERVALS * float(np.median(np.diff(odometry.times))))))
+    found: list[tuple[float, float]] = []
+    for times, limit in limits:
+        wide = np.flatnonzero(np.diff(times) > limit)
+        moved = np.diff(np.interp(np.stack([times[wide], times[wide + 1]]), odometry.times, travelled), axis=0)[0]
+        found += [(float(times[k]), float(times[k + 1])) for k in wide[moved > spacing_m]]
+    return found
+
+
+def _without(first: float, last: float, gaps: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The interval without the gaps."""
+    pieces, begin = [], first
+    for low, high in sorted(gaps):
+        if high <= begin:
+            continue
+        if low >= last:
+            break
+        if low > begin:
+            pieces.append((begin, low))
+        begin = max(begin, high)
+    if begin < last:
+        pieces.append((begin, last))
+    return pieces

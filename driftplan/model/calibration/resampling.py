@@ -1,0 +1,154 @@
+"""A drive at knots of about equal true distance: what calibration works on.
+
+True distance is the odometry's, corrected piece by piece by the truth's chords: jitter of the truth then does not
+lengthen the way, and where a segment ends does not depend on the errors that are to be measured (a segment that ends
+when the *odometry* has counted 10 m hides its distance error in its length, and one that counts a wrong turn for a
+longer one gets less weight). Turns are the true heading's likewise; where that is not measured, the odometry's, put
+right by the angle between its chords and the true ones. The angle turned either way is counted with a play as wide as
+the heading's jitter, because absolute values of jitter add up.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from driftplan.arrays import Complexes, Floats
+from driftplan.model.calibration.recordings import OdometryLog, Trajectory
+from driftplan.model.calibration.reference_offsets import interpolated
+
+_PLAY_TRUE = 5.0  # standard deviations of the true heading's jitter within which it may swing without having turned,
+_PLAY_ODOMETRY = 10.0  # and of the odometry's, where the true one is not known: its errors wander
+_RULER_KNOTS = 4  # knots per piece on which the true distance is measured
+
+
+class ResampledDrive(NamedTuple):
+    """One uninterrupted part of a drive, at K knots of about equal spacing.
+
+    Attributes
+    ----------
+    driven : array, shape (K,)
+        True distance from the start of the drive, metres, increasing.
+    estimate, estimate_heading : arrays, shape (K,)
+        Dead-reckoned position x + jy (m) and heading (rad, not wrapped), in the odometry's frame.
+    truth : complex array, shape (K,)
+    truth_heading : array, shape (K,), or None
+    turns, angles : arrays, shape (K - 1,)
+        True heading change between knots, signed, and the angle truly turned in either direction, rad. Without true
+        headings: as far as positions tell.
+    """
+
+    driven: Floats
+    estimate: Complexes
+    estimate_heading: Floats
+    truth: Complexes
+    truth_heading: Floats | None
+    turns: Floats
+    angles: Floats
+
+
+class TrueMotion(NamedTuple):
+    """True metres driven until every odometry sample, and at ``times`` the true heading (rad, but for a constant) and
+    the angle turned in either direction until then."""
+
+    driven: Floats
+    times: Floats
+    heading: Floats
+    turned: Floats
+
+
+def true_motion(odometry: OdometryLog, truth: Trajectory, travelled: Floats, spacing_m: float) -> TrueMotion:
+    """How the robot moved, for knots ``spacing_m`` apart; ``travelled``: the odometry's metres without standstill."""
+    driven = _true_distance(odometry, truth, travelled, _RULER_KNOTS * spacing_m)
+    if truth.heading is None:
+        return TrueMotion(driven, *_turning_by_chords(odometry, truth, driven, spacing_m))
+    jitter = robust_std(np.diff(truth.heading - np.interp(truth.times, odometry.times, odometry.headings))) / sqrt(2)
+    return TrueMotion(driven, truth.times, truth.heading, _turned(truth.heading, _PLAY_TRUE * jitter))
+
+
+def resample(
+    odometry: OdometryLog, truth: Trajectory, motion: TrueMotion, begin_s: float, end_s: float, spacing_m: float
+) -> ResampledDrive | None:
+    """The drive from ``begin_s`` to ``end_s`` at knots; None if there are fewer than two.
+
+    Knots are samples of the recording with the fewer of them: interpolated ones would have smaller errors.
+    """
+    sparser = max(odometry.times, truth.times, key=lambda times: float(np.median(np.diff(times))))
+    candidates = sparser[(sparser >= begin_s) & (sparser <= end_s)]
+    distances = np.interp(candidates, odometry.times, motion.driven)
+    if candidates.size < 2 or distances[-1] <= distances[0]:
+        return None
+    wanted = np.arange(distances[0], distances[-1], spacing_m)
+    chosen = np.unique(np.searchsorted(0.5 * (distances[1:] + distances[:-1]), wanted))
+    chosen = chosen[np.concatenate([[True], np.diff(distances[chosen]) > 0])]
+    if chosen.size < 2:
+        return None
+    at = candidates[chosen]
+    return ResampledDrive(
+        distances[chosen],
+        interpolated(at, odometry.times, odometry.positions),
+        np.interp(at, odometry.times, odometry.headings),
+        interpolated(at, truth.times, truth.positions),
+        None if truth.heading is None else np.interp(at, truth.times, truth.heading),
+        np.diff(np.interp(at, motion.times, motion.heading)),
+        np.diff(np.interp(at, motion.times, motion.turned)),
+    )
+
+
+def robust_std(values: Floats) -> float:
+    """Standard deviation, by the median of the absolute values."""
+    return 1.4826 * float(np.median(np.abs(values))) if values.size else 0.0
+
+
+def _true_distance(odometry: OdometryLog, truth: Trajectory, travelled: Floats, ruler_m: float) -> Floats:
+    """The odometry's arcs, each piece of about ``ruler_m`` scaled by the ratio of the true chord to the odometry's: at
+    most a factor of two, and not where the chord is less than half the arc, so that its ratio says little."""
+    pieces = max(int(travelled[-1] / ruler_m), 1)
+    marks = np.unique(np.searchsorted(travelled, np.linspace(0, travelled[-1], pieces + 1)))
+    times = odometry.times[marks]
+    counted = np.abs(np.diff(odometry.positions[marks]))
+    true = np.abs(np.diff(interpolated(times, truth.times, truth.positions)))
+    arc = np.diff(travelled[marks])
+    seen = (times[:-1] >= truth.times[0]) & (times[1:] <= truth.times[-1]) & (counted > 0.5 * arc)
+    ratio = np.clip(np.divide(true, counted, out=np.ones_like(true), where=seen), 0.5, 2.0)
+    return np.asarray(np.interp(travelled, travelled[marks], np.concatenate([[0.0], np.cumsum(arc * ratio)])))
+
+
+def _turning_by_chords(
+    odometry: OdometryLog, truth: Trajectory, driven: Floats, spacing_m: float
+) -> tuple[Floats, Floats, Floats]:
+    """Times, heading and angle turned: the odometry's heading and what is wrong with it, the angle from its chords to
+    the true ones, whatever way the robot drives along them."""
+    marks = np.unique(np.searchsorted(driven, np.arange(driven[0], driven[-1], spacing_m)))
+    seen = (odometry.times[marks] >= truth.times[0]) & (odometry.times[marks] <= truth.times[-1])
+    marks = marks[seen] if seen.any() else marks[:1]
+    half = _RULER_KNOTS // 2
+    k = np.arange(len(marks))
+    low, high = marks[np.maximum(k - half, 0)], marks[np.minimum(k + half, len(marks) - 1)]
+    estimated = odometry.positions[high] - odometry.positions[low]
+    at_low, at_high = (interpolated(odometry.times[at], truth.times, truth.positions) for at in (low, high))
+    true = at_high - at_low
+    telling = np.minimum(np.abs(estimated), np.abs(true)) > 0.5 * (driven[high] - driven[low])
+    wrong, jitter = np.zeros(len(odometry.times)), 0.0
+    if telling.any():
+        angle = np.unwrap(np.angle(true[telling] * np.conj(estimated[telling])))
+        wrong = np.interp(odometry.times, odometry.times[marks[telling]], angle)
+        jitter = robust_std(np.diff(angle, n=2)) / sqrt(6)
+    own = robust_std(np.diff(odometry.headings, n=2)) / sqrt(6)
+    heading = odometry.headings + wrong
+    return odometry.times, heading, _turned(heading, max(_PLAY_ODOMETRY * own, _PLAY_TRUE * jitter))
+
+
+def _turned(headings: Floats, play_rad: float) -> Floats:
+    """Sum of the heading's changes either way up to every sample, as a pointer dragged with a play shows them."""
+    half = 0.5 * play_rad
+    pointer, total = float(headings[0]), 0.0
+    turned = np.empty(len(headings))
+    for k, heading in enumerate(headings.tolist()):
+        pull = max(heading - half - pointer, 0.0) + min(heading + half - pointer, 0.0)
+        pointer += pull
+        total += abs(pull)
+        turned[k] = total
+    return turned

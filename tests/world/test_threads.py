@@ -1,0 +1,78 @@
+"""One world in several threads and processes. What goes wrong ends the process, so it happens in one of its own."""
+
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from driftplan import BeaconKind, OdometryNoise, World, bundled_map, load_world, place_beacons, plan_route
+
+PREAMBLE = """
+import multiprocessing, threading
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+import numpy as np
+import driftplan as dp
+
+def answers(world, rounds=1):
+    rng = np.random.default_rng(0)
+    for _ in range(rounds):
+        a, b = rng.uniform(0, 24, (2, 400, 2))
+        found = [world.segments_free(a, b), world.is_free(a), world.free_part(a), world.line_of_sight(a, b)]
+        found += [world.zone_at(a), world.zone_pieces(a, b).zone, world.segment_free(3.1, 4.0, 9.0, 5.0)]
+    return [np.asarray(part).tolist() for part in found]
+
+def office():
+    return dp.load_world(dp.bundled_map("office"), robot_radius=0.3)
+"""
+THREADS = """
+world = office()
+with ThreadPoolExecutor(4) as pool:  # a world that has derived nothing yet
+    found = list(pool.map(lambda _: answers(world, 25), range(4)))
+assert found == [answers(office(), 25)] * 4
+print("same")
+"""
+PROCESSES = """
+if __name__ == "__main__":
+    world, stop = office(), threading.Event()
+    expected = answers(world)
+    busy = threading.Thread(target=lambda: [answers(world) for _ in iter(stop.is_set, True)])
+    busy.start()  # what forks while a thread asks finds no lock held
+    for method in ("fork", "spawn"):
+        with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context(method)) as pool:
+            assert list(pool.map(answers, [world] * 4)) == [expected] * 4, method
+    stop.set()
+    busy.join()
+    print("same")
+"""
+ROUTES = """
+world, noise = office(), dp.OdometryNoise(heading_var_per_m=1e-3)
+start, goal = world.nearest_free((2, 2)), world.nearest_free((20, 12))
+plan = lambda seed: dp.plan_route(world, start, goal, noise, iterations=2, seed=seed).path.tolist()
+with ThreadPoolExecutor(3) as pool:
+    assert list(pool.map(plan, range(6))) == list(map(plan, range(6)))
+print("same")
+"""
+
+
+@pytest.mark.parametrize("script", [THREADS, PROCESSES, ROUTES], ids=["threads", "processes", "routes"])
+def test_one_world_answers_many_at_once(script, tmp_path):
+    file = tmp_path / "script.py"
+    file.write_text(PREAMBLE + script)
+    done = subprocess.run([sys.executable, "-W", "ignore", file], capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stdout.strip()) == (0, "same"), done.stderr[-2000:]
+
+
+def test_worlds_routes_layouts_and_noises_can_be_sent_to_another_process():
+    noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
+    world = load_world(bundled_map("office"), robot_radius=0.3)
+    route = plan_route(world, world.nearest_free((2, 2)), world.nearest_free((20, 12)), noise, iterations=3)
+    layout = place_beacons(world, [route.path], noise, max_drift=0.5, kind=BeaconKind.rfid(3.0, 0.1), spacing_m=2.0)
+    for value in (noise, world, route, layout, World.from_polygons([], bounds=(0, 0, 4, 4), robot_radius=0.1)):
+        copy = pickle.loads(pickle.dumps(value))
+        assert type(copy) is type(value)
+        assert repr(copy) == repr(value)
+    again = pickle.loads(pickle.dumps(route))
+    np.testing.assert_array_equal(again.path, route.path)
+    assert again.rms == route.rms
