@@ -11,15 +11,16 @@ from typing import NamedTuple
 import numpy as np
 
 from driftplan.arrays import Floats
-from driftplan.beacons.beacon import Beacon, BeaconColumns, drift_with_beacons
+from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.passes import passes_of
+from driftplan.beacons.readings import BeaconColumns, drift_with_beacons
 from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.placement.drives import Layouts, drives_of, worst_squares
 from driftplan.layouts.placement.spans import Spans
 from driftplan.layouts.placement.tracks import Tracks, lay_tracks
 from driftplan.model.drift import Drift, PointDrift
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.model.worst import worst_radius, worst_rms
 from driftplan.world.world import World
 

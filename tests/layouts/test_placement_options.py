@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 import shapely
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons, passes
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import beacon_passes, drift_with_beacons
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.placement import covering
 from driftplan.layouts.placement.candidates import grid_sites, route_sites, wall_sites
 from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.placement.place import beacon_tradeoff, place_beacons
 from driftplan.layouts.placement.problem import SiteGroup
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.model.worst import worst_radius, worst_rms
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -105,7 +106,7 @@ def test_importance_says_what_each_death_does():
     for said in layout.importance:
         rest = [b for b in layout.beacons if b != said.beacon]
         worst = [worst_rms(drift_with_beacons(r, NOISE, rest)) for r in ROUTES]
-        assert said.routes == tuple(k for k, r in enumerate(ROUTES) if len(passes(r, said.beacon)))
+        assert said.routes == tuple(k for k, r in enumerate(ROUTES) if len(beacon_passes(r, said.beacon)))
         assert said.worst_if_dead == pytest.approx(max(worst[k] for k in said.routes))
 
 

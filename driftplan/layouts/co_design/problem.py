@@ -11,16 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.arrays import Floats, finite
-from driftplan.beacons.beacon import Beacon, BeaconColumns, BeaconKind
+from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.passes import passes_of
+from driftplan.beacons.readings import BeaconColumns
 from driftplan.errors import GoalError, NoPathError, StartError
 from driftplan.layouts.co_design.trips import Trip
 from driftplan.layouts.layout import Layout
 from driftplan.layouts.placement.candidates import allowed, grid_sites
 from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.placement.place import place_beacons
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.planning.itinerary.search import ItinerarySearch, length_of
 from driftplan.planning.roadmap.search import check_connected, checked_ends
 from driftplan.world.world import World

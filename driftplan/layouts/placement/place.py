@@ -20,8 +20,8 @@ from driftplan.layouts.placement.problem import PlacementProblem, SiteGroup, lim
 from driftplan.layouts.placement.reasons import explain
 from driftplan.layouts.placement.spans import Spans
 from driftplan.layouts.placement.tracks import Tracks
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.world.world import World
 
 Progress = Callable[[float, float, float], None]

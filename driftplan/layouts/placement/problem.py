@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 
 from driftplan.arrays import Bools, Floats, Ints, finite, not_negative, whole
-from driftplan.beacons.beacon import Beacon, BeaconKind, waypoints_of
+from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.passes import passes_of
+from driftplan.beacons.readings import waypoints_of
 from driftplan.layouts.layout import Task
 from driftplan.layouts.placement.candidates import allowed, grid_sites, route_sites
 from driftplan.layouts.placement.cut_pool import Cut
 from driftplan.layouts.placement.hops import Limit
 from driftplan.layouts.placement.requirements import DriftRequirements
 from driftplan.layouts.placement.tracks import Tracks, lay_tracks
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.world.world import World
 
 
