@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import inspect
+from collections.abc import Callable, Sequence
+from functools import wraps
 from math import isfinite
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from driftplan.errors import KeywordError
+
+_Callable = TypeVar("_Callable", bound=Callable[..., Any])
 
 Array = NDArray[Any]  # complex, or float where nothing turns: real pieces cost half
 Floats = NDArray[np.float64]
@@ -125,3 +131,53 @@ def bounds_of(value: Sequence[float]) -> tuple[float, float, float, float]:
     if len(bounds) != 4 or not all(isfinite(v) for v in bounds) or bounds[0] >= bounds[2] or bounds[1] >= bounds[3]:
         raise ValueError(f"expected bounds (xmin, ymin, xmax, ymax), finite and not empty, got {bounds!r}")
     return bounds
+
+
+def keywords_checked(**values: type) -> Callable[[_Callable], _Callable]:
+    """A decorator of functions and dataclasses: an unknown keyword is answered with the nearest known one.
+
+    ``values`` are parameters that are frozen values: their fields are known names too, and the answer says where they
+    go.
+
+    Examples
+    --------
+    >>> @keywords_checked()
+    ... def wait(time_limit=1.0): ...
+    >>> wait(timelimit=3.0)
+    Traceback (most recent call last):
+    driftplan.errors.KeywordError: wait() has no keyword 'timelimit': did you mean time_limit?
+    """
+
+    def decorate(function: _Callable) -> _Callable:
+        called = cast(Any, function).__init__ if isinstance(function, type) else function
+        known = tuple(inspect.signature(function).parameters)
+
+        @wraps(called)
+        def checked(*args: Any, **given: Any) -> Any:
+            for name in given:
+                if name not in known:
+                    raise KeywordError(
+                        f"{function.__name__}() has no keyword {name!r}: {_nearest(name, known, values)}"
+                    )
+            return called(*args, **given)
+
+        if isinstance(function, type):
+            cast(Any, function).__init__ = checked
+            return function
+        return cast(_Callable, checked)
+
+    return decorate
+
+
+def _nearest(name: str, known: Sequence[str], values: dict[str, type]) -> str:
+    """What was probably meant, in words."""
+    from difflib import get_close_matches
+
+    inside = {
+        field: f"{parameter}={value.__name__}({field}=…)"
+        for parameter, value in values.items()
+        for field in inspect.signature(value).parameters
+    }
+    places = {**inside, **{own: own for own in known}}
+    close = [name] if name in places else get_close_matches(name, places, n=1)
+    return f"did you mean {places[close[0]]}?" if close else f"expected {', '.join(known)}"

@@ -36,3 +36,7 @@ class PlannerError(DriftplanError, ValueError):
 
 class InfeasibleError(DriftplanError):
     """No layout or itinerary keeps the limit: the message says where and by how much it fails."""
+
+
+class KeywordError(DriftplanError, TypeError, ValueError):
+    """A function has no such keyword: the message names the nearest that it has."""

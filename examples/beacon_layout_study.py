@@ -18,8 +18,10 @@ from matplotlib.figure import Figure
 
 from driftplan import (
     BeaconKind,
+    DriftLimit,
     InfeasibleError,
     OdometryNoise,
+    Sites,
     World,
     beacon_tradeoff,
     bundled_map,
@@ -67,17 +69,17 @@ def main() -> None:
     length = sum(shapely.LineString(route).length for route in routes)
     print(f"{args.map or 'the bundled warehouse'}: {len(routes)} routes, {length:.0f} m in all")
 
-    common = {"kind": TAG, "spacing_m": 1.0}
+    sites = Sites(TAG, spacing_m=1.0)
     layouts = {}
     print(f"\n{'limit on rms':>12} {'tags':>5} {'proven':>7} {'worst rms':>10}   {'with any one dead: tags':>23}")
     for limit in LIMITS_M:
         try:
-            layout = place_beacons(world, routes, NOISE, max_drift=limit, **common)
+            layout = place_beacons(world, routes, NOISE, limit, sites)
         except InfeasibleError as err:
             print(f"{limit:10.2f} m  {err}")
             continue
         try:
-            sturdy = place_beacons(world, routes, NOISE, max_drift=limit, redundancy=2, **common)
+            sturdy = place_beacons(world, routes, NOISE, DriftLimit(limit, redundancy=2), sites)
             spare = f"{len(sturdy.beacons):18d} ({'proven' if sturdy.proven else f'>= {sturdy.lower_bound:g}'})"
         except InfeasibleError:
             spare = "cannot be done"
@@ -85,7 +87,7 @@ def main() -> None:
         proven = "yes" if layout.proven else "no"
         print(f"{limit:10.2f} m {len(layout.beacons):5d} {proven:>7} {layout.worst_drift:8.3f} m   {spare}")
 
-    curve = beacon_tradeoff(world, routes, NOISE, up_to=12, drift_tolerance=0.02, time_limit=20.0, **common)
+    curve = beacon_tradeoff(world, routes, NOISE, sites, max_beacons=12, drift_tolerance=0.02, time_limit=20.0)
     print(f"\n{'tags':>4} {'least worst rms':>16}")
     for point in curve:
         print(f"{len(point.beacons):4d} {point.worst_drift:14.2f} m")

@@ -1,6 +1,9 @@
-"""Layouts: where to put the fewest beacons, and beacons and routes chosen together.
+"""Layouts: where to put the fewest beacons, and beacons and routes chosen together. Imports go down this list:
 
-placement                       place_beacons: the fewest that keep a limit
-layout, layout_files            Layout: what placing answers, and its files
 co_design                       beacons and routes chosen together
+layout_files                    layouts as files
+place                           place_beacons, beacon_tradeoff: the search for the fewest
+layout                          Layout: what placing answers
+placement                       what a limit demands of a layout, and the cheapest cover of that
+scenario, sites, site_grids     what is asked: routes and limit; where beacons may go; points of grids and walls
 """

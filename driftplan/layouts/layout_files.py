@@ -44,7 +44,7 @@ class InstallerRow(NamedTuple):
 
 def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
     """All beacons of a layout, the ones whose failure hurts most first."""
-    world = layout.task.world
+    world = layout.scenario.world
     walls = None if world is None or world.obstacles.is_empty else world.obstacles
     rows = []
     for said in layout.importance:
@@ -63,7 +63,7 @@ def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
                 wall_x_m=wall[0],
                 wall_y_m=wall[1],
                 routes=said.routes,
-                worst_drift_if_dead_m=said.worst_if_dead,
+                worst_drift_if_dead_m=said.worst_single_failure,
                 worst_route_if_dead=said.worst_route,
             )
         )

@@ -25,20 +25,21 @@ _TIME_LIMIT_S = 60.0  # it takes about a second
 def demo_layout(world: World, noise: OdometryNoise) -> Layout | str:
     """The fewest tags that keep every round under `LIMIT_M`, or in words why there are none."""
     from driftplan.beacons.beacon import BeaconKind
-    from driftplan.layouts.placement.place import place_beacons
+    from driftplan.layouts.place import place_beacons
+    from driftplan.layouts.sites import Sites
 
     if noise.step_m is not None:
         return "no beacons are placed: that takes noise per metre, not per step"
     tag = BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
     try:
-        return place_beacons(world, ROUNDS, noise, max_drift=LIMIT_M, kind=tag, spacing_m=1.5, time_limit=_TIME_LIMIT_S)
+        return place_beacons(world, ROUNDS, noise, LIMIT_M, Sites(tag, spacing_m=1.5), time_limit=_TIME_LIMIT_S)
     except InfeasibleError as err:
         return f"no tags keep the drift of all rounds under {LIMIT_M:g} m with this odometry: {err}"
 
 
 def sentence(layout: Layout) -> str:
     """What was found, in a line."""
-    bare = max(layout.task.worst(layout.task.drift(r, ())) for r in range(len(layout.drifts)))
+    bare = max(layout.scenario.worst(layout.scenario.drift(r, ())) for r in range(len(layout.drifts)))
     number = len(layout.beacons)
     proof = "no fewer will do" if layout.proven else f"at least {layout.lower_bound:g} are needed"
     return (

@@ -65,6 +65,13 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         metavar="TIMES",
         help="greatest length of a route, as a multiple of that of the shortest (default: 1.5)",
     )
+    wanted.add_argument(
+        "--min-capture",
+        type=float,
+        default=0.9,
+        metavar="P",
+        help="the limit holds without readings less sure than this (default: 0.9; 0: all in range count)",
+    )
     add_start_options(wanted)
     wanted.add_argument("--time-limit", type=float, default=120.0, metavar="S", help="seconds to search (default: 120)")
     wanted.add_argument("--seed", type=int, default=0, metavar="N", help="seed of samples and restarts (default: 0)")
@@ -91,6 +98,8 @@ def design(args: argparse.Namespace) -> None:
     from driftplan.layouts.co_design.co_design import co_design
     from driftplan.layouts.co_design.trips import load_trips
     from driftplan.layouts.layout_files import layout_csv, layout_geojson, load_beacons
+    from driftplan.layouts.scenario import DriftLimit
+    from driftplan.layouts.sites import Sites
     from driftplan.report.plot_design import plot_design
     from driftplan.world.trajectories import read_path
 
@@ -100,13 +109,15 @@ def design(args: argparse.Namespace) -> None:
         world,
         trips,
         noise,
-        args.max_drift,
-        kind=replace(kind_from(args), cost=args.beacon_price),
+        DriftLimit(args.max_drift, redundancy=args.redundancy),
+        Sites(
+            replace(kind_from(args), cost=args.beacon_price),
+            read_path(args.candidates)[:, :2] if args.candidates else None,
+            spacing_m=args.spacing_m,
+            existing=load_beacons(args.existing) if args.existing else (),
+        ),
         price_per_m=args.price_per_m,
-        candidates=read_path(args.candidates)[:, :2] if args.candidates else None,
-        spacing_m=args.spacing_m,
-        existing=load_beacons(args.existing) if args.existing else (),
-        redundancy=args.redundancy,
+        min_capture=args.min_capture,
         max_detour=args.max_detour,
         start_fix=start_fix_from(args),
         time_limit=args.time_limit,
@@ -183,7 +194,7 @@ def _design(design: Design) -> dict[str, Any]:
         "beacon_cost": design.beacon_cost,
         "driving_cost": design.driving_cost,
         "lengths_m": list(design.lengths),
-        "beacons": [{"id": b.id, "kind": b.kind.name, "x": b.x, "y": b.y} for b in design.beacons],
+        "beacons": [{"id": b.id, "kind": b.kind.name, "x_m": b.x, "y_m": b.y} for b in design.beacons],
     }
 
 

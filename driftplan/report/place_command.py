@@ -87,20 +87,19 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def place(args: argparse.Namespace) -> None:
     """The layout, or the trade-off curve, that the arguments ask for."""
     from driftplan.layouts.layout_files import load_beacons
-    from driftplan.layouts.placement.place import beacon_tradeoff, place_beacons
+    from driftplan.layouts.place import beacon_tradeoff, place_beacons
+    from driftplan.layouts.scenario import DriftLimit
+    from driftplan.layouts.sites import Sites
     from driftplan.world.trajectories import read_path
 
     noise, world = noise_from(args), world_of(args)
     routes = [read_path(file)[:, :2] for file in args.paths]
-    options: dict[str, Any] = {
-        **_sites(args, world, routes),
-        "existing": load_beacons(args.existing) if args.existing else (),
-        "redundancy": args.redundancy,
-        "confidence": args.confidence,
-        "min_spacing_m": args.min_spacing_m,
-        "budget": args.budget,
-        "time_limit": args.time_limit,
-    }
+    sites = Sites(
+        **_points(args, world, routes),
+        existing=load_beacons(args.existing) if args.existing else (),
+        min_spacing_m=args.min_spacing_m,
+    )
+    limit = DriftLimit(args.max_drift, redundancy=args.redundancy, confidence=args.confidence)
     free = [bool(world.segments_free(route[:-1], route[1:]).all()) for route in routes]
     for file, is_free in zip(args.paths, free, strict=True):
         if not is_free:
@@ -112,17 +111,30 @@ def place(args: argparse.Namespace) -> None:
             world,
             routes,
             noise,
-            max_drift=args.max_drift,
+            limit,
+            sites,
             max_beacons=args.max_beacons,
+            budget=args.budget,
+            time_limit=args.time_limit,
             progress=_Talker(),
-            **options,
         )
         _tell_layout(args, layout, free)
         return
     for name in ("max_drift", "max_beacons", "csv", "geojson"):
         if getattr(args, name) is not None:
             raise ValueError(f"expected --tradeoff or --{name.replace('_', '-')}, got both")
-    _tell_curve(args, beacon_tradeoff(world, routes, noise, up_to=args.tradeoff, **options))
+    curve = beacon_tradeoff(
+        world,
+        routes,
+        noise,
+        sites,
+        max_beacons=args.tradeoff,
+        budget=args.budget,
+        redundancy=args.redundancy,
+        confidence=args.confidence,
+        time_limit=args.time_limit,
+    )
+    _tell_curve(args, curve)
 
 
 def add_kind_options(parser: argparse.ArgumentParser) -> None:
@@ -170,23 +182,23 @@ def kind_from(args: argparse.Namespace) -> BeaconKind:
     )
 
 
-def _sites(args: argparse.Namespace, world: World, routes: list[Floats]) -> dict[str, Any]:
-    """What `place_beacons` is told about kinds and candidates."""
+def _points(args: argparse.Namespace, world: World, routes: list[Floats]) -> dict[str, Any]:
+    """What `Sites` is told about kinds and points."""
     from driftplan.layouts.layout_files import load_beacons
-    from driftplan.layouts.placement.candidates import route_sites, wall_sites
+    from driftplan.layouts.site_grids import route_sites, wall_sites
     from driftplan.world.trajectories import read_path
 
     if args.candidates:
         if args.sites or args.spacing_m is not None:
             raise ValueError("expected --candidates, or --sites and --spacing-m to generate them, got both")
         if Path(args.candidates).suffix.lower() in (".geojson", ".json"):
-            return {"candidates": load_beacons(args.candidates)}
-        return {"candidates": read_path(args.candidates)[:, :2], "kind": kind_from(args)}
+            return {"points": load_beacons(args.candidates)}
+        return {"points": read_path(args.candidates)[:, :2], "kind": kind_from(args)}
     spacing = args.range_m if args.spacing_m is None else args.spacing_m
     if args.sites == "walls":
-        return {"candidates": wall_sites(world, spacing), "kind": kind_from(args)}
+        return {"points": wall_sites(world, spacing), "kind": kind_from(args)}
     if args.sites == "routes":
-        return {"candidates": route_sites(routes, spacing), "kind": kind_from(args)}
+        return {"points": route_sites(routes, spacing), "kind": kind_from(args)}
     return {"spacing_m": spacing, "kind": kind_from(args)}
 
 

@@ -48,7 +48,7 @@ def route_segments(layout: Layout) -> tuple[Floats, Floats]:
     segments, values = [], []
     for drift in layout.drifts:
         profile = drift.profile(_SPACING_M)
-        xy, score = profile.xy, layout.task.score(profile)
+        xy, score = profile.xy, layout.scenario.score(profile)
         segments.append(np.stack([xy[:-1], xy[1:]], axis=1))
         values.append(np.maximum(score[:-1], score[1:]))
     return np.concatenate(segments), np.concatenate(values)
@@ -71,8 +71,8 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
     from matplotlib.patches import Circle
 
     ax = _current_axes() if ax is None else ax
-    if layout.task.world is not None:
-        plot_world(layout.task.world, ax=ax)
+    if layout.scenario.world is not None:
+        plot_world(layout.scenario.world, ax=ax)
     segments, drift = route_segments(layout)
     order = np.argsort(drift)  # where routes share an aisle the worst is on top
     look: dict[str, Any] = {"cmap": _drift_colours(), "linewidths": 1.8, "capstyle": "round", "zorder": 2.5}
@@ -99,7 +99,7 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
             beacons += ax.plot(xy[:, 0], xy[:, 1], marker=marker, color=colour, label=label, **dots)
     ax.set(xlabel="x (m)", ylabel="y (m)")
     ax.set_aspect("equal", adjustable="box")
-    if layout.task.world is None:
+    if layout.scenario.world is None:
         ax.autoscale_view()
     if colorbar:
         ax.figure.colorbar(routes, ax=ax, label=_score_label(layout), fraction=0.035, pad=0.02)
@@ -162,7 +162,7 @@ def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwa
     Parameters
     ----------
     curve : sequence of Layout
-        From `driftplan.layouts.placement.place.beacon_tradeoff`.
+        From `driftplan.layouts.place.beacon_tradeoff`.
     """
     from matplotlib.ticker import MaxNLocator
 
@@ -202,8 +202,8 @@ def plot_importance(layout: Layout, *, ax: Axes | None = None, **bar_kwargs: Any
     """
     ax = _current_axes() if ax is None else ax
     said = [x for x in layout.importance if x.routes]
-    said = sorted(said, key=lambda x: -x.worst_if_dead)[:_SHOWN_BARS]
-    hurt = [x.worst_if_dead for x in said]
+    said = sorted(said, key=lambda x: -x.worst_single_failure)[:_SHOWN_BARS]
+    hurt = [x.worst_single_failure for x in said]
     old = {b.id for b in layout.existing}
     look: dict[str, Any] = {"color": [_OLD if x.beacon.id in old else _NEW for x in said], "alpha": 0.85, **bar_kwargs}
     bars = ax.barh(np.arange(len(said)), hurt, **look)
@@ -222,7 +222,7 @@ def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
 
     xy = np.concatenate([drift.xy for drift in layout.drifts])
     low, high = xy.min(axis=0), xy.max(axis=0)
-    box = (*low, *high) if layout.task.world is None else layout.task.world.bounds
+    box = (*low, *high) if layout.scenario.world is None else layout.scenario.world.bounds
     shape = min(max((box[3] - box[1]) / max(box[2] - box[0], 1e-9), 0.25), 1.5)
     if figure is None:
         figure = Figure(figsize=(12.0, 12.0 * shape * 0.85 + 4.2), layout="constrained", dpi=150)
@@ -249,11 +249,11 @@ def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
 
 def _profile(layout: Layout, route: int) -> tuple[Floats, Floats]:
     profile = layout.drifts[route].profile(_SPACING_M)
-    return profile.distance, layout.task.score(profile)
+    return profile.distance, layout.scenario.score(profile)
 
 
 def _score_label(layout: Layout) -> str:
-    confidence = layout.task.confidence
+    confidence = layout.scenario.confidence
     return "rms drift (m)" if confidence is None else f"{100 * confidence:g} % radius (m)"
 
 

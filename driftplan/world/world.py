@@ -35,8 +35,8 @@ class World:
     ``robot_radius`` away from every obstacle and from the edge of the map. What is more than 1.03 times that far away
     is accepted.
 
-    Threads may share a world, processes may be forked while they do, and a world can be pickled (it then derives what it
-    needs again), as routes, layouts and noises can.
+    Threads may share a world, processes may be forked while they do, and a world can be pickled (it derives again what
+    it needs), as routes, layouts and noises can.
 
     Parameters
     ----------

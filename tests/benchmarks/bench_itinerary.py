@@ -82,7 +82,7 @@ def designed(world: World) -> None:
         Trip((51, 33), (23.5, 18.7), 4),
     ]
     began, cpu = time.perf_counter(), time.process_time()
-    found = co_design(world, trips, NOISE, 0.6, kind=marker, price_per_m=1.0, nodes=250, time_limit=600)
+    found = co_design(world, trips, NOISE, 0.6, marker, price_per_m=1.0, time_limit=600, max_nodes=250)
     took = f"{time.perf_counter() - began:5.2f} s, {time.process_time() - cpu:5.2f} s of processor"
     before = found.baseline.cost if found.baseline is not None else float("inf")
     print(f"{'warehouse: co-design of 4 trips':42s} {took}: cost {found.cost:.0f} instead of {before:.0f}", flush=True)

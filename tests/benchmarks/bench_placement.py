@@ -16,10 +16,12 @@ import numpy as np
 import shapely
 
 from driftplan.beacons.beacon import BeaconKind
-from driftplan.layouts.placement.candidates import grid_sites
-from driftplan.layouts.placement.place import place_beacons
+from driftplan.layouts.place import place_beacons
 from driftplan.layouts.placement.problem import placement_problem
 from driftplan.layouts.placement.requirements import DriftRequirements
+from driftplan.layouts.scenario import DriftLimit, Scenario
+from driftplan.layouts.site_grids import grid_sites
+from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.world import World
 
@@ -150,9 +152,8 @@ def compare(count: int, least_sites: int, scale: float, kind: str, time_limit: f
         world,
         routes,
         NOISE,
-        max_drift=limit,
-        kind=KINDS[kind],
-        candidates=sites,
+        limit,
+        Sites(KINDS[kind], sites),
         time_limit=time_limit,
         progress=lambda s, cost, _: first.append((s, cost)) if np.isfinite(cost) else None,
     )
@@ -161,7 +162,7 @@ def compare(count: int, least_sites: int, scale: float, kind: str, time_limit: f
         row(*case, "first layout", f"{first[0][1]:.0f}", f"{first[0][0]:.2f}", "")
     said = "proven" if layout.proven else f">= {layout.lower_bound:g}, gap {100 * layout.gap:.1f} %"
     row(*case, "place_beacons", len(layout.beacons), f"{ours:.2f}", f"{said}, {cpu:.1f} s of processor")
-    problem = placement_problem(world, routes, NOISE, kind=KINDS[kind], candidates=sites)
+    problem = placement_problem(Scenario.of(world, routes, NOISE, DriftLimit()), Sites(KINDS[kind], sites))
     needs = problem.requirements(problem.tracks(limit), [limit] * count)
     begin = time.perf_counter()
     greedy = greedy_cover(needs, len(sites))

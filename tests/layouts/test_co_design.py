@@ -1,5 +1,6 @@
 """co_design: never dearer than shortest routes and then beacons, as cheap as brute force, and safe by Monte Carlo."""
 
+import inspect
 import itertools
 import math
 
@@ -12,7 +13,9 @@ from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
 from driftplan.layouts.co_design.co_design import co_design
 from driftplan.layouts.co_design.design import DesignStatus
 from driftplan.layouts.co_design.trips import Trip
-from driftplan.layouts.placement.place import place_beacons
+from driftplan.layouts.place import place_beacons
+from driftplan.layouts.scenario import DriftLimit
+from driftplan.layouts.sites import SiteGroup, Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
@@ -26,7 +29,7 @@ WORLD = World.from_polygons(SHELVES, bounds=(0, 0, 40, 20), robot_radius=0.5)
 AISLES = (2.0, 10.0, 18.0)
 TRIPS = [Trip((2, 2), (38, 2)), Trip((2, 10), (38, 10), 2.0), Trip((2, 18), (38, 18))]
 LIMIT = 1.2
-LONG = {"nodes": 120, "time_limit": 600.0}  # a clock that never decides
+LONG = {"max_nodes": 120, "time_limit": 600.0}  # a clock that never decides
 
 
 def greatest(path, beacons, noise=NOISE, world=WORLD, fixes=()):
@@ -34,9 +37,10 @@ def greatest(path, beacons, noise=NOISE, world=WORLD, fixes=()):
 
 
 def designed(trips=TRIPS, limit=LIMIT, **options):
-    return co_design(
-        WORLD, trips, NOISE, limit, **{"kind": SIGN, "price_per_m": 1.0, "spacing_m": 4.0, **LONG, **options}
-    )
+    """All readings count, unless asked otherwise, as in brute force."""
+    allowed = {key: options.pop(key) for key in inspect.signature(Sites).parameters if key in options}
+    sites = Sites(**{"kind": SIGN, **({} if "points" in allowed else {"spacing_m": 4.0}), **allowed})
+    return co_design(WORLD, trips, NOISE, limit, sites, **{"price_per_m": 1.0, "min_capture": 0.0, **LONG, **options})
 
 
 # Laws
@@ -49,7 +53,7 @@ def test_it_is_never_dearer_than_shortest_routes_and_then_beacons(price):
         ItinerarySearch(WORLD, WORLD, np.array([trip.start, trip.goal]), NOISE, (), nodes=120).shortest
         for trip in TRIPS
     ]
-    layout = place_beacons(WORLD, shortest, NOISE, max_drift=LIMIT, kind=SIGN, spacing_m=4.0)
+    layout = place_beacons(WORLD, shortest, NOISE, LIMIT, Sites(SIGN, spacing_m=4.0))
     assert layout.proven
     driven = sum(
         t.weight * np.linalg.norm(np.diff(p, axis=0), axis=1).sum() for t, p in zip(TRIPS, shortest, strict=True)
@@ -82,7 +86,7 @@ def test_every_route_keeps_the_limit_by_the_exact_model_and_is_free():
 
 
 def test_with_any_one_beacon_dead_the_limit_still_holds():
-    found = designed(TRIPS[:2], limit=1.5, redundancy=2)
+    found = designed(TRIPS[:2], limit=DriftLimit(1.5, redundancy=2))
     for path in found.paths:
         for dead in found.beacons:
             assert greatest(path, [b for b in found.beacons if b is not dead]) <= 1.5 * (1 + 1e-6)
@@ -118,7 +122,7 @@ def test_no_rounds_are_the_baseline():
 
 def test_where_the_shortest_routes_cannot_be_held_others_are_found():
     candidates = np.array([(x, y) for x in (12.0, 20.0, 28.0) for y in (10.0, 18.0)])
-    found = designed(TRIPS[:1], limit=0.8, candidates=candidates, spacing_m=None, max_detour=1.6)
+    found = designed(TRIPS[:1], limit=0.8, points=candidates, max_detour=1.6)
     assert found.baseline is None
     assert found.gain == math.inf
     assert greatest(found.paths[0], found.beacons) <= 0.8 * (1 + 1e-6)
@@ -130,6 +134,39 @@ def test_an_uncertain_start_is_taken_into_account():
     found = designed(TRIPS[:1], start_fix=unsure)
     assert len(found.beacons) > len(designed(TRIPS[:1]).beacons)
     assert greatest(found.paths[0], found.beacons, fixes=[unsure]) <= LIMIT * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("min_capture", [0.0, 0.9])
+def test_the_limit_holds_without_readings_less_sure_than_asked(min_capture):
+    aside, on_route = (20.0, 3.8), (20.0, 2.0)  # a robot that has drifted passes the one out of its range
+    points, costs = [aside, on_route], [100.0, 150.0]
+    found = designed(TRIPS[:1], points=points, costs=costs, min_capture=min_capture, max_detour=1.0)
+    assert found.beacon_cost == (100.0 if min_capture == 0 else 150.0)
+    (chance,) = found.routes[0].captures
+    assert (chance.probability >= 0.9) == (min_capture > 0)
+    assert found.routes[0].worst_drift <= LIMIT
+
+
+def test_where_no_reading_is_sure_enough_that_is_said():
+    with pytest.raises(InfeasibleError, match=r"trip 0: no route no longer than .* at least 0\.9 sure"):
+        designed(TRIPS[:1], points=[(20.0, 3.8)], min_capture=0.9, max_detour=1.0)
+
+
+def test_limits_groups_and_spacing_of_sites_hold_in_designs_too():
+    sites = np.array([(x, y) for y in AISLES[:2] for x in (14.0, 20.0, 26.0)])
+    options = {"points": sites, "price_per_m": 50.0, "rounds": 1}
+    plain = designed(TRIPS[:2], [LIMIT, 5.0], **options)
+    assert all(b.y == 2 for b in plain.beacons)
+    assert len(plain.beacons) == 1
+    forced = designed(
+        TRIPS[:2], [LIMIT, 5.0], groups=[SiteGroup([4], at_least=1), SiteGroup(["S2"], at_most=0)], **options
+    )
+    assert "S5" in {b.id for b in forced.beacons}
+    assert "S2" not in {b.id for b in forced.beacons}
+    tight = designed(TRIPS[:1], 0.5, min_spacing_m=10.0, **options)
+    places = np.array([b.xy for b in tight.beacons])
+    assert len(places) > 1
+    assert np.ptp(places[:, 0]) >= 10.0
 
 
 # Oracles
@@ -168,9 +205,9 @@ def test_tiny_instances_cost_what_brute_force_finds(seed):
     least = brute_force(trips, limit, candidates, price)
     if least == math.inf:
         with pytest.raises(InfeasibleError):
-            designed(trips, limit, candidates=candidates, spacing_m=None, price_per_m=price)
+            designed(trips, limit, points=candidates, price_per_m=price)
         return
-    found = designed(trips, limit, candidates=candidates, spacing_m=None, price_per_m=price)
+    found = designed(trips, limit, points=candidates, price_per_m=price)
     # shortening stops at local optima: lengths agree to within a few per mille
     assert found.cost == pytest.approx(least, rel=3e-3)
 
@@ -198,8 +235,7 @@ def test_a_trip_that_nothing_can_hold_is_named():
         designed(
             [TRIPS[0], Trip((2, 18), (38, 18), name="far")],
             limit=1.0,
-            candidates=[(20.0, 2.0)],
-            spacing_m=None,
+            points=[(20.0, 2.0)],
             max_detour=1.0,
         )
 
@@ -207,7 +243,7 @@ def test_a_trip_that_nothing_can_hold_is_named():
 def test_ends_that_cannot_be_reached_name_the_trip():
     wall = [(19, 0), (21, 0), (21, 20), (19, 20)]
     parted = World.from_polygons([wall], bounds=(0, 0, 40, 20), robot_radius=0.5)
-    asked = {"kind": SIGN, "price_per_m": 1.0}
+    asked = {"price_per_m": 1.0}
     for world, ends, error in (
         (WORLD, ((10, 6), (38, 2)), StartError),
         (WORLD, ((2, 2), (10, 6)), GoalError),
@@ -215,7 +251,7 @@ def test_ends_that_cannot_be_reached_name_the_trip():
         (WORLD, ((2, 2), (2, 2)), ValueError),
     ):
         with pytest.raises(error, match=r"^trip 1: "):
-            co_design(world, [((2, 3), (2, 5)), ends], NOISE, LIMIT, **asked)
+            co_design(world, [((2, 3), (2, 5)), ends], NOISE, LIMIT, SIGN, **asked)
 
 
 @pytest.mark.parametrize(
@@ -225,13 +261,15 @@ def test_ends_that_cannot_be_reached_name_the_trip():
         ({"trips": [((0, 0),)]}, "trip 0: expected a Trip or"),
         ({"trips": [((2, 2), (38, 2), -1.0)]}, "weight > 0"),
         ({"trips": [((2, 2), (38, float("nan")))]}, "finite"),
-        ({"limit": -1.0}, "max_drift > 0"),
+        ({"limit": -1.0}, "max_drift finite and > 0"),
         ({"price_per_m": 0.0}, "price_per_m > 0"),
         ({"kind": "tag"}, "kind to be a BeaconKind"),
-        ({"candidates": [(1.0, 2.0, 3.0)], "spacing_m": None}, "candidates \\(n, 2\\)"),
-        ({"candidates": [(1.0, 2.0)]}, "spacing_m only for generated"),
-        ({"forbidden": [[(0, 0), (40, 0), (40, 20), (0, 20)]]}, "at least one candidate"),
-        ({"redundancy": 3}, "redundancy"),
+        ({"points": [(1.0, 2.0, 3.0)]}, "points \\(n, 2\\)"),
+        ({"points": [(1.0, 2.0)], "spacing_m": 1.0}, "spacing_m only for generated"),
+        ({"forbidden": [[(0, 0), (40, 0), (40, 20), (0, 20)]]}, "at least one site"),
+        ({"limit": DriftLimit(1.0, redundancy=3)}, "redundancy"),
+        ({"limit": DriftLimit(1.0, confidence=0.9)}, "without a confidence"),
+        ({"limit": DriftLimit()}, "expected a limit"),
         ({"max_detour": 0.5}, "max_detour >= 1"),
         ({"rounds": -1}, "rounds"),
         ({"time_limit": 0.0}, "time_limit > 0"),

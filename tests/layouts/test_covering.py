@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse import csr_array
 
 from driftplan.layouts.placement.covering import Outcome, cheapest_cover
 from driftplan.layouts.placement.cut_pool import Cut, CutPool
+from driftplan.layouts.placement.local_search import LocalSearch
+from driftplan.layouts.placement.relaxation import Relaxation
 
 
 def bits(s, n):
@@ -172,8 +176,6 @@ def stretches(seed, rows=900, columns=120):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_with_many_rows_only_some_are_used_and_the_optimum_is_that_of_all(seed):
-    from scipy.optimize import Bounds, LinearConstraint, milp
-
     oracle, cost = stretches(seed)
     demands = [oracle.row(i) for i in range(len(oracle.least))]
     found = cheapest_cover(cost, oracle, demands=demands)
@@ -205,3 +207,42 @@ def test_a_pool_knows_no_cut_twice():
     assert len(pool.cuts) == len(pool.active) == 2
     np.testing.assert_array_equal(pool.missing(np.array([1.0, 0.0, 0.0])), [0.0, 1.0])
     np.testing.assert_array_equal(pool.gain(np.array([1.0, 1.0])), [1.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_local_search_only_ever_returns_what_satisfies_all_rows_and_costs_no_more(seed):
+    rng = np.random.default_rng(seed)
+    matrix = np.where(rng.random((40, 25)) < 0.2, rng.integers(1, 3, (40, 25)), 0).astype(float)
+    matrix = np.concatenate([matrix, -(rng.random((3, 25)) < 0.3).astype(float)])  # the last rows are caps
+    least = np.concatenate([np.minimum(rng.integers(1, 4, 40), matrix[:40].sum(axis=1)), -0.8 * 25 * np.ones(3)])
+    cost, free = rng.integers(1, 5, 25).astype(float), rng.random(25) < 0.9
+    start = np.ones(25, dtype=bool)
+    found = LocalSearch(cost, csr_array(matrix), least, free, seed).improve(start, np.inf, patience=300)
+    assert (matrix @ found >= least).all()
+    assert found[~free].all()
+    whole = milp(
+        cost,
+        integrality=np.ones(25),
+        bounds=Bounds(~free, 1),
+        constraints=LinearConstraint(matrix, lb=least),
+    )
+    assert whole.fun <= cost @ found <= 1.1 * whole.fun
+
+
+def test_a_site_too_dear_for_anything_better_is_left_out_and_the_optimum_stays():
+    oracle, cost = stretches(1, rows=60, columns=40)
+    rows, caps = CutPool(40, [oracle.row(i) for i in range(60)]), CutPool(40, [])
+    relaxation = Relaxation(cost, rows, caps, np.zeros(40, dtype=bool), step=1.0)
+    free = relaxation.optimum(np.inf, 10.0, whole=True).bound
+    relaxation.optimum(np.inf, 10.0, whole=False)
+    assert relaxation.worth_trying(np.inf).all()
+    assert not relaxation.worth_trying(free + 1).all()
+    assert relaxation.optimum(free + 1, 10.0, whole=True).bound == pytest.approx(free)
+    assert relaxation.optimum(free, 10.0, whole=True).bound >= free - 1e-6  # that nothing is cheaper
+
+
+def test_where_the_master_is_too_hard_a_local_search_finds_what_it_does_not():
+    oracle, demands = hard_cover()
+    found = cheapest_cover(np.ones(300), oracle, demands=demands, time_limit=6.0)
+    assert oracle.cuts(found.chosen) == []
+    assert found.cost <= 60

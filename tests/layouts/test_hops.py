@@ -11,6 +11,8 @@ from driftplan.layouts.placement.drives import HOLDS, drives_of, first_breach, w
 from driftplan.layouts.placement.hops import Limit
 from driftplan.layouts.placement.problem import placement_problem
 from driftplan.layouts.placement.spans import Spans
+from driftplan.layouts.scenario import DriftLimit, Scenario
+from driftplan.layouts.sites import Sites
 from driftplan.model.drift import predict_drift
 from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import OdometryNoise
@@ -41,7 +43,7 @@ SITES = [Beacon(TAG, 5, 1), Beacon(SIGN, 12, 2), Beacon(TAG, 14, -4), Beacon(SIG
 
 
 def tracks_of(noise, sites=SITES, limit=0.5, path=PATH):
-    problem = placement_problem(None, path, noise, candidates=sites)
+    problem = placement_problem(Scenario.of(None, path, noise, DriftLimit()), Sites(points=sites))
     tracks = problem.tracks(limit)
     return tracks, problem.requirements(tracks, [limit])
 
@@ -155,7 +157,7 @@ def test_a_radius_is_judged_by_its_quantile():
     far = [Beacon(TAG, 99, 99)]
     path = np.array([(0, 0), (30, 0)])
     radius = float(predict_drift(path, NOISE).end.radius(0.9))
-    problem = placement_problem(None, path, NOISE, candidates=far, confidence=0.9)
+    problem = placement_problem(Scenario.of(None, path, NOISE, DriftLimit(confidence=0.9)), Sites(points=far))
     tracks = problem.tracks(radius)
     for limit, holds in ((0.999 * radius, False), (1.001 * radius, True)):
         assert problem.requirements(tracks, [limit]).holds(np.array([False])) is holds
@@ -168,7 +170,9 @@ def test_a_radius_beyond_the_limit_only_inside_a_piece_is_seen():
     noise = OdometryNoise(heading_var_per_m=1e-3, heading_bias_per_m=0.5)
     peak = worst_radius(predict_drift(path, noise), 0.9)
     assert peak > predict_drift(path, noise).radius(0.9).max() * 1.01
-    problem = placement_problem(None, path, noise, candidates=[Beacon(TAG, 99, 99)], confidence=0.9)
+    problem = placement_problem(
+        Scenario.of(None, path, noise, DriftLimit(confidence=0.9)), Sites(points=[Beacon(TAG, 99, 99)])
+    )
     tracks = problem.tracks(peak)
     at_borders = peak * (1 - 1e-5)  # pieces are short: their borders come that near to the peak
     assert not Limit(np.array([at_borders]), 0.9).broken(_along(tracks), np.zeros(len(tracks.length), int)).any()
@@ -196,7 +200,7 @@ TWO_ROUTES = [PATH, np.array([(4, -6), (12, 3), (5, 1.25), (14, -4)], dtype=floa
 
 
 def drives_on_two_routes(noise, limit):
-    problem = placement_problem(None, TWO_ROUTES, noise, candidates=ALL_KINDS, redundancy=2)
+    problem = placement_problem(Scenario.of(None, TWO_ROUTES, noise, DriftLimit(redundancy=2)), Sites(points=ALL_KINDS))
     tracks = problem.tracks(limit)
     rng = np.random.default_rng(5)
     chosen = [rng.random(len(ALL_KINDS)) < 0.6 for _ in range(12)]

@@ -12,7 +12,8 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import beacon_passes, drift_with_beacons
 from driftplan.errors import MapError
 from driftplan.layouts.layout_files import beacons_geojson, installer_table, layout_csv, layout_geojson, load_beacons
-from driftplan.layouts.placement.place import place_beacons
+from driftplan.layouts.place import place_beacons
+from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.world import World
 
@@ -25,7 +26,7 @@ OLD = Beacon(BeaconKind.rfid(1.5, 0.1), 20.0, 1.5, "old")
 
 @pytest.fixture(scope="module")
 def layout():
-    return place_beacons(WORLD, ROUTES, NOISE, max_drift=0.9, kind=SIGN, spacing_m=2.0, existing=[OLD])
+    return place_beacons(WORLD, ROUTES, NOISE, 0.9, Sites(SIGN, spacing_m=2.0, existing=[OLD]))
 
 
 def test_a_layout_written_as_geojson_is_read_back_exactly(layout, tmp_path):
@@ -80,7 +81,7 @@ def test_the_csv_has_a_header_with_units_and_a_line_per_beacon(layout):
 
 
 def test_without_a_map_walls_are_left_empty():
-    layout = place_beacons(None, ROUTES, NOISE, max_drift=0.9, kind=BeaconKind.rfid(1.5, 0.1))
+    layout = place_beacons(None, ROUTES, NOISE, 0.9, BeaconKind.rfid(1.5, 0.1))
     rows = list(csv.DictReader(io.StringIO(layout_csv(layout).decode())))
     assert {row["nearest_wall_m"] for row in rows} == {""}
 

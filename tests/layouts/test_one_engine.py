@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan import Beacon, BeaconKind, Fix, InfeasibleError, OdometryNoise, place_beacons
+from driftplan import Beacon, BeaconKind, Fix, InfeasibleError, OdometryNoise, Sites, place_beacons
 from driftplan.beacons.readings import beacon_fixes, detection_chances, drift_with_beacons
 from driftplan.layouts.placement.drives import drives_of, worst_squares
 from driftplan.layouts.placement.spans import Spans
@@ -41,7 +41,7 @@ def worst_of_each_engine(path, noise, beacons, start_fix=None):
     )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=40)
 @given(st.integers(0, 10**9), st.sampled_from([PLAIN, TURNING, BIASED]), st.booleans(), st.booleans())
 def test_every_engine_finds_the_same_worst_drift(seed, noise, out_and_back, unsure_start):
     rng = np.random.default_rng(seed)
@@ -85,13 +85,13 @@ def test_a_reading_where_a_dead_end_turns_is_taken_on_arrival_whatever_the_seven
     expected = worst_of_each_engine([(0, 0), (10, 0), (0, 0)], TURNING, [Beacon(KINDS[1], 10.0, 0.5)])
     assert found == pytest.approx([expected[0]] * 3, rel=1e-5)
     with pytest.raises(InfeasibleError):
-        place_beacons(None, [path], TURNING, max_drift=expected[0] - 1e-3, candidates=[sign])
-    layout = place_beacons(None, [path], TURNING, max_drift=expected[0] + 1e-3, candidates=[sign])
+        place_beacons(None, [path], TURNING, expected[0] - 1e-3, Sites(points=[sign]))
+    layout = place_beacons(None, [path], TURNING, expected[0] + 1e-3, Sites(points=[sign]))
     assert layout.proven
     assert layout.worst_drift == pytest.approx(expected[0], rel=1e-5)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=40)
 @given(st.integers(0, 10**9))
 def test_placement_and_prediction_agree_on_dead_ends(seed):
     rng = np.random.default_rng(seed)
@@ -104,7 +104,7 @@ def test_placement_and_prediction_agree_on_dead_ends(seed):
     assert placed == pytest.approx(predicted, rel=1e-8)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=15)
 @given(st.integers(0, 10**9), st.floats(0, 2 * np.pi), st.floats(-5e6, 5e6))
 def test_where_the_axes_lie_does_not_decide_how_a_robot_turns_about(seed, angle, shift):
     noise = OdometryNoise(distance_var_per_m=1e-3, heading_bias_per_rad=0.02, heading_bias_per_m=-0.003)

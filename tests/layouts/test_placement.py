@@ -10,10 +10,11 @@ import shapely
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import beacon_fixes, beacon_passes, drift_with_beacons
 from driftplan.errors import InfeasibleError
+from driftplan.layouts.place import place_beacons
 from driftplan.layouts.placement import covering
 from driftplan.layouts.placement.covering import Outcome
-from driftplan.layouts.placement.place import place_beacons
-from driftplan.layouts.placement.problem import SiteGroup
+from driftplan.layouts.scenario import DriftLimit
+from driftplan.layouts.sites import SiteGroup, Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
@@ -28,7 +29,7 @@ SIGN = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01, l
 # Brute force
 
 
-def place(instance, *, words=False, **options):
+def place(instance, *, words=False, min_spacing_m=0.0, **options):
     """The layout, or None if it is said that there is none (or the error with its ``words``)."""
     new = [i for i in range(len(instance.sites)) if i not in instance.members(instance.fixed)]
     groups = [SiteGroup([f"b{i}" for i in some], least, most) for some, least, most in instance.groups]
@@ -37,16 +38,15 @@ def place(instance, *, words=False, **options):
             None,
             instance.paths,
             instance.noise,
-            **{
-                "max_drift": instance.limit,
-                "candidates": [instance.sites[i] for i in new],
-                "costs": instance.cost[new],
-                "existing": instance.named(instance.fixed),
-                "redundancy": instance.redundancy,
-                "confidence": instance.confidence,
-                "groups": groups,
-                **options,
-            },
+            DriftLimit(instance.limit, redundancy=instance.redundancy, confidence=instance.confidence),
+            Sites(
+                points=[instance.sites[i] for i in new],
+                costs=instance.cost[new],
+                existing=instance.named(instance.fixed),
+                groups=groups,
+                min_spacing_m=min_spacing_m,
+            ),
+            **options,
         )
     except InfeasibleError:
         if words:
@@ -208,7 +208,7 @@ def test_groups_caps_and_spacing_are_those_of_brute_force(seed, make_instance, k
 def test_with_redundancy_three_any_two_may_die(one_of_them):
     path = np.array([(0, 0), (30, 0), (30, 12)], dtype=float)
     sites = [Beacon(SIGN, x, 0.5, f"s{x}") for x in range(4, 30, 2)]
-    layouts = [place_beacons(None, path, NOISE, max_drift=0.9, candidates=sites, redundancy=k) for k in (1, 2, 3)]
+    layouts = [place_beacons(None, path, NOISE, DriftLimit(0.9, redundancy=k), Sites(points=sites)) for k in (1, 2, 3)]
     assert [x.proven for x in layouts] == [True] * 3
     counts = [len(x.beacons) for x in layouts]
     assert counts == sorted(set(counts))
@@ -247,11 +247,11 @@ def test_a_later_imperfect_full_fix_may_be_worse_and_is_not_taken_for_better():
     limit = 0.57
     worst = [worst_rms(drift_with_beacons(path, noise, b, fixes=[lost])) for b in ([near], [near, far])]
     assert worst[0] < limit < worst[1]
-    layout = place_beacons(None, path, noise, max_drift=limit, candidates=[far, near], start_fix=lost)
+    layout = place_beacons(None, path, noise, limit, Sites(points=[far, near]), start_fix=lost)
     assert [b.id for b in layout.beacons] == ["near"]
     assert layout.proven
     with pytest.raises(InfeasibleError):
-        place_beacons(None, path, noise, max_drift=limit, candidates=[near], existing=[far], start_fix=lost)
+        place_beacons(None, path, noise, limit, Sites(points=[near], existing=[far]), start_fix=lost)
 
 
 def test_a_coarse_beacon_too_many_spoils_a_layout_and_the_search_knows():
@@ -261,10 +261,10 @@ def test_a_coarse_beacon_too_many_spoils_a_layout_and_the_search_knows():
     with_good, with_both = (worst_rms(drift_with_beacons(path, NOISE, b)) for b in ([good], [good, bad]))
     assert with_both > with_good
     limit = (with_good + with_both) / 2
-    layout = place_beacons(None, path, NOISE, max_drift=limit, candidates=[good, bad])
+    layout = place_beacons(None, path, NOISE, limit, Sites(points=[good, bad]))
     assert [b.id for b in layout.beacons] == ["good"]
     with pytest.raises(InfeasibleError):  # existing beacons cannot be ignored
-        place_beacons(None, path, NOISE, max_drift=limit, candidates=[good], existing=[bad])
+        place_beacons(None, path, NOISE, limit, Sites(points=[good], existing=[bad]))
 
 
 def test_a_perfect_fix_that_comes_later_may_be_worse_when_the_heading_is_all_but_lost():
@@ -287,7 +287,7 @@ def test_a_perfect_fix_that_comes_later_may_be_worse_when_the_heading_is_all_but
             continue
         limit = (low + high) / 2
         fewest = min(len(some) for some, drift in drifts.items() if drift <= limit)
-        layout = place_beacons(None, path, noise, max_drift=limit, candidates=sites)
+        layout = place_beacons(None, path, noise, limit, Sites(points=sites))
         assert (len(layout.beacons), layout.proven) == (fewest, True)
         tried += drifts[(sites[0],)] < limit < drifts[(sites[1],)]
     assert tried > 0
@@ -364,7 +364,7 @@ def check_against_flow(paths, spacing_m, limit):
     point_sign = BeaconKind.landmark(0.05, 0.0, 0.0, line_of_sight=False)
     axis = np.arange(0, 41, spacing_m)
     sites = [Beacon(point_sign, x, y) for x in axis for y in axis if x % 10 == 0 or y % 10 == 0]
-    layout = place_beacons(None, paths, NOISE, max_drift=limit, candidates=sites)
+    layout = place_beacons(None, paths, NOISE, limit, Sites(points=sites))
     assert layout.proven
     assert len(layout.beacons) == flow_optimum(paths, NOISE, sites, limit)
     return layout
@@ -397,7 +397,7 @@ def test_on_one_route_with_perfect_fixes_going_as_far_as_possible_is_as_good(see
         able = [s for s in sites if s not in fixes and _holds_until(path, [*fixes, s], s, limit)]
         fixes.append(max(able, key=lambda s: beacon_passes(path, s)[0, 0]))
         count += 1
-    layout = place_beacons(None, path, NOISE, max_drift=limit, candidates=sites)
+    layout = place_beacons(None, path, NOISE, limit, Sites(points=sites))
     assert (len(layout.beacons), layout.proven) == (count, True)
 
 
@@ -418,7 +418,7 @@ def _holds_until(path, fixes, site, limit):
 def test_monte_carlo_finds_the_limit_kept_everywhere(kind):
     path = np.array([(0, 0), (25, 0), (25, 15), (5, 15), (5, 5)], dtype=float)
     limit = 0.5
-    layout = place_beacons(None, path, NOISE, max_drift=limit, kind=kind, spacing_m=2.0)
+    layout = place_beacons(None, path, NOISE, limit, Sites(kind, spacing_m=2.0))
     dense = _with_corners(path, 90)
     errors = simulate_drift(dense, NOISE, runs=4000, rng=3, fixes=beacon_fixes(path, layout.beacons), substep_m=0.5)
     square = (errors**2).sum(-1)

@@ -9,7 +9,9 @@ import shapely
 
 from driftplan.beacons.beacon import BeaconKind
 from driftplan.beacons.readings import beacon_fixes, drift_with_beacons
-from driftplan.layouts.placement.place import place_beacons
+from driftplan.layouts.place import place_beacons
+from driftplan.layouts.scenario import DriftLimit
+from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
 from driftplan.model.worst import worst_rms
@@ -43,8 +45,8 @@ def routes_in(world, number, rng):
 
 def test_twenty_routes_through_a_depot(depot):
     routes, limit = routes_in(depot, 20, np.random.default_rng(4)), 0.5
-    layout = place_beacons(depot, routes, NOISE, max_drift=limit, kind=TAG, spacing_m=1.0)
-    sturdy = place_beacons(depot, routes, NOISE, max_drift=limit, kind=TAG, spacing_m=1.0, redundancy=2)
+    layout = place_beacons(depot, routes, NOISE, limit, Sites(TAG, spacing_m=1.0))
+    sturdy = place_beacons(depot, routes, NOISE, DriftLimit(limit, redundancy=2), Sites(TAG, spacing_m=1.0))
     assert layout.proven
     assert sturdy.proven
     assert 3 < len(layout.beacons) < len(sturdy.beacons) < 60

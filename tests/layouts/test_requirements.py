@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from driftplan.layouts.placement.problem import placement_problem
+from driftplan.layouts.scenario import DriftLimit, Scenario
+from driftplan.layouts.sites import Sites
 
 NAMES = ["tags", "perfect", "coarse", "two full", "mixed", "with compass", "unsure", "everything"]
 
@@ -13,9 +15,8 @@ def satisfied(cut, chosen):
 
 
 def check_all_layouts(instance):
-    problem = placement_problem(
-        None, instance.paths, instance.noise, candidates=instance.sites, redundancy=instance.redundancy
-    )
+    limit = DriftLimit(redundancy=instance.redundancy)
+    problem = placement_problem(Scenario.of(None, instance.paths, instance.noise, limit), Sites(points=instance.sites))
     tracks = problem.tracks(instance.limit)
     requirements = problem.requirements(tracks, [instance.limit] * len(instance.paths))
     layouts = [
@@ -51,7 +52,9 @@ def test_every_layout_is_judged_as_by_brute_force_on_many_instances(name, seed, 
 @pytest.mark.parametrize("name", ["tags", "mixed", "with compass", "unsure"])
 def test_looking_near_a_site_finds_what_looking_everywhere_finds(name, make_instance, kinds_named):
     instance = make_instance(11, kinds_named[name], sites=(4, 4))
-    problem = placement_problem(None, instance.paths, instance.noise, candidates=instance.sites)
+    problem = placement_problem(
+        Scenario.of(None, instance.paths, instance.noise, DriftLimit()), Sites(points=instance.sites)
+    )
     requirements = problem.requirements(problem.tracks(instance.limit), [instance.limit] * len(instance.paths))
     n = len(instance.sites)
     for s in range(2**n):

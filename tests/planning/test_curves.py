@@ -4,7 +4,7 @@ from math import cos, hypot, pi, remainder, sin, tau
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from ompl import base as ob
 
@@ -41,11 +41,14 @@ def test_dubins_curves_only_go_forwards(dx, dy, yaw_start, yaw_end):
     assert all(length >= 0 for curve in curves for length, _ in curve)
 
 
+@example(1.0, 0.0, 0.0, -3e-7)
 @given(offset, offset, angle, angle)
 def test_being_allowed_to_reverse_never_makes_the_way_longer(dx, dy, yaw_start, yaw_end):
     forwards = min(map(curve_length, dubins_curves(dx, dy, yaw_start, yaw_end)))
     both = min(map(curve_length, reeds_shepp_curves(dx, dy, yaw_start, yaw_end)))
-    assert hypot(dx, dy) - 1e-7 <= both <= forwards + 1e-7
+    assume(not 0 < hypot(dx, dy) < 1e-6)  # where OMPL's Dubins curves are straight whatever the headings
+    # Dubins curves leave out arcs of 5e-7 rad, as OMPL's do.
+    assert hypot(dx, dy) - 1e-7 <= both <= forwards + 2e-6
 
 
 def set_pose(state, x, y, yaw):
@@ -89,3 +92,16 @@ def test_staying_is_no_curve():
     a = space.allocState()
     set_pose(a, 1.0, 2.0, 0.5)
     assert CurveFinder(space)(a, a) == []
+
+
+def test_an_arc_in_which_a_heading_is_a_rounding_error_off_is_no_circle():
+    """A left arc of 1.63 m on a radius of 1.3 m, its end rounded as OMPL's own states are."""
+    space = ob.DubinsStateSpace(1.3)
+    a, b = space.allocState(), space.allocState()
+    x, y, yaw, turn = 1.11, 1.41, -1.84, 1.63 / 1.3
+    set_pose(a, x, y, yaw)
+    for off in (-3e-8, -1e-10, 0.0, 1e-10, 3e-8):
+        end = yaw + turn + off
+        set_pose(b, x + 1.3 * (sin(yaw + turn) - sin(yaw)), y - 1.3 * (cos(yaw + turn) - cos(yaw)), end)
+        assert curve_length(CurveFinder(space)(a, b)) * 1.3 == pytest.approx(space.distance(a, b), abs=1e-6)
+        assert space.distance(a, b) == pytest.approx(1.63, abs=1e-6)

@@ -8,10 +8,12 @@ from math import pi
 import numpy as np
 import pytest
 from ompl import base as ob
+from ompl import control as oc
 from ompl import geometric as og
 
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.paths import Runs
 from driftplan.model.spatial.drift import predict_flight_drift
 from driftplan.planning.cost import CostRates, bracket
 from driftplan.planning.ompl.objective import DriftObjective
@@ -200,10 +202,43 @@ def test_bad_input_is_refused():
     si, path = path_of(ob.RealVectorStateSpace(3), [(0, 0, 0), (1, 1, 1)])
     with pytest.raises(ValueError, match="no noise per radian"):
         predict_ompl_path(path, si, NOISE)
-    with pytest.raises(ValueError, match="without zones in three"):
+    with pytest.raises(ValueError, match="no world in a space of three"):
         predict_ompl_path(path, si, NOISE, WORLD)
     with pytest.raises(ValueError, match="white noise in three dimensions"):
         predict_ompl_path(path, si, OdometryNoise(heading_var_per_m=1e-3, heading_bias_per_m=1e-3))
     si, path = path_of(ob.SE3StateSpace(), [(0, 0, 0, 0), (0, 0, 0, 1)])
     with pytest.raises(ValueError, match="turns on the way only"):
         predict_ompl_path(path, si, NOISE)
+
+
+def test_a_path_of_controls_drifts_as_what_its_controls_drive():
+    """Not along the chords between its states: here half a circle, of which the states are the ends."""
+    space = ob.SE2StateSpace()
+    bounds = ob.RealVectorBounds(2)
+    bounds.setLow(-9)
+    bounds.setHigh(9)
+    space.setBounds(bounds)
+    controls = oc.RealVectorControlSpace(space, 2)
+    controls.setBounds(bounds)
+    si = oc.SpaceInformation(space, controls)
+
+    def drive(state, control, seconds, result):
+        x, y, yaw, speed, rate = state.getX(), state.getY(), state.getYaw(), control[0], control[1]
+        middle = yaw + 0.5 * rate * seconds
+        result.setXY(x + speed * seconds * np.cos(middle), y + speed * seconds * np.sin(middle))
+        result.setYaw(yaw + rate * seconds)
+
+    si.setStatePropagator(drive)
+    si.setStateValidityChecker(ob.AllValidStateValidityChecker(si))
+    si.setPropagationStepSize(0.01)
+    si.setup()
+    path, start, end, control = oc.PathControl(si), si.allocState(), si.allocState(), si.allocControl()
+    start.setXY(0.0, 0.0), start.setYaw(0.0), end.setXY(0.0, 2.0), end.setYaw(np.pi)
+    control[0], control[1] = 1.0, 1.0
+    path.append(start, control, 3.14)
+    path.append(end)
+    noise = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-4)
+    found = predict_ompl_path(path, si, noise)
+    arc = Runs(np.asarray(0j), np.asarray(0.0), np.zeros(1), np.array([np.pi]), np.ones(1))
+    assert float(found.length) == pytest.approx(np.pi, rel=2e-3)
+    assert float(found.end.rms) == pytest.approx(float(predict_drift(arc, noise).end.rms), rel=5e-3)

@@ -12,6 +12,7 @@ from driftplan.errors import InfeasibleError, TrajectoryError
 from driftplan.layouts.co_design.co_design import co_design
 from driftplan.layouts.co_design.trips import Trip, load_trips
 from driftplan.layouts.layout_files import load_beacons
+from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.report.design_command import add_parser, design
 from driftplan.report.plot_design import plot_design
@@ -141,8 +142,9 @@ def test_the_figure_shows_both_designs():
     noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
     sign = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01, cost=100.0)
     trips = [((2, 2), (38, 2)), ((2, 10), (38, 10))]
-    asked = {"kind": sign, "price_per_m": 1.0, "spacing_m": 4.0, "nodes": 120, "time_limit": 600.0}
-    found = co_design(world, trips, noise, 1.2, **asked)
+    sites = Sites(sign, spacing_m=4.0)
+    asked = {"price_per_m": 1.0, "max_nodes": 120, "time_limit": 600.0}
+    found = co_design(world, trips, noise, 1.2, sites, **asked)
     figure = plot_design(world, found)
     before, after = figure.axes
     assert "then beacons" in before.get_title()
@@ -151,5 +153,5 @@ def test_the_figure_shows_both_designs():
         assert all(any(np.array_equal(path, xy) for xy in drawn) for path in shown.paths)
         assert f"{len(shown.beacons)} beacon" in ax.get_title()
     figure.canvas.draw()
-    alone = co_design(world, trips[:1], noise, 1.2, **asked, rounds=0)
+    alone = co_design(world, trips[:1], noise, 1.2, sites, **asked, rounds=0)
     assert plot_design(world, alone, figure=Figure()).axes

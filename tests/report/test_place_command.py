@@ -133,7 +133,7 @@ def test_what_cannot_be_done_is_the_librarys_error(run):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ((), "expected max_drift, or max_beacons or budget"),
+        ((), "max_drift, or max_beacons or budget"),
         (("--max-drift", -1), "expected max_drift finite and > 0"),
         (("--max-drift", 1, "--tradeoff", 3), "expected --tradeoff or --max-drift, got both"),
         (("--max-drift", 1, "--candidates", "x.csv", "--sites", "walls"), "expected --candidates, or --sites"),

@@ -6,7 +6,9 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.layouts.placement.place import beacon_tradeoff, place_beacons
+from driftplan.layouts.place import beacon_tradeoff, place_beacons
+from driftplan.layouts.scenario import DriftLimit
+from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.report.cli_output import figure_png
 from driftplan.report.plot_beacons import (
@@ -28,7 +30,7 @@ OLD = Beacon(BeaconKind.rfid(1.5, 0.1), 20.0, 1.5, "old")
 
 @pytest.fixture(scope="module")
 def layout():
-    return place_beacons(WORLD, ROUTES, NOISE, max_drift=0.8, kind=SIGN, spacing_m=2.0, existing=[OLD])
+    return place_beacons(WORLD, ROUTES, NOISE, 0.8, Sites(SIGN, spacing_m=2.0, existing=[OLD]))
 
 
 @pytest.fixture
@@ -67,7 +69,7 @@ def test_the_sawtooth_is_the_drift_and_shows_the_limit(layout, ax):
 
 
 def test_by_default_the_routes_nearest_to_their_limits_have_a_style_and_the_others_are_grey(layout, ax):
-    many = place_beacons(None, [ROUTES[0] + (0, k) for k in range(7)], NOISE, max_drift=0.8, kind=SIGN, spacing_m=4.0)
+    many = place_beacons(None, [ROUTES[0] + (0, k) for k in range(7)], NOISE, 0.8, Sites(SIGN, spacing_m=4.0))
     lines = plot_sawtooth(many, ax=ax)
     assert len(lines) == 5
     worst = sorted(range(7), key=lambda r: -many.worst_drifts[r])[:5]
@@ -76,7 +78,7 @@ def test_by_default_the_routes_nearest_to_their_limits_have_a_style_and_the_othe
 
 
 def test_the_trade_off_steps_down_through_its_points(ax):
-    curve = beacon_tradeoff(None, ROUTES[0], NOISE, kind=SIGN, spacing_m=4.0, up_to=3)
+    curve = beacon_tradeoff(None, ROUTES[0], NOISE, Sites(SIGN, spacing_m=4.0), max_beacons=3)
     line = plot_tradeoff(curve, ax=ax)
     x, y = line.get_data()
     assert list(zip(x, y, strict=True)) == [(c.worst_drift, len(c.beacons)) for c in reversed(curve)]
@@ -86,19 +88,19 @@ def test_the_trade_off_steps_down_through_its_points(ax):
 
 def test_importance_bars_are_what_each_failure_does_worst_first(layout, ax):
     bars = plot_importance(layout, ax=ax)
-    said = sorted((x for x in layout.importance if x.routes), key=lambda x: -x.worst_if_dead)
-    assert [bar.get_width() for bar in bars] == [x.worst_if_dead for x in said]
+    said = sorted((x for x in layout.importance if x.routes), key=lambda x: -x.worst_single_failure)
+    assert [bar.get_width() for bar in bars] == [x.worst_single_failure for x in said]
     assert [label.get_text() for label in ax.get_yticklabels()] == [x.beacon.id for x in said]
 
 
 def test_the_whole_figure_draws_with_and_without_a_map_and_with_nothing_placed(layout):
-    bare = place_beacons(None, ROUTES[2], NOISE, max_drift=5.0, kind=SIGN)
+    bare = place_beacons(None, ROUTES[2], NOISE, 5.0, SIGN)
     assert len(bare.beacons) == 0
     for one in (layout, bare):
         assert figure_png(layout_figure(one)).startswith(b"\x89PNG")
 
 
 def test_a_radius_is_labelled_as_one(ax):
-    layout = place_beacons(None, ROUTES[2], NOISE, max_drift=5.0, kind=SIGN, confidence=0.95)
+    layout = place_beacons(None, ROUTES[2], NOISE, DriftLimit(5.0, confidence=0.95), SIGN)
     plot_sawtooth(layout, ax=ax)
     assert ax.get_ylabel() == "95 % radius (m)"

@@ -1,7 +1,7 @@
 """Beacons and routes chosen together.
 
 co_design       the search
-problem         its two halves: beacons for routes, routes among beacons
+design_problem  its two halves: beacons for routes, routes among beacons
 design          what it answers
 trips           what is driven, in Python or from a file
 """

@@ -1,6 +1,6 @@
 """co_design: beacons and routes chosen together, so that what both cost is least.
 
-Given the routes, `driftplan.layouts.placement.place` finds the cheapest beacons; given the beacons,
+Given the routes, `driftplan.layouts.place` finds the cheapest beacons; given the beacons,
 `driftplan.planning.itinerary.search` finds the shortest routes that keep the limit. Alternating the two never makes
 anything dearer, but from the shortest routes it does not move at all: no route gets shorter, and with these routes no
 layout gets cheaper. So the search restarts from neighbours of the best design, and goes on alternating from there:
@@ -20,45 +20,42 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, positive, whole
+from driftplan.arrays import Floats, keywords_checked, positive, whole
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.co_design.design import CoDesign, Design, DesignStatus
-from driftplan.layouts.co_design.problem import DesignProblem, sites_of
+from driftplan.layouts.co_design.design_problem import DesignProblem
 from driftplan.layouts.co_design.trips import Trip, trips_of
-from driftplan.layouts.layout import Layout
+from driftplan.layouts.scenario import DriftLimit
+from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.planning.itinerary.itinerary import DEFAULT_DETOUR, answer, check_options
 from driftplan.planning.itinerary.search import ROUNDING, length_of
 from driftplan.world.world import World
 
-_WORTH = 1e-6  # least relative gain that counts
-_HOPE = 2.0  # detours may cost so many times what the missing beacons cost: placing again may save more of them
-_PLACE_SHARE = 0.25  # of the time limit, for one placement at most
+_MIN_GAIN = 1e-6  # least relative gain that counts
+_DETOUR_COST_SHARE = 2.0  # detours may cost so many times what the missing beacons cost: placing again may save more
+_PLACE_TIME_SHARE = 0.25  # of the time limit, for one placement at most
 
 
+@keywords_checked(limit=DriftLimit, sites=Sites)
 def co_design(
     world: World,
     trips: Sequence[Trip | tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, float]],
     noise: OdometryNoise,
-    max_drift: float,
+    limit: float | Sequence[float] | DriftLimit,
+    sites: BeaconKind | Sequence[BeaconKind] | Sites,
     *,
-    kind: BeaconKind | Sequence[BeaconKind],
     price_per_m: float,
-    candidates: ArrayLike | None = None,
-    spacing_m: float | None = None,
-    existing: Sequence[Beacon] = (),
-    forbidden: Sequence[Any] = (),
-    redundancy: int = 1,
     max_detour: float = DEFAULT_DETOUR,
+    min_capture: float = 0.9,
     start_fix: Fix | None = None,
-    nodes: int = 500,
+    max_nodes: int = 500,
     rounds: int = 10,
     time_limit: float = 120.0,
     seed: int = 0,
@@ -66,13 +63,10 @@ def co_design(
 ) -> CoDesign:
     """The beacons and, for every trip, the route that keeps the drift under a limit, at the least cost of both.
 
-    Minimised is the cost of new beacons (`BeaconKind.cost` each) plus ``price_per_m`` times the metres driven, every
-    trip as often as its weight says. Alternates placing given routes and routing given beacons, with restarts from
-    designs that lack some beacons, until none of them leads to anything cheaper. Never dearer than 'shortest routes,
-    then place' (`CoDesign.baseline`). A local optimum, not a proven one.
-
-    Readings count wherever a route is within range, as in `place_beacons`; with what probability a robot that has
-    drifted comes within range is in ``routes[k].captures``.
+    Minimised is the cost of new beacons plus ``price_per_m`` times the metres driven, every trip as often as its weight
+    says. Alternates placing given routes and routing given beacons, with restarts from designs that lack some beacons,
+    until none of them leads to anything cheaper. Never dearer than 'shortest routes, then place'
+    (`CoDesign.baseline`). A local optimum, not a proven one.
 
     Parameters
     ----------
@@ -81,25 +75,20 @@ def co_design(
     trips : sequence of Trip, or of (start, goal) or (start, goal, weight)
     noise : OdometryNoise
         Of the continuous kind (no ``step_m``).
-    max_drift : float
-        Greatest rms drift, in metres, anywhere on any route.
-    kind : BeaconKind or several
-        What may be placed; its ``cost`` is the price of one.
+    limit : metres (one number or one per trip), or DriftLimit
+        On the rms drift anywhere on any route; with ``redundancy=2`` it holds with any one beacon dead.
+    sites : BeaconKind or several, or Sites
+        Kinds alone: sites are a grid over the free space, as `Sites` says.
     price_per_m : float
         Of driving one metre once, in the unit of the beacons' cost, > 0.
-    candidates : (n, 2) points, metres
-        Default: a grid over the free space, ``spacing_m`` apart (default: the smallest range).
-    existing : sequence of Beacon
-        Already there, for nothing.
-    forbidden : sequence of polygons (shapely, or corners)
-        No beacons inside.
-    redundancy : int
-        2: the limit holds with any one beacon dead. 1: all are alive.
     max_detour : float
         No route is longer than this multiple of the shortest, >= 1.
+    min_capture : float in [0, 1)
+        The limit holds without readings that a robot that has drifted comes within range of less surely than this; the
+        chances are in ``routes[k].captures``. 0: all count, as in `place_beacons`.
     start_fix : Fix at 0
         Uncertainty at the start of every trip; default: the start is known.
-    nodes : int
+    max_nodes : int
         Of every roadmap, about.
     rounds : int
         Passes over all neighbours, at most; 0: only the baseline, with its routes as short as its beacons allow.
@@ -119,7 +108,7 @@ def co_design(
     InfeasibleError
         If a trip cannot be driven within the limit, wherever the beacons are: the message names it, and says why.
     StartError, GoalError, NoPathError
-        As `driftplan.plan_route`, naming the trip.
+        For the same reasons as `driftplan.plan_route`, naming the trip.
     ValueError
         For input that makes no sense.
 
@@ -131,63 +120,64 @@ def co_design(
     >>> world = World.from_polygons([shelf], bounds=(0, 0, 40, 12), robot_radius=0.5)
     >>> noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
     >>> sign = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01, cost=100.0)
-    >>> trips = [((2, 2), (38, 2)), ((2, 10), (38, 10))]
-    >>> found = co_design(world, trips, noise, 1.2, kind=sign, price_per_m=1.0, spacing_m=4.0, nodes=120)
+    >>> trips, sites = [((2, 2), (38, 2)), ((2, 10), (38, 10))], Sites(sign, spacing_m=4.0)
+    >>> found = co_design(world, trips, noise, 1.2, sites, price_per_m=1.0, min_capture=0.0, max_nodes=120)
     >>> len(found.baseline.beacons), len(found.beacons), found.gain > 50
     (2, 1, True)
     """
     began = time.monotonic()
     if not isinstance(world, World):
         raise ValueError(f"expected a World, got {world!r}")
-    problem = DesignProblem(
-        world=world,
-        trips=trips_of(trips),
-        noise=noise,
-        limit=positive("max_drift", max_drift),
-        price_per_m=positive("price_per_m", price_per_m),
-        existing=tuple(existing),
-        redundancy=redundancy,
-        start_fix=start_fix,
-        nodes=nodes,
-        seed=seed,
-        deadline=began + positive("time_limit", time_limit),
-        place_s=max(_PLACE_SHARE * time_limit, 1.0),
-    )
+    asked, allowed, driven = DriftLimit.of(limit), Sites.of(sites), trips_of(trips)
+    if asked.max_drift is None or asked.confidence is not None:
+        raise ValueError(f"expected a limit on the rms drift, without a confidence, got {asked}")
+    limits_m = asked.per_route(len(driven))
     check_options(
         minimise="length",
-        beacons=existing,
-        max_drift=max_drift,
+        beacons=allowed.existing,
+        max_drift=min(limits_m),
         max_detour=max_detour,
-        redundancy=redundancy,
+        redundancy=asked.redundancy,
+        min_capture=min_capture,
         initial=start_fix,
-        nodes=nodes,
+        nodes=max_nodes,
         seed=seed,
         noises=(noise, *(zone.noise for zone in world.zones)),
     )
     whole("rounds", rounds, least=0)
-    problem.sites = sites_of(world, kind, candidates, spacing_m, forbidden, {b.id for b in existing})
-    problem.shortest = [problem.shortest_path(k) for k in range(len(problem.trips))]
-    problem.longest = [max_detour * length_of(path) * (1 + ROUNDING) for path in problem.shortest]
-    search = _Search(problem, began, progress)
+    listed = allowed.listed(world)
+    if not listed.new:
+        raise ValueError("expected at least one site outside the forbidden areas, got none")
+    problem = DesignProblem(
+        world=world,
+        trips=driven,
+        noise=noise,
+        limits_m=limits_m,
+        redundancy=asked.redundancy,
+        min_capture=min_capture,
+        sites=allowed,
+        listed=listed,
+        price_per_m=positive("price_per_m", price_per_m),
+        start_fix=start_fix,
+        max_nodes=max_nodes,
+        seed=seed,
+        deadline=began + positive("time_limit", time_limit),
+        place_s=max(_PLACE_TIME_SHARE * time_limit, 1.0),
+    )
+    problem.shortest = [problem.shortest_path(k) for k in range(len(driven))]
+    problem.longest_m = [max_detour * length_of(path) * (1 + ROUNDING) for path in problem.shortest]
+    search = _DesignSearch(problem, began, progress)
     status, done = search.run(rounds)
     return search.result(status, done, time.monotonic() - began)
 
 
-class _State(NamedTuple):
-    """Routes and the beacons that hold the limit on them."""
-
-    paths: tuple[Floats, ...]
-    layout: Layout
-    cost: float
-
-
-class _Search:
+class _DesignSearch:
     """Alternation with restarts; the best design so far."""
 
     def __init__(self, problem: DesignProblem, began: float, progress: Callable[[float, float], None] | None) -> None:
         self.problem, self.began, self.progress = problem, began, progress
         self.baseline: Design | None = None
-        self.best: _State | None = None
+        self.best: Design | None = None
         self.history: list[float] = []
         self.tried = 0
         self._begun: set[bytes] = set()  # routes that have been started from
@@ -207,15 +197,15 @@ class _Search:
     def result(self, status: DesignStatus, rounds: int, seconds: float) -> CoDesign:
         problem, best = self.problem, self.best
         assert best is not None
-        everyone = (*problem.existing, *best.layout.beacons)
+        everyone = (*best.layout.existing, *best.layout.beacons)
         routes = [
-            answer(problem.search(k, everyone), path, "length", problem.limit, 0.0) for k, path in enumerate(best.paths)
+            answer(problem.search(k, everyone), path, "length", limit, 0.0)
+            for k, (path, limit) in enumerate(zip(best.paths, problem.limits_m, strict=True))
         ]
         return CoDesign(
             layout=best.layout,
             paths=best.paths,
-            beacon_cost=best.layout.cost,
-            driving_cost=problem.driving(best.paths),
+            driving_cost=best.driving_cost,
             trips=problem.trips,
             routes=tuple(routes),
             baseline=self.baseline,
@@ -235,11 +225,10 @@ class _Search:
         except InfeasibleError as err:
             on_shortest = str(err)
         else:
-            driving = problem.driving(shortest)
-            self.baseline = Design(layout=layout, paths=shortest, beacon_cost=layout.cost, driving_cost=driving)
-            self._offer(_State(shortest, layout, layout.cost + driving))
+            self.baseline = problem.design(shortest, layout)
+            self._offer(self.baseline)
             return
-        everywhere = (*problem.existing, *problem.sites)
+        everywhere = (*problem.listed.existing, *problem.listed.new)
         paths = []
         for k in range(len(shortest)):
             path = problem.route(k, everywhere, math.inf)
@@ -250,9 +239,9 @@ class _Search:
                 )
             if path is None:
                 raise InfeasibleError(
-                    f"{problem.name(k)}: no route no longer than {problem.longest[k]:.4g} m keeps the drift under "
-                    f"{problem.limit:g} m, even with beacons at all {len(problem.sites)} candidates; on the shortest "
-                    f"routes: {on_shortest}"
+                    f"{problem.name(k)}: no route no longer than {problem.longest_m[k]:.4g} m keeps the drift under "
+                    f"{problem.limits_m[k]:g} m, even with beacons at all {len(problem.listed.new)} sites; on the "
+                    f"shortest routes: {on_shortest}"
                 )
             paths.append(path)
         self._alternate(tuple(paths))
@@ -261,9 +250,9 @@ class _Search:
 
     def _pass(self) -> bool:
         """Restart from every neighbour of the best design; whether one led to a cheaper design."""
-        state = self.best
-        assert state is not None
-        for paths in self._neighbours(state):
+        design = self.best
+        assert design is not None
+        for paths in self._neighbours(design):
             if self.problem.late():
                 break
             self.tried += 1
@@ -271,65 +260,63 @@ class _Search:
                 self._begun.add(key)
                 self._alternate(paths)
         assert self.best is not None
-        return self.best.cost < state.cost * (1 - _WORTH)
+        return self.best.cost < design.cost * (1 - _MIN_GAIN)
 
-    def _neighbours(self, state: _State) -> Iterator[tuple[Floats, ...] | None]:
+    def _neighbours(self, design: Design) -> Iterator[tuple[Floats, ...] | None]:
         """Routes to start from; None where a trip has none that could pay."""
-        for missing in self._dispensable(state):
-            yield self._without(state, missing)
+        for missing in self._dispensable(design):
+            yield self._without(design, missing)
         problem = self.problem
         for k, shortest in enumerate(problem.shortest):
-            bases = [state.paths]
-            if length_of(state.paths[k]) > length_of(shortest) * (1 + _WORTH):
-                bases.append((*state.paths[:k], shortest, *state.paths[k + 1 :]))
+            bases = [design.paths]
+            if length_of(design.paths[k]) > length_of(shortest) * (1 + _MIN_GAIN):
+                bases.append((*design.paths[:k], shortest, *design.paths[k + 1 :]))
                 yield bases[-1]
             for base in bases:
                 for rider in range(len(base)):
                     if rider != k:
-                        yield self._riding(state, base, rider, k)
+                        yield self._riding(design, base, rider, k)
 
-    def _dispensable(self, state: _State) -> list[frozenset[Beacon]]:
+    def _dispensable(self, design: Design) -> list[frozenset[Beacon]]:
         """Beacons that might be done without, the sets that save most first; of equals in the seed's order."""
-        task, beacons = state.layout.task, state.layout.beacons
-        users = {b: {r for r in range(len(task.routes)) if b in task.met([b], r)} for b in beacons}
-        sets = {frozenset([b]) for b in beacons}
-        for trip in range(len(task.routes)):
-            on_it = [b for b in beacons if trip in users[b]]
-            sets |= {frozenset(on_it), frozenset(b for b in on_it if users[b] == {trip})}
-            sets |= {frozenset(pair) for pair in combinations(on_it, 2)}
+        problem, beacons = self.problem, design.layout.beacons
         order = {b: k for k, b in enumerate(beacons)}
+        on_trip = [set(design.layout.scenario.beacons_in_range(k, beacons)) for k in range(len(problem.trips))]
+        sets = {frozenset([b]) for b in beacons}
+        for k, here in enumerate(on_trip):
+            elsewhere = set().union(*on_trip[:k], *on_trip[k + 1 :])
+            sets |= {frozenset(here), frozenset(here - elsewhere), *map(frozenset, combinations(here, 2))}
         listed = sorted((s for s in sets if s), key=lambda s: sorted(order[b] for b in s))
-        rng = np.random.default_rng(self.problem.seed)
+        rng = np.random.default_rng(problem.seed)
         shuffled = [listed[k] for k in rng.permutation(len(listed)).tolist()]
-        return sorted(shuffled, key=lambda s: -sum(b.kind.cost for b in s))
+        return sorted(shuffled, key=lambda s: -problem.beacon_cost(s))
 
-    def _without(self, state: _State, missing: frozenset[Beacon]) -> tuple[Floats, ...] | None:
+    def _without(self, design: Design, missing: frozenset[Beacon]) -> tuple[Floats, ...] | None:
         """Routes without the missing beacons."""
         problem = self.problem
-        left = [b for b in (*problem.existing, *state.layout.beacons) if b not in missing]
-        hope = _HOPE * sum(b.kind.cost for b in missing)
-        paths = list(state.paths)
+        left = [b for b in (*design.layout.existing, *design.layout.beacons) if b not in missing]
+        spend = _DETOUR_COST_SHARE * problem.beacon_cost(missing)
+        paths = list(design.paths)
         for k, path in enumerate(paths):
-            search = problem.search(k, left)
-            if search.check.verdict(path, problem.limit).worst <= problem.limit:
+            limit = problem.limits_m[k]
+            if problem.search(k, left).check.verdict(path, limit).worst <= limit:
                 continue
-            most = length_of(path) + hope / problem.price(k)
-            found = search.shortest_within(problem.limit, min(most, problem.longest[k]))
+            found = problem.route(k, left, length_of(path) + spend / problem.metre_price(k))
             if found is None:
                 return None
-            hope -= problem.price(k) * max(length_of(found) - length_of(path), 0.0)
+            spend -= problem.metre_price(k) * max(length_of(found) - length_of(path), 0.0)
             paths[k] = found
         return tuple(paths)
 
-    def _riding(self, state: _State, paths: Sequence[Floats], rider: int, host: int) -> tuple[Floats, ...] | None:
+    def _riding(self, design: Design, paths: Sequence[Floats], rider: int, host: int) -> tuple[Floats, ...] | None:
         """Routes in which one trip uses what is, or could be, on the route of another."""
         problem = self.problem
-        saved = sum(b.kind.cost for b in state.layout.task.met(state.layout.beacons, rider))
+        layout = design.layout
+        saved = problem.beacon_cost(layout.scenario.beacons_in_range(rider, layout.beacons))
         if saved == 0:
             return None
-        offered = problem.met([paths[host]])
-        most = length_of(paths[rider]) + _HOPE * saved / problem.price(rider)
-        found = problem.route(rider, (*problem.existing, *offered), most)
+        longest_m = length_of(paths[rider]) + _DETOUR_COST_SHARE * saved / problem.metre_price(rider)
+        found = problem.route(rider, (*layout.existing, *problem.in_range(paths[host])), longest_m)
         if found is None or np.array_equal(found, paths[rider]):
             return None
         return (*paths[:rider], found, *paths[rider + 1 :])
@@ -341,28 +328,28 @@ class _Search:
         while not problem.late() or self.best is None:
             try:
                 layout = problem.place(paths)
-            except InfeasibleError:  # beacons that routes read before may be no candidates now
+            except InfeasibleError:  # beacons that routes read before may be no sites now
                 return
-            state = _State(paths, layout, problem.cost(paths, layout))
-            self._offer(state)
-            if state.cost >= cost * (1 - _WORTH):
+            design = problem.design(paths, layout)
+            self._offer(design)
+            if design.cost >= cost * (1 - _MIN_GAIN):
                 return
-            cost = state.cost
-            everyone = (*problem.existing, *layout.beacons)
+            cost = design.cost
+            everyone = (*layout.existing, *layout.beacons)
             shorter = []
             for k, path in enumerate(paths):
                 found = None
-                if length_of(path) > length_of(problem.shortest[k]) * (1 + _WORTH):
+                if length_of(path) > length_of(problem.shortest[k]) * (1 + _MIN_GAIN):
                     found = problem.route(k, everyone, length_of(path))
                 shorter.append(path if found is None or length_of(found) >= length_of(path) else found)
             if all(new is old for new, old in zip(shorter, paths, strict=True)):
                 return
             paths = tuple(shorter)
 
-    def _offer(self, state: _State) -> None:
-        if self.best is not None and state.cost >= self.best.cost * (1 - _WORTH):
+    def _offer(self, design: Design) -> None:
+        if self.best is not None and design.cost >= self.best.cost * (1 - _MIN_GAIN):
             return
-        self.best = state
-        self.history.append(state.cost)
+        self.best = design
+        self.history.append(design.cost)
         if self.progress is not None:
-            self.progress(time.monotonic() - self.began, state.cost)
+            self.progress(time.monotonic() - self.began, design.cost)

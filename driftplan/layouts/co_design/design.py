@@ -33,15 +33,12 @@ class Design:
         Of the beacons on the routes; the limit holds on each.
     paths : tuple of (n, 2) arrays
         One per trip, metres.
-    beacon_cost : float
-        Of the new beacons.
     driving_cost : float
         Weights times lengths times the price of a metre.
     """
 
     layout: Layout
     paths: tuple[Floats, ...]
-    beacon_cost: float
     driving_cost: float
 
     @property
@@ -50,7 +47,13 @@ class Design:
         return self.layout.beacons
 
     @property
+    def beacon_cost(self) -> float:
+        """Of the new ones."""
+        return self.layout.cost
+
+    @property
     def cost(self) -> float:
+        """Of beacons and driving together."""
         return self.beacon_cost + self.driving_cost
 
     @property

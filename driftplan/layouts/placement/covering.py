@@ -13,7 +13,9 @@ layout violates and that *every acceptable layout satisfies*. The master problem
 relaxation, so its optimum (HiGHS, through scipy) is a lower bound, and when its optimal layout passes the oracle that
 is the optimum. Nothing else is assumed: acceptable layouts need not stay acceptable when a site is added.
 
-In the meantime every rejected layout is completed greedily to an acceptable one, so that there is an answer early.
+In the meantime every rejected layout is completed greedily to an acceptable one, so that there is an answer early; the
+linear relaxation tells which few sites are worth choosing among, a local search (`local_search`) and HiGHS look among
+them for something cheaper, and sites too dear for any layout better than the best are left out of the master.
 """
 
 from __future__ import annotations
@@ -29,11 +31,15 @@ import numpy as np
 
 from driftplan.arrays import Bools, Floats
 from driftplan.layouts.placement.cut_pool import EPS, Cut, CutPool
-from driftplan.layouts.placement.highs import solve
+from driftplan.layouts.placement.local_search import LocalSearch
+from driftplan.layouts.placement.relaxation import LP_ROOM, Relaxation, Solution
 
 _LONGEST_S = 600.0  # of a search, as far as it is divided into parts
 _PATIENCE = 6  # rounds of the linear relaxation that may pass without raising its bound by a thousandth
-_LP_ROOM = 1e-5  # its optimum is that uncertain
+_LOCAL_STEPS = 10000  # of a local search without success, or
+_LOCAL_STEPS_PER_SITE = 30  # if that is less
+_LOCAL_SHARE = 0.1  # of the time left, for one local search
+_MASTER_SHARE = 0.1  # of the time left, for the master before anything cheaper is tried
 
 
 class Oracle(Protocol):
@@ -119,11 +125,11 @@ def cheapest_cover(
     >>> found.chosen.tolist(), found.cost, found.outcome.name
     ([False, True, True], 3.0, 'OPTIMAL')
     """
-    search = _Search(cost, oracle, demands, caps, fixed, time_limit, progress)
+    search = _CoverSearch(cost, oracle, demands, caps, fixed, time_limit, progress)
     return search.run(hint, stop_at_first)
 
 
-class _Search:
+class _CoverSearch:
     def __init__(
         self,
         cost: Floats,
@@ -146,6 +152,8 @@ class _Search:
         self.rounds = 0
         self.hopeless = next((cut for cut in self.rows.cuts if cut.hopeless), None)
         self.impossible = False  # as a whole, with no single cut to blame
+        self.relaxation = Relaxation(self.cost, self.rows, self.caps, self.fixed, self.step)
+        self.core: Bools | None = None  # sites to look at closely, once
 
     # The loop
 
@@ -162,7 +170,9 @@ class _Search:
                 return self._result(Outcome.GOOD_ENOUGH)
             if time.monotonic() >= self.deadline:
                 return self._result(Outcome.UNKNOWN if self.best is None else Outcome.STOPPED_EARLY)
-            self._round()
+            if not self._round() and self.core is not None:
+                core, self.core = self.core, None
+                self._look_closely(core)
         if self.best is None:
             return self._result(Outcome.INFEASIBLE)
         if self._impossible():
@@ -172,13 +182,12 @@ class _Search:
 
     def _tighten(self) -> None:
         """The linear relaxation with as many rows as it takes, and layouts made from its solution."""
-        best, stale = 0.0, 0
-        y = None
+        best, stale, y = 0.0, 0, None
         while stale < _PATIENCE and time.monotonic() < self.deadline:
-            y, bound, solved = self._relaxation(whole=False)
+            y, bound, solved, _ = self._relaxed(whole=False)
             if y is None or not solved:
                 break
-            self._raise_bound(bound - _LP_ROOM * max(1.0, abs(bound)))
+            self._raise_bound(bound - LP_ROOM * max(1.0, abs(bound)))
             best, stale = (bound, 0) if bound > best * 1.001 else (best, stale + 1)
             if not self.rows.activate(y):
                 break
@@ -187,16 +196,43 @@ class _Search:
         if not self._closed():
             self._complete(self.fixed | (y > 0.999), lean=y)
         if not self._closed():
-            self._confine(self.fixed | (y > EPS))
+            self._confine(self.fixed | (y > EPS), 0.25)
+        self.core = self.relaxation.core(y, self.best_cost)
 
-    def _confine(self, sites: Bools) -> None:
-        """A layout of these sites only, few enough for the master to choose well, in a quarter of the time."""
-        if self.best is not None:
-            sites = sites | self.best
-        until = time.monotonic() + 0.25 * min(self.deadline - time.monotonic(), _LONGEST_S)
-        chosen = None
+    def _look_closely(self, core: Bools) -> None:
+        """Where the master is too hard: local search, and HiGHS, among the few sites that look best."""
+        self._improve_locally(core)
+        if 2 * np.count_nonzero(core) < self.n and not self._closed():
+            self._confine(core, 0.6)
+            self._improve_locally(core)
+
+    def _improve_locally(self, sites: Bools) -> None:
+        """Cheaper layouts of these sites and those of the best, by local search, as long as it finds any."""
+        from scipy.sparse import csr_array, vstack
+
+        fruitless = 0
+        while self.best is not None and fruitless < _PATIENCE and not self._closed() and self._left() > 0:
+            some = np.flatnonzero(sites | self.best)
+            rows = csr_array(vstack([self.rows.matrix[0], self.caps.matrix[0]], format="csr")[:, some])
+            least = np.concatenate([self.rows.matrix[2], self.caps.matrix[2]])
+            search = LocalSearch(self.cost[some], rows, least, ~self.fixed[some], seed=self.rounds)
+            until = time.monotonic() + _LOCAL_SHARE * self._left()
+            known, cost = len(self.rows.cuts), self.best_cost
+            patience = min(_LOCAL_STEPS, _LOCAL_STEPS_PER_SITE * len(some))
+            found = np.zeros(self.n, dtype=bool)
+            found[some] = search.improve(self.best[some], until, goal=self.bound, patience=patience)
+            if float(self.cost @ found) < self.best_cost - EPS:
+                self._complete(found)
+            fruitless = 0 if self.best_cost < cost - EPS else fruitless + 1
+            if fruitless and len(self.rows.cuts) == known:
+                return
+
+    def _confine(self, sites: Bools, share: float) -> None:
+        """A layout of these sites only, few enough for the master to choose well, in a share of the time left."""
+        sites = sites if self.best is None else sites | self.best
+        until, chosen = time.monotonic() + share * self._left(), None
         while time.monotonic() < until and not self._impossible():
-            y, _, _ = self._relaxation(whole=True, sites=sites, until=until)
+            y = self.relaxation.among(sites, min(self.deadline, until) - time.monotonic())
             if y is None:
                 break
             chosen = y > 0.5
@@ -206,13 +242,14 @@ class _Search:
         if chosen is not None and not self._closed():
             self._complete(chosen)
 
-    def _round(self) -> None:
-        """Solve the master and ask what is wrong with its layout."""
+    def _round(self) -> bool:
+        """Solve the master and ask what is wrong with its layout; False if it took too long."""
         self.rounds += 1
-        y, bound, solved = self._relaxation(whole=True)
+        patient = inf if self.core is None else time.monotonic() + _MASTER_SHARE * self._left()
+        y, bound, solved, _ = self._relaxed(whole=True, until=patient)
         self._raise_bound(bound)
         if y is None:
-            return
+            return solved
         chosen = y > 0.5
         if self.rows.activate(chosen):
             self._complete(chosen)
@@ -222,6 +259,11 @@ class _Search:
                 self._raise_bound(float(self.cost @ chosen))
         elif not self._closed():
             self._complete(chosen)
+        return solved
+
+    def _left(self) -> float:
+        """Seconds that are left, no more than are worth dividing up."""
+        return min(self.deadline - time.monotonic(), _LONGEST_S)
 
     def _result(self, outcome: Outcome) -> Cover:
         bound = self.best_cost if outcome is Outcome.OPTIMAL else min(self.bound, self.best_cost)
@@ -257,35 +299,11 @@ class _Search:
         self.hopeless = self.hopeless or next((cut for cut in cuts if cut.hopeless), None)
         return cuts
 
-    # Lower bounds
-
-    def _relaxation(
-        self, *, whole: bool, sites: Bools | None = None, until: float = inf
-    ) -> tuple[Floats | None, float, bool]:
-        """(1)-(4) with the active rows, whole or fractional: a solution, a lower bound, whether it is optimal.
-
-        Confined to some ``sites`` it is no relaxation: then the bound is none.
-        """
-        from scipy.sparse import vstack
-
-        rows, least = self.rows.active_rows
-        caps, _, cap_least = self.caps.matrix
-        most = np.ones(self.n) if sites is None else sites.astype(float)
-        found = solve(
-            self.cost,
-            vstack([rows, caps], format="csr"),
-            np.concatenate([least, cap_least]),
-            (self.fixed.astype(float), most),
-            whole=whole,
-            time_limit=max(0.05, min(self.deadline, until) - time.monotonic()),
-        )
-        y = None if found.x is None else np.asarray(found.x, dtype=float)
-        if sites is not None:
-            return y, 0.0, False
-        if found.status == 2:
-            self.impossible = True
-        bound = found.mip_dual_bound if whole else found.fun if found.status == 0 else None
-        return y, 0.0 if bound is None or not np.isfinite(bound) else float(bound), found.status == 0
+    def _relaxed(self, *, whole: bool, until: float = inf) -> Solution:
+        """The optimum of (1)-(4) with the active rows."""
+        found = self.relaxation.optimum(self.best_cost, min(self.deadline, until) - time.monotonic(), whole=whole)
+        self.impossible = self.impossible or found.impossible
+        return found
 
     # Upper bounds
 

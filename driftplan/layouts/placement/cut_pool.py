@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from driftplan.arrays import Bools, Floats, Ints
 
 EPS = 1e-6  # activities of rows are compared with this much room
-_ALL_AT_ONCE = 500  # rows: up to here it does not pay to be choosy
+_ALL_AT_ONCE = 512  # rows: up to here it does not pay to be choosy
 _OVERLAP = 8  # rows that join at one time share a column with at most this many others
 
 

@@ -27,19 +27,25 @@ def solve(
 
     Returns
     -------
-    scipy's OptimizeResult, of status 0 (optimal), 1 (time limit) or 2 (infeasible)
+    scipy's OptimizeResult, of status 0 (optimal), 1 (time limit) or 2 (infeasible); ``lower.marginals`` are the reduced
+    costs of a fractional optimum
     """
-    from scipy.optimize import Bounds, LinearConstraint, milp
+    from scipy.optimize import Bounds, LinearConstraint, linprog, milp
 
-    found = _interruptible(
-        lambda: milp(
+    def in_whole_numbers() -> Any:
+        return milp(
             cost,
-            integrality=np.full(len(cost), int(whole), dtype=np.intp),
+            integrality=np.ones(len(cost), dtype=np.intp),
             bounds=Bounds(*bounds),
             constraints=LinearConstraint(rows, lb=least) if len(least) else (),
             options={"time_limit": time_limit, "mip_rel_gap": 0.0},
         )
-    )
+
+    def in_fractions() -> Any:
+        limited = {"A_ub": -rows, "b_ub": -least} if len(least) else {}
+        return linprog(cost, bounds=np.stack(bounds, axis=1), options={"time_limit": time_limit}, **limited)
+
+    found = _interruptible(in_whole_numbers if whole else in_fractions)
     if found.status not in (0, 1, 2):
         raise RuntimeError(f"HiGHS could not solve the covering problem: {found.message}")
     return found

@@ -15,7 +15,12 @@ from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt, tau
 
 L, S, R = 1, 0, -1  # sense of the curvature
 SAME_LENGTH = 1e-7  # turning radii: OMPL rounds angles to zero from about there
-_ROUND = 1e-9  # rad: an angle this close below a full turn, or below zero, is zero
+_ROUND = 1e-9  # rad, and squared lengths: this far below zero is zero
+# As OMPL rounds Dubins curves: its states of a curve have headings and places in which rounding shows, and an arc that
+# is a full turn less than this in one of the two is none in the other.
+_DUBINS_FULL_TURN = tau - 5e-7  # rad: a turn from here on is none
+_DUBINS_ROOT = -1e-7  # a squared length from here to zero is zero
+_DUBINS_SAME = 1e-6  # turning radii and rad: poses as close as this are joined by a straight run
 
 
 Arc = tuple[
@@ -46,6 +51,9 @@ def dubins_curves(
     """
     d, bearing = hypot(dx, dy), atan2(dy, dx)
     a, b = yaw_start - bearing, yaw_end - bearing
+    if d < _DUBINS_SAME and abs(a % tau - b % tau) < _DUBINS_SAME:
+        yield [(0.0, L), (d, S), (0.0, L)]
+        return
     sa, ca, sb, cb = sin(a), cos(a), sin(b), cos(b)
     # A word that begins with a right turn is the mirror image of one that begins with a left turn.
     for word, middle, last in ((_lsl, S, L), (_lsr, S, R), (_lrl, R, L)):
@@ -115,15 +123,15 @@ def _fits(lengths: tuple[float, ...], of_length: float | None) -> bool:
     return of_length is None or abs(sum(map(abs, lengths)) - of_length) < SAME_LENGTH
 
 
-def _root(squared: float) -> float | None:
+def _root(squared: float, least: float = -_ROUND) -> float | None:
     """Square root, zero for what is below zero by rounding only."""
-    return sqrt(max(squared, 0.0)) if squared >= -_ROUND else None
+    return sqrt(max(squared, 0.0)) if squared >= least else None
 
 
 def _full_turn(angle: float) -> float:
     """In [0, 2π), zero for what is zero but for rounding."""
     angle %= tau
-    return 0.0 if angle > tau - _ROUND else angle
+    return 0.0 if angle > _DUBINS_FULL_TURN else angle
 
 
 # The words of Dubins: first, middle and last length; a and b are the headings at start and end seen from the line that
@@ -138,7 +146,7 @@ def _lsl(d: float, a: float, b: float, sa: float, ca: float, sb: float, cb: floa
 
 def _lsr(d: float, a: float, b: float, sa: float, ca: float, sb: float, cb: float) -> _Lengths | None:
     x, y = d + sa + sb, -ca - cb
-    p = _root(x * x + y * y - 4)
+    p = _root(x * x + y * y - 4, _DUBINS_ROOT)
     if p is None:
         return None
     theta = atan2(y, x) - atan2(-2, p)

@@ -6,19 +6,21 @@ of `driftplan.planning.cost`, which bounds it from above and ranks paths almost 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from math import isfinite
 from typing import Any
 
 from ompl import base as ob
 
+from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.cost import CostRates
 from driftplan.planning.ompl.motion_prices import heuristic_of, motion_cost_of
-from driftplan.planning.ompl.spaces import goal_position, space_kind
+from driftplan.planning.ompl.spaces import check_floor_plan, goal_points, goal_position, space_kind
 from driftplan.planning.ompl.zone_lookup import ZoneLookup
 from driftplan.world.world import World
+
+_SAME_PLACE_M = 1e-6
 
 
 class DriftObjective(ob.OptimizationObjective):
@@ -50,16 +52,14 @@ class DriftObjective(ob.OptimizationObjective):
 
     Attributes
     ----------
-    motionCost, motionCostHeuristic : callables (State, State) -> ompl.base.Cost
-        Cost of a motion; a lower bound of the cost of any way between two states, consistent and exact to the goal in
-        free space. They are attributes rather than methods so that OMPL's calls reach them without detour; they hold
-        numbers only.
+    goal : tuple
+        Where drift is weighed, metres.
 
     Raises
     ------
     ValueError
-        For a space that cannot be priced, several goal positions or a goal region, a weight that is not >= 0, and zones
-        in three dimensions.
+        For a space that cannot be priced, several goal positions or a goal region, a weight that is not >= 0, and a
+        world in three dimensions, which would be a floor plan there.
 
     Examples
     --------
@@ -73,9 +73,6 @@ class DriftObjective(ob.OptimizationObjective):
     0.333333
     """
 
-    motionCost: Callable[[Any, Any], Any]
-    motionCostHeuristic: Callable[[Any, Any], Any]
-
     def __init__(
         self, si: Any, noise: OdometryNoise, goal: Any, world: World | None = None, *, length_weight: float = 0.0
     ) -> None:
@@ -86,9 +83,9 @@ class DriftObjective(ob.OptimizationObjective):
             raise ValueError(f"expected an OdometryNoise, got {noise!r}")
         if not (isfinite(length_weight) and length_weight >= 0):
             raise ValueError(f"expected length_weight >= 0 m²/m, got {length_weight!r}")
+        check_floor_plan(world, kind)
         zones = () if world is None else world.zones
-        if zones and kind.dimensions == 3:
-            raise ValueError("expected a world without zones in three dimensions: zones are polygons of the floor")
+        self._kind = kind
         self.goal = goal_position(goal, kind)
         self.noise = noise
         self.length_weight = float(length_weight)
@@ -98,14 +95,57 @@ class DriftObjective(ob.OptimizationObjective):
             _with_length(CostRates.of(n, kind.dimensions), length_weight) for n in (noise, *self.zone_noises)
         )
         lookup = ZoneLookup(zones, inside, elsewhere) if zones else None
-        # A subclass that prices motions in its own way keeps its methods.
-        if type(self).motionCost is ob.OptimizationObjective.motionCost:
-            self.motionCost = motion_cost_of(space, kind, self.goal, elsewhere, lookup)
-        if type(self).motionCostHeuristic is ob.OptimizationObjective.motionCostHeuristic:
-            least = CostRates(
-                *(min(getattr(r, name) for r in (elsewhere, *inside)) for name in ("heading", "position"))
+        least = CostRates(*(min(getattr(r, name) for r in (elsewhere, *inside)) for name in ("heading", "position")))
+        self._motion_cost = motion_cost_of(space, kind, self.goal, elsewhere, lookup)
+        self._heuristic = heuristic_of(space, kind, self.goal, least)
+        # As attributes OMPL's calls reach them without detour. A subclass that prices in its own way keeps its methods.
+        if type(self).motionCost is DriftObjective.motionCost:
+            self.motionCost = self._motion_cost  # type: ignore[method-assign, assignment]
+        if type(self).motionCostHeuristic is DriftObjective.motionCostHeuristic:
+            self.motionCostHeuristic = self._heuristic  # type: ignore[method-assign, assignment]
+
+    def motionCost(self, a: Any, b: Any) -> Any:
+        """Cost of the motion from state ``a`` to state ``b``, as ompl.base.Cost."""
+        return self._motion_cost(a, b)
+
+    def motionCostHeuristic(self, a: Any, b: Any) -> Any:
+        """A lower bound of the cost of any way between two states, consistent and exact to the goal in free space."""
+        return self._heuristic(a, b)
+
+    def isSymmetric(self) -> bool:
+        """Whether the way back always costs the same: not along curves, where OMPL need not drive back the way it came
+        if several are equally short."""
+        return not self._kind.is_curved
+
+    def check_goal(self, goal: Any) -> None:
+        """Raise `PlannerError` unless an OMPL goal is where this objective weighs drift.
+
+        OMPL does not tell an objective which problem it is used for: a planner that is cleared and given another goal
+        goes on weighing drift at the old one. Make an objective per goal, or ask here; `RoadmapPlanner` does.
+
+        Parameters
+        ----------
+        goal : State, GoalState or GoalStates
+            One of the states must be at the place, to a micrometre.
+
+        Examples
+        --------
+        >>> space = ob.RealVectorStateSpace(2)
+        >>> si = ob.SpaceInformation(space)
+        >>> objective = DriftObjective(si, OdometryNoise(heading_var_per_m=1e-3), goal=(10.0, 0.0))
+        >>> state = si.allocState()
+        >>> state[0], state[1] = 3.0, 0.0
+        >>> objective.check_goal(state)
+        Traceback (most recent call last):
+        driftplan.errors.PlannerError: expected the problem's goal where the objective weighs drift, at (10.0, 0.0), \
+got [(3.0, 0.0)]: make the DriftObjective for that goal
+        """
+        there = goal_points(goal, self._kind)
+        if all(max(abs(p - q) for p, q in zip(point, self.goal, strict=True)) > _SAME_PLACE_M for point in there):
+            raise PlannerError(
+                f"expected the problem's goal where the objective weighs drift, at {self.goal}, got {there}: make the "
+                "DriftObjective for that goal"
             )
-            self.motionCostHeuristic = heuristic_of(space, kind, self.goal, least)
 
     def stateCost(self, state: Any) -> Any:
         """Zero: standing still costs nothing."""

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from ompl import control as oc
 
 from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.noise import OdometryNoise
@@ -17,7 +18,7 @@ from driftplan.model.paths import Runs
 from driftplan.model.spatial.drift import SpatialDrift, predict_flight_drift
 from driftplan.planning.ompl.curves import after_arc
 from driftplan.planning.ompl.motion_prices import attitude_step
-from driftplan.planning.ompl.spaces import CurveFinder, SpaceKind, position_reader, space_kind
+from driftplan.planning.ompl.spaces import CurveFinder, SpaceKind, check_floor_plan, position_reader, space_kind
 from driftplan.planning.ompl.zone_lookup import ZoneLookup
 from driftplan.world.world import World
 
@@ -38,10 +39,10 @@ def predict_ompl_path(path: Any, si: Any, noise: OdometryNoise, world: World | N
 
     Parameters
     ----------
-    path : ompl.geometric.PathGeometric
-        Its motions run as OMPL interpolates them: straight, or along Dubins and Reeds-Shepp curves. In SE(2) the
-        heading turns along the way, whatever the direction of travel; in R^2 the robot turns on the spot at the
-        waypoints.
+    path : ompl.geometric.PathGeometric or ompl.control.PathControl
+        Motions run as OMPL interpolates them: straight, or along Dubins and Reeds-Shepp curves. In SE(2) the heading
+        turns along the way, whatever the direction of travel; in R^2 the robot turns on the spot at the waypoints. Of
+        controls all states count that their propagation passes.
     si : ompl.base.SpaceInformation
         Of the path, over a space that `DriftObjective` can price.
     noise : OdometryNoise
@@ -74,16 +75,17 @@ def predict_ompl_path(path: Any, si: Any, noise: OdometryNoise, world: World | N
     >>> round(float(drift.length), 3), round(float(drift.end.rms), 4)
     (10.0, 0.5768)
     """
+    if isinstance(path, oc.PathControl):
+        path = path.asGeometric()
     space = si.getStateSpace()
     kind = space_kind(space)
     states = path.getStates()
     if len(states) < 2:
         raise ValueError(f"expected a path of at least 2 states, got {len(states)}")
+    check_floor_plan(world, kind)
     zones = () if world is None else world.zones
     positions = np.array([position_reader(kind)(state) for state in states])
     if kind.dimensions == 3:
-        if zones:
-            raise ValueError("expected a world without zones in three dimensions: zones are polygons of the floor")
         turns = None
         if kind is SpaceKind.FLIGHT:
             attitudes = [state.rotation() for state in states]

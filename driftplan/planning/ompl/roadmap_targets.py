@@ -48,7 +48,7 @@ def target_of(objective: Any) -> Target:
 def _parts(objective: Any) -> tuple[DriftObjective | None, float, float]:
     """The drift in an objective, its weight, and the weight of the length."""
     if isinstance(objective, DriftObjective):
-        if type(objective).motionCost is not ob.OptimizationObjective.motionCost:
+        if type(objective).motionCost is not DriftObjective.motionCost:
             raise PlannerError(
                 f"expected a DriftObjective that prices motions as it was made to, got {type(objective).__name__} "
                 "with a motionCost of its own, which the roadmap cannot do in bulk"

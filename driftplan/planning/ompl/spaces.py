@@ -19,6 +19,7 @@ from driftplan.planning.ompl.curves import (
     pose_along,
     reeds_shepp_curves,
 )
+from driftplan.world.world import World
 
 _PROBE = 0.37  # of the way: where a curve is compared with OMPL's
 
@@ -155,24 +156,7 @@ def goal_position(goal: Any, kind: SpaceKind) -> tuple[float, ...]:
         For coordinates that are not finite, several goal positions, and goal regions. Drift is weighed by the distance
         to the goal, so another goal position is another objective, and no single additive cost fits them all.
     """
-    read = position_reader(kind)
-    if isinstance(goal, ob.State):
-        points = [read(goal)]
-    elif isinstance(goal, ob.GoalState):
-        points = [read(goal.getState())]
-    elif isinstance(goal, ob.GoalStates):
-        points = [read(goal.getState(i)) for i in range(goal.getStateCount())]
-    elif isinstance(goal, ob.Goal):
-        raise ValueError(
-            f"expected a goal at one position, got a {type(goal).__name__}: a region has no single place where "
-            "accuracy is wanted. Give the point that matters, for instance the region's centre, as goal=(x, y): paths "
-            "may end anywhere in the region"
-        )
-    else:
-        try:
-            points = [tuple(float(v) for v in np.asarray(goal, dtype=float))]
-        except (TypeError, ValueError):
-            raise ValueError(f"expected goal to be a point in metres or an OMPL state or goal, got {goal!r}") from None
+    points = goal_points(goal, kind)
     if not points:
         raise ValueError("expected a goal at one position, got GoalStates without any state")
     point = points[0]
@@ -185,3 +169,33 @@ def goal_position(goal: Any, kind: SpaceKind) -> tuple[float, ...]:
             "keep the route of least exact drift; RoadmapPlanner, given the objective of one goal, does so by itself"
         )
     return point
+
+
+def goal_points(goal: Any, kind: SpaceKind) -> list[tuple[float, ...]]:
+    """The positions that a goal as in `goal_position` names, metres."""
+    read = position_reader(kind)
+    if isinstance(goal, ob.State):
+        return [read(goal)]
+    if isinstance(goal, ob.GoalState):
+        return [read(goal.getState())]
+    if isinstance(goal, ob.GoalStates):
+        return [read(goal.getState(i)) for i in range(goal.getStateCount())]
+    if isinstance(goal, ob.Goal):
+        raise ValueError(
+            f"expected a goal at one position, got a {type(goal).__name__}: a region has no single place where "
+            "accuracy is wanted. Give the point that matters, for instance the region's centre, as goal=(x, y): paths "
+            "may end anywhere in the region"
+        )
+    try:
+        return [tuple(float(v) for v in np.asarray(goal, dtype=float))]
+    except (TypeError, ValueError):
+        raise ValueError(f"expected goal to be a point in metres or an OMPL state or goal, got {goal!r}") from None
+
+
+def check_floor_plan(world: World | None, kind: SpaceKind) -> None:
+    """Raise ValueError for a world, which is a floor plan, in three dimensions."""
+    if world is not None and kind.dimensions == 3:
+        raise ValueError(
+            f"expected no world in a space of three dimensions, got {world!r}: it is a floor plan, and its walls and "
+            "zones have no height"
+        )

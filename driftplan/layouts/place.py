@@ -7,47 +7,41 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from driftplan.arrays import whole
-from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.arrays import Bools, keywords_checked, whole
+from driftplan.beacons.beacon import BeaconKind
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.layout import Layout
 from driftplan.layouts.placement.covering import Cover, Outcome, cheapest_cover
 from driftplan.layouts.placement.cut_pool import Cut
 from driftplan.layouts.placement.drives import drives_of, worst_squares
-from driftplan.layouts.placement.problem import PlacementProblem, SiteGroup, limits_of, placement_problem
-from driftplan.layouts.placement.reasons import explain
+from driftplan.layouts.placement.failures import worst_of_failures
+from driftplan.layouts.placement.placement_diagnosis import explain
+from driftplan.layouts.placement.problem import PlacementProblem, placement_problem
 from driftplan.layouts.placement.spans import Spans
 from driftplan.layouts.placement.tracks import Tracks
+from driftplan.layouts.scenario import DriftLimit, Scenario
+from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.world.world import World
 
 Progress = Callable[[float, float, float], None]
 
-_ROUNDING = 1e-6  # relative: the final check adds the same numbers in another order
-_RADIUS_ROUNDING = 1e-5  # and integrates radii to that
-_CHECK_S = 0.03  # seconds kept for the final check, per route, but at most a quarter of the time
-_FINEST = 0.02  # without a limit, and with perfect beacons: pieces are cut for this share of the drift without beacons
+_RMS_ROUNDING = 1e-6  # relative: the final check adds the same numbers in another order
+_RADIUS_ROUNDING = 1e-5  # relative: and integrates radii to that
+_CHECK_S_PER_ROUTE = 0.03  # seconds kept for the final check, but at most a quarter of the time
+_MIN_LIMIT_SHARE = 0.02  # without a limit, perfect beacons: pieces are cut for this share of the drift without beacons
 
 
+@keywords_checked(limit=DriftLimit, sites=Sites)
 def place_beacons(
     world: World | None,
     routes: Any,
     noise: OdometryNoise,
+    limit: float | Sequence[float] | DriftLimit | None,
+    sites: BeaconKind | Sequence[BeaconKind] | Sites,
     *,
-    max_drift: float | Sequence[float] | None = None,
-    kind: BeaconKind | Sequence[BeaconKind] | None = None,
-    candidates: ArrayLike | Sequence[Beacon] | None = None,
-    spacing_m: float | None = None,
-    costs: ArrayLike | None = None,
-    existing: Sequence[Beacon] = (),
-    redundancy: int = 1,
-    confidence: float | None = None,
-    forbidden: Sequence[Any] = (),
-    min_spacing_m: float = 0.0,
-    groups: Sequence[SiteGroup] = (),
     max_beacons: int | None = None,
     budget: float | None = None,
     start_fix: Fix | None = None,
@@ -68,31 +62,15 @@ def place_beacons(
     Parameters
     ----------
     world : World or None
-        Its walls block sight, its zones have their own noise, and candidates are generated in its free space.
+        Its walls block sight, its zones have their own noise, and sites are generated in its free space.
     routes : one route or many, each waypoints (n, 2) in metres or an object with such a ``path``
     noise : OdometryNoise
         Of the continuous kind (no ``step_m``).
-    max_drift : float or one per route, metres
-        None: the least worst drift within ``max_beacons`` and ``budget`` is sought.
-    kind : BeaconKind or several
-        What may be placed at candidates that are points; each kind at each point is one candidate.
-    candidates : (n, 2) points, or Beacons
-        None: a grid over the world's free space (without a world: points along the routes), ``spacing_m`` apart
-        (default: the smallest range), as far as a route comes into range.
-    costs : (n,), or (n, kinds)
-        Per candidate, > 0. Default: the kind's cost.
-    existing : sequence of Beacon
-        Already there, for nothing; they may die like any other.
-    redundancy : int
-        The limit holds with any ``redundancy - 1`` beacons dead; 1: all live.
-    confidence : float in [0.75, 1)
-        The limit is on the radius that holds the estimate with this confidence; None: on the rms.
-    forbidden : sequence of polygons (shapely, or corners)
-        No candidates inside.
-    min_spacing_m : float
-        New beacons are at least this far from each other and from existing ones.
-    groups : sequence of SiteGroup
-        At least, or at most, so many of these candidates.
+    limit : metres (one number or one per route), DriftLimit or None
+        None, or a `DriftLimit` without ``max_drift``: the least worst drift within ``max_beacons`` and ``budget`` is
+        sought.
+    sites : BeaconKind or several, or Sites
+        Kinds alone: sites are generated, as `Sites` says.
     max_beacons : int
         At most so many new beacons.
     budget : float
@@ -103,7 +81,7 @@ def place_beacons(
         Without a limit: the worst drift is within this share of the least.
     time_limit : float
         Seconds. The best layout so far is returned when they are over, and ``status`` says so. The tables of the search
-        are made and the layout is verified whatever the limit: a second for 60 routes and 1250 candidates, a dozen for
+        are made and the layout is verified whatever the limit: a second for 60 routes and 1250 sites, a dozen for
         500 and 5000.
     progress : callable
         Called with seconds, cost of the best layout and lower bound when one changes.
@@ -112,13 +90,13 @@ def place_beacons(
     -------
     Layout
         Verified by `drift_with_beacons`, dead beacons included. Of layouts equally cheap it is one in which no beacon
-        can be exchanged for a candidate listed earlier; the same input gives the same layout, unless the search or a
+        can be exchanged for a site listed earlier; the same input gives the same layout, unless the search or a
         part of it ran out of time.
 
     Raises
     ------
     InfeasibleError
-        If no layout will do: the message names route and stretch, the least drift reachable there and the candidates
+        If no layout will do: the message names route and stretch, the least drift reachable there and the sites
         that come closest. Also if none was found in time.
     ValueError
         For input that makes no sense.
@@ -127,87 +105,80 @@ def place_beacons(
     --------
     >>> noise = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
     >>> tag = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01)
-    >>> layout = place_beacons(None, [(0, 0), (60, 0), (60, 30)], noise, max_drift=0.6, kind=tag, spacing_m=2.0)
+    >>> layout = place_beacons(None, [(0, 0), (60, 0), (60, 30)], noise, 0.6, Sites(tag, spacing_m=2.0))
     >>> len(layout.beacons), layout.proven, layout.worst_drift < 0.6
     (3, True, True)
     """
     began = time.monotonic()
     if not (isinstance(time_limit, (int, float)) and time_limit > 0):
         raise ValueError(f"expected time_limit > 0 s, got {time_limit!r}")
-    problem = placement_problem(
-        world,
-        routes,
-        noise,
-        kind=kind,
-        candidates=candidates,
-        spacing_m=spacing_m,
-        costs=costs,
-        existing=existing,
-        redundancy=redundancy,
-        confidence=confidence,
-        forbidden=forbidden,
-        min_spacing_m=min_spacing_m,
-        groups=groups,
-        max_beacons=max_beacons,
-        budget=budget,
-        start_fix=start_fix,
-    )
-    search = _Search(problem, began, time_limit, progress)
-    if max_drift is None:
+    asked = DriftLimit.of(limit)
+    scenario = Scenario.of(world, routes, noise, asked, start_fix)
+    problem = placement_problem(scenario, Sites.of(sites), max_beacons=max_beacons, budget=budget)
+    search = _PlacementSearch(problem, began, time_limit, progress)
+    if asked.max_drift is None:
         if max_beacons is None and budget is None:
-            raise ValueError("expected max_drift, or max_beacons or budget for the least drift within them, got none")
+            raise ValueError(
+                "expected a limit: max_drift, or max_beacons or budget for the least drift within them, got none"
+            )
         return search.least_drift(drift_tolerance)
-    return search.cheapest(limits_of(max_drift, len(problem.task.routes)))
+    return search.cheapest(asked.per_route(len(scenario.routes)))
 
 
+@keywords_checked(sites=Sites)
 def beacon_tradeoff(
     world: World | None,
     routes: Any,
     noise: OdometryNoise,
+    sites: BeaconKind | Sequence[BeaconKind] | Sites,
     *,
-    up_to: int = 20,
+    max_beacons: int = 20,
+    budget: float | None = None,
+    redundancy: int = 1,
+    confidence: float | None = None,
+    start_fix: Fix | None = None,
     drift_tolerance: float = 0.005,
     time_limit: float = 300.0,
-    **options: Any,
 ) -> tuple[Layout, ...]:
     """The trade-off curve: for 0, 1, 2, … beacons the layout with the least worst drift.
 
     Parameters
     ----------
-    world, routes, noise, drift_tolerance :
-        As for `place_beacons`.
-    up_to : int
-        The greatest number of beacons.
+    world, routes, noise, sites, budget, start_fix, drift_tolerance :
+        See `place_beacons`.
+    max_beacons : int
+        Where the curve ends.
+    redundancy, confidence :
+        Of the drift that is made least; see `DriftLimit`.
     time_limit : float
         Seconds for the whole curve.
-    **options :
-        As for `place_beacons`: ``kind``, ``candidates``, ``spacing_m``, ``costs``, ``existing``, ``redundancy``,
-        ``confidence``, ``forbidden``, ``min_spacing_m``, ``groups``, ``budget``, ``start_fix``.
 
     Returns
     -------
     tuple of Layout
         Fewest beacons first, worst drift falling; numbers of beacons that do not lower it are left out. The curve ends
-        where a further beacon no longer helps by more than the tolerance, at ``up_to``, or when time is over.
+        where a further beacon no longer helps by more than the tolerance, at ``max_beacons``, or when time is over.
 
     Examples
     --------
     >>> noise = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
     >>> tag = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01)
-    >>> curve = beacon_tradeoff(None, [(0, 0), (60, 0)], noise, kind=tag, spacing_m=2.0, up_to=2)
+    >>> curve = beacon_tradeoff(None, [(0, 0), (60, 0)], noise, Sites(tag, spacing_m=2.0), max_beacons=2)
     >>> [(len(layout.beacons), round(layout.worst_drift, 2)) for layout in curve]
     [(0, 2.96), (1, 0.99), (2, 0.53)]
     """
-    whole("up_to", up_to, least=0)
+    whole("max_beacons", max_beacons, least=0)
     began = time.monotonic()
+    limit = DriftLimit(redundancy=redundancy, confidence=confidence)
+    scenario, allowed = Scenario.of(world, routes, noise, limit, start_fix), Sites.of(sites)
     curve: list[Layout] = []
     tracks: Tracks | None = None
-    for count in range(up_to + 1):
+    for count in range(max_beacons + 1):
         left = time_limit - (time.monotonic() - began)
         if left <= 0 and curve:
             break
-        problem = placement_problem(world, routes, noise, max_beacons=count, **options)
-        search = _Search(problem, time.monotonic(), max(left, 0.1), None, tracks)
+        problem = placement_problem(scenario, allowed, max_beacons=count, budget=budget)
+        search = _PlacementSearch(problem, time.monotonic(), max(left, 0.1), None, tracks)
         try:
             layout = search.least_drift(drift_tolerance, known=curve[-1] if curve else None)
         except InfeasibleError:  # groups may demand more beacons than these
@@ -216,11 +187,11 @@ def beacon_tradeoff(
         if not curve or layout.worst_drift < curve[-1].worst_drift * (1 - drift_tolerance):
             curve.append(layout)
     if not curve:
-        raise InfeasibleError(f"no layout of up to {up_to} beacons satisfies the groups and spacing asked for")
+        raise InfeasibleError(f"no layout of up to {max_beacons} beacons satisfies the groups and spacing asked for")
     return tuple(curve)
 
 
-class _Search:
+class _PlacementSearch:
     """One problem, one clock."""
 
     def __init__(
@@ -232,7 +203,7 @@ class _Search:
         tracks: Tracks | None = None,
     ):
         self.problem, self.began, self.progress = problem, began, progress
-        check = _CHECK_S * len(problem.task.routes)
+        check = _CHECK_S_PER_ROUTE * len(problem.scenario.routes)
         self.deadline = began + max(time_limit - check, 0.75 * time_limit)
         self.tracks = tracks
         self.spans: Spans | None = None
@@ -249,8 +220,8 @@ class _Search:
         """Bisection over the limit: every step proves a limit out of reach or finds a layout below it."""
         if not 0 < tolerance < 1:
             raise ValueError(f"expected drift_tolerance in (0, 1), got {tolerance!r}")
-        task, routes = self.problem.task, len(self.problem.task.routes)
-        bare = max(task.worst(task.drift(r, self.problem.existing)) for r in range(routes))
+        scenario, routes = self.problem.scenario, len(self.problem.scenario.routes)
+        bare = max(scenario.worst(scenario.drift(r, self.problem.existing)) for r in range(routes))
         self.tracks = self.tracks or self.problem.tracks(self._finest(bare))
         best = self._allowed_layout()
         high = self._worst(best)
@@ -269,12 +240,10 @@ class _Search:
             else:
                 outcome = Outcome.STOPPED_EARLY
                 break
-        limits = (high * (1 + _ROUNDING),) * routes
+        limits = (high * (1 + _RMS_ROUNDING),) * routes
         return self._layout(best, 0.0, outcome is Outcome.OPTIMAL, outcome, limits, low)
 
-    def _solve(
-        self, limits: Sequence[float], hint: NDArray[np.bool_] | None = None, stop_at_first: bool = False
-    ) -> Cover:
+    def _solve(self, limits: Sequence[float], hint: Bools | None = None, stop_at_first: bool = False) -> Cover:
         assert self.tracks is not None
         requirements = self.problem.requirements(self.tracks, limits)
         return cheapest_cover(
@@ -299,9 +268,9 @@ class _Search:
     def _finest(self, bare: float) -> float:
         """The smallest limit worth asking for: no beacon is better than its own accuracy."""
         stds = [b.kind.position_std_m or 0.0 for b in self.problem.sites]
-        return max(min(stds) * 2**0.5, _FINEST * bare, 1e-6)
+        return max(min(stds) * 2**0.5, _MIN_LIMIT_SHARE * bare, 1e-6)
 
-    def _allowed_layout(self) -> NDArray[np.bool_]:
+    def _allowed_layout(self) -> Bools:
         """A layout that satisfies groups and caps, whatever its drift."""
         problem = self.problem
         found = cheapest_cover(
@@ -316,23 +285,23 @@ class _Search:
             raise InfeasibleError("no layout satisfies the groups together with " + ", ".join(problem.rules))
         return found.chosen
 
-    def _as_sites(self, layout: Layout) -> NDArray[np.bool_]:
+    def _as_sites(self, layout: Layout) -> Bools:
         ids = {b.id for b in layout.beacons}
         return np.array([b.id in ids for b in self.problem.sites]) | self.problem.fixed
 
-    def _worst(self, chosen: NDArray[np.bool_]) -> float:
+    def _worst(self, chosen: Bools) -> float:
         """Greatest drift on any route, with the beacons dead that may be."""
-        task, everyone = self.problem.task, (*self.problem.existing, *self.problem.chosen(chosen))
-        if task.confidence is not None:
-            return float(task.worst_of_failures(everyone, np.inf).max())
+        scenario, everyone = self.problem.scenario, (*self.problem.existing, *self.problem.chosen(chosen))
+        if scenario.confidence is not None:
+            return float(worst_of_failures(scenario, everyone, np.inf).max())
         assert self.tracks is not None
         self.spans = self.spans or Spans(self.tracks)
-        drives = drives_of(self.tracks, chosen, np.arange(len(task.routes)), task.redundancy)
+        drives = drives_of(self.tracks, chosen, np.arange(len(scenario.routes)), scenario.redundancy)
         return float(np.sqrt(worst_squares(self.spans, drives).max()))
 
     def _layout(
         self,
-        chosen: NDArray[np.bool_],
+        chosen: Bools,
         lower_bound: float,
         proven: bool,
         status: Outcome,
@@ -343,19 +312,20 @@ class _Search:
 
         With all beacons alive that is `drift_with_beacons`; with some dead, drives on tables laid for this layout only.
         """
-        problem, task = self.problem, self.problem.task
+        problem, scenario = self.problem, self.problem.scenario
         everyone = (*problem.existing, *problem.chosen(chosen))
-        drifts = tuple(task.drift(r, everyone) for r in range(len(limits)))
-        worst = np.array([task.worst(drift) for drift in drifts])
-        if task.redundancy > 1:
-            worst = np.maximum(worst, task.worst_of_failures(everyone, min(limits)))
-        rounding = _ROUNDING if task.confidence is None else _RADIUS_ROUNDING
+        drifts = tuple(scenario.drift(r, everyone) for r in range(len(limits)))
+        worst = np.array([scenario.worst(drift) for drift in drifts])
+        if scenario.redundancy > 1:
+            worst = np.maximum(worst, worst_of_failures(scenario, everyone, min(limits)))
+        rounding = _RMS_ROUNDING if scenario.confidence is None else _RADIUS_ROUNDING
         over = worst / np.array(limits)
         r = int(np.argmax(over))
         if over[r] > 1 + rounding:
             raise RuntimeError(
                 f"the search accepted a layout whose drift on route {r} is {worst[r]:.9g} m, above {limits[r]:.9g} m, "
-                f"with {task.redundancy - 1} of {[b.id for b in everyone]} dead: a bug in driftplan, please report it"
+                f"with {scenario.redundancy - 1} of {[b.id for b in everyone]} dead: a bug in driftplan, please report "
+                "it"
             )
         return Layout(
             beacons=problem.chosen(chosen),
@@ -368,12 +338,12 @@ class _Search:
             drift_bound=drift_bound,
             drifts=drifts,
             seconds=time.monotonic() - self.began,
-            task=task,
+            scenario=scenario,
         )
 
 
 class _Anything:
     """An oracle that accepts every layout."""
 
-    def cuts(self, chosen: NDArray[np.bool_], near: int | None = None) -> list[Cut]:
+    def cuts(self, chosen: Bools, near: int | None = None) -> list[Cut]:
         return []

@@ -10,17 +10,18 @@ import numpy as np
 
 from driftplan.arrays import Bools
 from driftplan.layouts.placement.covering import Cover, Outcome, cheapest_cover
+from driftplan.layouts.placement.failures import failures, worst_of_failures
 from driftplan.layouts.placement.problem import PlacementProblem
 from driftplan.layouts.placement.requirements import DriftRequirements
 from driftplan.layouts.placement.tracks import Tracks
 
-_NEAREST = 3  # candidates that are named
-_NAMED = 6  # beacons of the layout that comes nearest
-_CLOSE = 0.005  # relative: to which the least factor is found
+_MAX_NEAREST_SITES = 3  # sites that are named
+_MAX_NAMED_BEACONS = 6  # beacons of the layout that comes nearest
+_FACTOR_TOLERANCE = 0.005  # relative: to which the least factor is found
 
 
 class Obstacle(NamedTuple):
-    """A stretch of a route on which no candidate's reading lasts."""
+    """A stretch of a route on which no site's reading lasts."""
 
     route: int
     start_m: float
@@ -32,26 +33,25 @@ class Obstacle(NamedTuple):
 def explain(problem: PlacementProblem, tracks: Tracks, limits: Sequence[float], cover: Cover, time_limit: float) -> str:
     """What to tell the user when ``cover`` has no layout."""
     if cover.outcome is not Outcome.INFEASIBLE:
+        ruled_out = f" (one would cost at least {cover.lower_bound:g})" if cover.lower_bound > 0 else ""
         return (
-            f"no layout was found in time, nor was it proven that there is none (costs below {cover.lower_bound:g} are "
-            "ruled out): raise time_limit, or begin with a higher max_drift"
+            f"no layout was found in time, nor was it proven that there is none{ruled_out}: raise time_limit, or begin "
+            "with a higher max_drift"
         )
     if cover.hopeless is not None and cover.hopeless.where[0] == -2:
-        return (
-            f"group {cover.hopeless.where[1]} demands more beacons than it has candidates outside the forbidden areas"
-        )
+        return f"group {cover.hopeless.where[1]} demands more beacons than it has sites outside the forbidden areas"
     requirements = problem.requirements(tracks, limits)
     if cover.hopeless is not None:
         found = obstacle(problem, requirements, *cover.hopeless.where)
         named = ", ".join(
             f"{problem.sites[i].id} at ({problem.sites[i].x:g}, {problem.sites[i].y:g})" for i in found.sites
         )
-        helped = f"; closest candidates: {named}" if named else "; no candidate's range is met before it"
-        spare = "" if problem.task.redundancy == 1 else f" with any {problem.task.redundancy - 1} dead"
-        confidence = problem.task.confidence
+        helped = f"; closest sites: {named}" if named else "; no site's range is met before it"
+        spare = "" if problem.scenario.redundancy == 1 else f" with any {problem.scenario.redundancy - 1} dead"
+        confidence = problem.scenario.confidence
         score, least = ("drift", "least") if confidence is None else (f"{100 * confidence:g} % radius", "least rms")
         return (
-            f"route {found.route}, from {found.start_m:.2f} m to {found.end_m:.2f} m: no candidates keep the {score} "
+            f"route {found.route}, from {found.start_m:.2f} m to {found.end_m:.2f} m: no sites keep the {score} "
             f"under {limits[found.route]:g} m there{spare}, the {least} that can be reached is "
             f"{found.least_drift:.3g} m{helped}"
         )
@@ -69,14 +69,14 @@ def explain(problem: PlacementProblem, tracks: Tracks, limits: Sequence[float], 
                 f"no layout keeps the limit together with {', '.join(problem.rules)}; without them it takes {number} "
                 f"beacons of cost {free.cost:g} (proven: at least {free.lower_bound:g})"
             )
-    return _said_of(problem, limits, *nearest_layout(problem, tracks, limits, time_limit))
+    return _words_about(problem, limits, *nearest_layout(problem, tracks, limits, time_limit))
 
 
 def obstacle(problem: PlacementProblem, requirements: DriftRequirements, route: int, slot: int) -> Obstacle:
     """The stretch around a slot that too few sites can hold, and what comes nearest to holding it."""
     tracks = requirements.tracks
     able = requirements.able(route)
-    short = able < problem.task.redundancy
+    short = able < problem.scenario.redundancy
     short[: int(requirements.reach_of_start[route]) + 1] = False
     short[slot] = True
     begin = end = slot
@@ -86,7 +86,7 @@ def obstacle(problem: PlacementProblem, requirements: DriftRequirements, route: 
         end += 1
     distance = tracks.distances_of(route)
     last = min(end + 1, len(distance) - 1)
-    best = [_nearest(requirements, route, j, problem.task.redundancy) for j in range(begin, end + 1)]
+    best = [_nearest(requirements, route, j, problem.scenario.redundancy) for j in range(begin, end + 1)]
     least, sites = max(best, key=lambda pair: pair[0])
     return Obstacle(route, float(distance[begin]), float(distance[last]), least, sites)
 
@@ -97,20 +97,20 @@ def _nearest(requirements: DriftRequirements, route: int, slot: int, redundancy:
     order = np.lexsort((site, square))
     ranked = square[order]
     least = ranked[redundancy - 1] if len(ranked) >= redundancy else np.inf
-    return float(np.sqrt(min(at_start, least))), tuple(site[order][:_NEAREST].tolist())
+    return float(np.sqrt(min(at_start, least))), tuple(site[order][:_MAX_NEAREST_SITES].tolist())
 
 
 def nearest_layout(
     problem: PlacementProblem, tracks: Tracks, limits: Sequence[float], time_limit: float
 ) -> tuple[Bools, bool]:
-    """The layout that exceeds its limits by the least factor, to `_CLOSE`; and whether nothing less will do.
+    """The layout that exceeds its limits by the least factor, to `_FACTOR_TOLERANCE`; and whether nothing less will do.
 
     By bisection over the factor, in at most the given seconds.
     """
     ends = time.monotonic() + time_limit
     best = problem.fixed
     low, high, proven = 1.0, _excess(problem, limits, best), True
-    while high - low > _CLOSE * high:
+    while high - low > _FACTOR_TOLERANCE * high:
         factor = 0.5 * (low + high)
         requirements = problem.requirements(tracks, [factor * limit for limit in limits])
         found = cheapest_cover(
@@ -134,24 +134,26 @@ def nearest_layout(
 
 def _excess(problem: PlacementProblem, limits: Sequence[float], chosen: Bools) -> float:
     """The greatest drift over its limit, on any route, with the worst deaths."""
-    worst = problem.task.worst_of_failures([problem.sites[i] for i in np.flatnonzero(chosen)], min(limits))
+    worst = worst_of_failures(problem.scenario, [problem.sites[i] for i in np.flatnonzero(chosen)], min(limits))
     return float((worst / np.array(limits)).max())
 
 
-def _said_of(problem: PlacementProblem, limits: Sequence[float], chosen: Bools, proven: bool) -> str:
+def _words_about(problem: PlacementProblem, limits: Sequence[float], chosen: Bools, proven: bool) -> str:
     """The words about the layout that comes nearest: where it breaks, by how much, and on which beacons."""
-    task, beacons = problem.task, [problem.sites[i] for i in np.flatnonzero(chosen)]
-    over = task.worst_of_failures(beacons, min(limits)) / np.array(limits)
+    scenario, beacons = problem.scenario, [problem.sites[i] for i in np.flatnonzero(chosen)]
+    over = worst_of_failures(scenario, beacons, min(limits)) / np.array(limits)
     r = int(np.argmax(over))
-    dead, drift = max(task.failures(beacons, r), key=lambda pair: task.worst(pair[1]))
+    dead, drift = max(failures(scenario, beacons, r), key=lambda pair: scenario.worst(pair[1]))
     profile = drift.profile()
-    beyond = task.score(profile) > limits[r]
-    where = profile.distance[beyond] if beyond.any() else profile.distance[[int(np.argmax(task.score(profile)))]]
-    named = ", ".join(f"{b.id} at ({b.x:g}, {b.y:g})" for b in task.met(beacons, r)[:_NAMED])
+    beyond = scenario.score(profile) > limits[r]
+    where = profile.distance[beyond] if beyond.any() else profile.distance[[int(np.argmax(scenario.score(profile)))]]
+    named = ", ".join(
+        f"{b.id} at ({b.x:g}, {b.y:g})" for b in scenario.beacons_in_range(r, beacons)[:_MAX_NAMED_BEACONS]
+    )
     lost = f" with {' and '.join(b.id for b in dead)} dead" if dead else ""
     helped = f", with {named} on this route" if named else ""
     return (
-        f"route {r}, from {where[0]:.2f} m to {where[-1]:.2f} m: no combination of the candidates keeps all limits; "
+        f"route {r}, from {where[0]:.2f} m to {where[-1]:.2f} m: no combination of the sites keeps all limits; "
         f"{'the least that can be reached' if proven else 'the best found'} is {over[r] * limits[r]:.3g} m there{lost} "
         f"against a limit of {limits[r]:g} m{helped}"
     )

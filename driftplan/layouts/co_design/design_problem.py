@@ -1,0 +1,195 @@
+"""The two halves of a co-design: the cheapest beacons for routes, and the shortest routes among beacons."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from driftplan.arrays import Bools, Floats
+from driftplan.beacons.beacon import Beacon
+from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
+from driftplan.layouts.co_design.design import Design
+from driftplan.layouts.co_design.trips import Trip
+from driftplan.layouts.layout import Layout
+from driftplan.layouts.place import place_beacons
+from driftplan.layouts.placement.covering import Outcome
+from driftplan.layouts.scenario import DriftLimit, beacons_in_range
+from driftplan.layouts.sites import ListedSites, SiteGroup, Sites
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
+from driftplan.planning.itinerary.search import ItinerarySearch, length_of
+from driftplan.planning.roadmap.search import check_connected, checked_ends
+from driftplan.world.world import World
+
+_MIN_PLACE_S = 5.0  # however little time is left
+_LIMIT_ROUNDING = 1e-5  # relative: a layout keeps its limit to a little less
+
+
+@dataclass(kw_only=True)
+class DesignProblem:
+    """Trips, sites and prices, the clock, and what is known of the trips.
+
+    Attributes
+    ----------
+    limits_m : of every trip
+    sites, listed : where beacons may be, as given and one by one
+    deadline : when to stop, by the monotonic clock
+    place_s : seconds that one placement may take
+    shortest : the shortest path of every trip
+    longest_m : how long its route may be
+    cut_short : whether the clock has cut anything short
+    """
+
+    world: World
+    trips: tuple[Trip, ...]
+    noise: OdometryNoise
+    limits_m: tuple[float, ...]
+    redundancy: int
+    min_capture: float
+    sites: Sites
+    listed: ListedSites
+    price_per_m: float
+    start_fix: Fix | None
+    max_nodes: int
+    seed: int
+    deadline: float
+    place_s: float
+    shortest: list[Floats] = field(default_factory=list)
+    longest_m: list[float] = field(default_factory=list)
+    cut_short: bool = False
+
+    def late(self) -> bool:
+        self.cut_short = self.cut_short or time.monotonic() > self.deadline
+        return self.cut_short
+
+    def metre_price(self, trip: int) -> float:
+        """Of one metre of a trip's route, as often as it is driven."""
+        return self.price_per_m * self.trips[trip].weight
+
+    def design(self, paths: tuple[Floats, ...], layout: Layout) -> Design:
+        """Beacons and routes with their cost."""
+        driving_cost = sum(self.metre_price(k) * length_of(path) for k, path in enumerate(paths))
+        return Design(layout=layout, paths=paths, driving_cost=driving_cost)
+
+    def beacon_cost(self, beacons: Iterable[Beacon]) -> float:
+        """Of sites that are built on."""
+        return sum(self._cost_of[beacon.id] for beacon in beacons)
+
+    @cached_property
+    def _cost_of(self) -> dict[str, float]:
+        return {b.id: cost for b, cost in zip(self.listed.new, self.listed.costs.tolist(), strict=True)}
+
+    def name(self, trip: int) -> str:
+        asked = self.trips[trip]
+        return f"trip {trip}" + (f" ({asked.name})" if asked.name else "")
+
+    # Routes
+
+    def shortest_path(self, trip: int) -> Floats:
+        asked = self.trips[trip]
+        try:
+            ends = checked_ends(self.world, asked.start, asked.goal, self.noise, "length", 1.0, None, None)
+            if asked.start == asked.goal:
+                raise ValueError(f"expected start and goal apart, got {asked.start} for both")
+            check_connected(self.world, ends)
+            return self._search(trip, (), None).shortest
+        except (StartError, GoalError, NoPathError, ValueError) as err:
+            raise type(err)(f"{self.name(trip)}: {err}") from None
+
+    def search(self, trip: int, beacons: Sequence[Beacon]) -> ItinerarySearch:
+        """The search for a route of a trip among beacons."""
+        return self._search(trip, tuple(beacons), self.shortest[trip])
+
+    def _search(self, trip: int, beacons: tuple[Beacon, ...], known: Floats | None) -> ItinerarySearch:
+        return ItinerarySearch(
+            self.world,
+            self.world,
+            np.array([self.trips[trip].start, self.trips[trip].goal]),
+            self.noise,
+            beacons,
+            redundancy=self.redundancy,
+            min_capture=self.min_capture,
+            initial=self.start_fix,
+            nodes=self.max_nodes,
+            seed=self.seed,
+            stop=self.late,
+            shortest=known,
+        )
+
+    def route(self, trip: int, beacons: Sequence[Beacon], longest_m: float) -> Floats | None:
+        """The shortest route of a trip among beacons that keeps the limit and is no longer than this."""
+        return self.search(trip, beacons).shortest_within(self.limits_m[trip], min(longest_m, self.longest_m[trip]))
+
+    # Beacons
+
+    def place(self, paths: Sequence[Floats]) -> Layout:
+        """The cheapest beacons found for routes on which the readings that are sure enough keep the limits.
+
+        A site whose reading turns out to be too unsure for a limit is done without.
+        """
+        sure = np.ones(len(self.listed.new), dtype=bool)
+        while True:
+            layout = self._place_at(paths, sure)
+            unsure = self._unsure(paths, layout)
+            if not unsure:
+                return layout
+            sure &= [site not in unsure for site in self.listed.new]
+
+    def _place_at(self, paths: Sequence[Floats], sure: Bools) -> Layout:
+        new, groups = self.listed.new, list(zip(self.sites.groups, self.listed.members, strict=True))
+        offered = np.isin([site.id for site in new], [b.id for path in paths for b in self.in_range(path)])
+        for group, members in groups:
+            offered[members] |= group.at_least > 0
+        offered &= sure
+        if not offered.any():
+            if not sure.all():  # and what exists is not enough, or nothing else had been tried
+                raise InfeasibleError(
+                    f"no site near these routes is left whose readings are at least {self.min_capture:g} sure"
+                )
+            offered[0] = True
+        layout = place_beacons(
+            self.world,
+            list(paths),
+            self.noise,
+            DriftLimit(self.limits_m, redundancy=self.redundancy),
+            Sites(
+                points=[new[k] for k in np.flatnonzero(offered)],
+                costs=self.listed.costs[offered],
+                existing=self.listed.existing,
+                groups=[
+                    SiteGroup([new[k].id for k in members if offered[k]], group.at_least, group.at_most)
+                    for group, members in groups
+                ],
+                min_spacing_m=self.sites.min_spacing_m,
+            ),
+            start_fix=self.start_fix,
+            time_limit=max(min(self.deadline - time.monotonic(), self.place_s), _MIN_PLACE_S),
+        )
+        self.cut_short |= layout.status is Outcome.STOPPED_EARLY
+        return layout
+
+    def in_range(self, path: Floats) -> list[Beacon]:
+        """Sites that a path comes within range of."""
+        return beacons_in_range(self.world, path, self.listed.new)
+
+    def _unsure(self, paths: Sequence[Floats], layout: Layout) -> set[Beacon]:
+        """New beacons with readings that are too unsure, on routes that do not keep the limit without those."""
+        found: set[Beacon] = set()
+        if self.min_capture == 0:
+            return found
+        for k, path in enumerate(paths):
+            check = self.search(k, (*layout.existing, *layout.beacons)).check
+            limit = self.limits_m[k]
+            if check.verdict(path, limit).worst > limit * (1 + _LIMIT_ROUNDING):
+                unsure = {chance.beacon for chance in check.captures(path) if chance.probability < self.min_capture}
+                if not unsure & set(layout.beacons):
+                    raise InfeasibleError(
+                        f"{self.name(k)}: no layout keeps the drift under {limit:g} m with readings that are at least "
+                        f"{self.min_capture:g} sure"
+                    )
+                found |= unsure & set(layout.beacons)
+        return found

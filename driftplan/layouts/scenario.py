@@ -1,0 +1,173 @@
+"""What a layout is for: routes, the noise on them, and the limit that their drift has to keep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from driftplan.arrays import Floats, keywords_checked, whole
+from driftplan.beacons.beacon import Beacon
+from driftplan.beacons.passes import passes_of
+from driftplan.beacons.readings import BeaconColumns, drift_with_beacons, waypoints_of
+from driftplan.model.drift import Drift, PointDrift
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
+from driftplan.model.worst import worst_radius, worst_rms
+from driftplan.world.world import World
+
+
+@keywords_checked()
+@dataclass(frozen=True)
+class DriftLimit:
+    """What the drift must not exceed, anywhere on any route.
+
+    Parameters
+    ----------
+    max_drift : float, one per route, or None
+        Metres. None: there is no limit, the least drift is sought.
+    redundancy : int
+        The limit holds with any ``redundancy - 1`` beacons dead; 1: all live.
+    confidence : float in [0.75, 1), optional
+        The limit is on the radius that holds the estimate with this confidence; None: on the rms.
+
+    Raises
+    ------
+    ValueError
+        For values out of range.
+
+    Examples
+    --------
+    >>> DriftLimit(0.5, redundancy=2)
+    DriftLimit(max_drift=0.5, redundancy=2, confidence=None)
+    """
+
+    max_drift: float | Sequence[float] | None = None
+    redundancy: int = 1
+    confidence: float | None = None
+
+    def __post_init__(self) -> None:
+        whole("redundancy", self.redundancy, least=1)
+        if self.confidence is not None and not 0.75 <= self.confidence < 1:
+            raise ValueError(f"expected confidence in [0.75, 1), or None for rms, got {self.confidence!r}")
+        if self.max_drift is not None:
+            values = np.asarray(self.max_drift, dtype=float)
+            if not (np.isfinite(values).all() and (values > 0).all()):
+                raise ValueError(f"expected max_drift finite and > 0 m, got {self.max_drift!r}")
+
+    @classmethod
+    def of(cls, limit: float | Sequence[float] | DriftLimit | None) -> DriftLimit:
+        """A limit that may be given as metres."""
+        return limit if isinstance(limit, DriftLimit) else cls(limit)
+
+    def per_route(self, routes: int) -> tuple[float, ...]:
+        """Metres, for every route."""
+        values = np.asarray(self.max_drift, dtype=float)
+        if values.shape not in ((), (routes,)):
+            raise ValueError(
+                f"expected max_drift to be one number or one per route ({routes}), got shape {values.shape}"
+            )
+        return tuple(np.broadcast_to(values, (routes,)).tolist())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scenario:
+    """Routes and how drift on them is scored; made by `Scenario.of`.
+
+    Attributes
+    ----------
+    world : World or None
+    routes : tuple of (n, 2) arrays, metres
+    noise : OdometryNoise
+    start_fix : Fix or None
+        Uncertainty at the start of every route.
+    confidence, redundancy :
+        Of the `DriftLimit`.
+    """
+
+    world: World | None
+    routes: tuple[Floats, ...]
+    noise: OdometryNoise
+    start_fix: Fix | None = None
+    confidence: float | None = None
+    redundancy: int = 1
+
+    @classmethod
+    def of(
+        cls, world: World | None, routes: Any, noise: OdometryNoise, limit: DriftLimit, start_fix: Fix | None = None
+    ) -> Scenario:
+        """A scenario of one route or several, each (n, 2) or an object with a ``path``; all of it checked."""
+        if start_fix is not None and not (isinstance(start_fix, Fix) and start_fix.s_m == 0):
+            raise ValueError(f"expected start_fix to be a Fix at s_m=0, got {start_fix!r}")
+        _check_continuous("noise", noise)
+        for k, zone in enumerate(world.zones if world is not None else ()):
+            _check_continuous(f"the noise of zone {k}", zone.noise)
+        return cls(
+            world=world,
+            routes=_routes_of(routes),
+            noise=noise,
+            start_fix=start_fix,
+            confidence=limit.confidence,
+            redundancy=limit.redundancy,
+        )
+
+    def drift(self, route: int, beacons: Sequence[Beacon]) -> Drift:
+        """Drift along one route with the given beacons alive."""
+        fixes = () if self.start_fix is None else (self.start_fix,)
+        return drift_with_beacons(self.routes[route], self.noise, beacons, self.world, fixes=fixes)
+
+    def score(self, drift: PointDrift) -> Floats:
+        """The score that limits are about: rms, or the radius at the confidence."""
+        return drift.rms if self.confidence is None else drift.radius(self.confidence)
+
+    def worst(self, drift: Drift) -> float:
+        """Greatest score anywhere along a route, metres: `worst_rms`, or `worst_radius` at the confidence."""
+        return worst_rms(drift) if self.confidence is None else worst_radius(drift, self.confidence)
+
+    def beacons_in_range(self, route: int, beacons: Sequence[Beacon]) -> list[Beacon]:
+        """Those of the beacons that a route comes within range of."""
+        return beacons_in_range(self.world, self.routes[route], beacons)
+
+
+def beacons_in_range(world: World | None, path: Floats, beacons: Sequence[Beacon]) -> list[Beacon]:
+    """Those of the beacons that a path comes within range of, and in sight where they must be seen."""
+    columns = BeaconColumns.of(beacons)
+    found = passes_of(path, columns.xy, columns.range_m, columns.must_see, world)
+    return [beacons[i] for i in np.unique(found.beacon)]
+
+
+def _routes_of(routes: Any) -> tuple[Floats, ...]:
+    if hasattr(routes, "path"):
+        return (waypoints_of(routes),)
+    try:
+        array = np.asarray(routes, dtype=float)
+    except (TypeError, ValueError):
+        array = np.zeros(0)  # several of different lengths
+    if array.ndim == 2:
+        return (waypoints_of(array),)
+    if isinstance(routes, (str, bytes)) or not hasattr(routes, "__len__") or not len(routes):
+        raise ValueError(f"expected routes to be one path (n, 2) or a sequence of them, got {routes!r}")
+    found = []
+    for k, route in enumerate(routes):
+        try:
+            found.append(waypoints_of(route))
+        except ValueError as err:
+            raise ValueError(f"route {k}: {err}") from None
+    return tuple(found)
+
+
+def _check_continuous(name: str, noise: Any) -> None:
+    if not isinstance(noise, OdometryNoise):
+        raise ValueError(f"expected {name} to be an OdometryNoise, got {noise!r}")
+    if noise.step_m is not None:
+        per_m = {
+            variance: getattr(noise, f"{variance}_per_m") + getattr(noise, f"{variance}_per_step") / noise.step_m
+            for variance in ("heading_var", "distance_var", "lateral_var")
+        }
+        rates = ", ".join(f"{variance}_per_m={rate:g}" for variance, rate in per_m.items() if rate)
+        raise ValueError(
+            f"expected {name} without step_m: in the step model the drift depends on where a path is cut, so a limit "
+            f"'everywhere' has no exact meaning; use rates per metre, here OdometryNoise({rates})"
+        )

@@ -1,0 +1,216 @@
+"""Sites: where beacons may go, of which kinds, at what cost and in which combinations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from driftplan.arrays import Floats, Ints, finite, keywords_checked, not_negative
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.passes import passes_of
+from driftplan.layouts.site_grids import allowed, grid_sites, route_sites
+from driftplan.world.world import World
+
+
+@dataclass(frozen=True, slots=True)
+class SiteGroup:
+    """Sites of which at least and at most so many may be chosen.
+
+    Parameters
+    ----------
+    members : sequence of int or str
+        Positions in the list of sites, or ids.
+    at_least : int
+    at_most : int or None
+
+    Examples
+    --------
+    >>> SiteGroup(["A1", "A2", "A3"], at_most=1).at_least
+    0
+    """
+
+    members: Sequence[int | str]
+    at_least: int = 0
+    at_most: int | None = None
+
+
+@keywords_checked()
+@dataclass(frozen=True, eq=False)
+class Sites:
+    """Where beacons may go.
+
+    Parameters
+    ----------
+    kind : BeaconKind or several
+        What may be placed at ``points``; each kind at each point is one site.
+    points : (n, 2) in metres, or Beacons
+        None: a grid over the world's free space (without a world: points along the routes), ``spacing_m`` apart
+        (default: the smallest range), as far as a route comes into range.
+    spacing_m : float
+        Of generated points.
+    costs : (n,), or (n, kinds)
+        Per point, > 0. Default: the kind's cost.
+    existing : sequence of Beacon
+        Already there, for nothing; they may die like any other.
+    forbidden : sequence of polygons (shapely, or corners)
+        No sites inside.
+    groups : sequence of SiteGroup
+        At least, or at most, so many of these sites.
+    min_spacing_m : float
+        New beacons are at least this far from each other and from existing ones.
+
+    Raises
+    ------
+    ValueError
+        For input that makes no sense.
+
+    Examples
+    --------
+    >>> tag = BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    >>> [site.id for site in Sites(tag, [(2, 0), (5, 0)]).listed(None).new]
+    ['S1', 'S2']
+    """
+
+    kind: BeaconKind | Sequence[BeaconKind] = ()
+    points: ArrayLike | Sequence[Beacon] | None = None
+    spacing_m: float | None = None
+    costs: ArrayLike | None = None
+    existing: Sequence[Beacon] = ()
+    forbidden: Sequence[Any] = ()
+    groups: Sequence[SiteGroup] = ()
+    min_spacing_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        points: Any = self.points
+        if points is not None and self.spacing_m is not None:
+            raise ValueError("expected spacing_m only for generated points, got both points and spacing_m")
+        if points is None and self.costs is not None:
+            raise ValueError("expected costs only together with points: use BeaconKind(cost=...) for generated ones")
+        kinds = (self.kind,) if isinstance(self.kind, BeaconKind) else tuple(self.kind)
+        for one in kinds:
+            if not isinstance(one, BeaconKind):
+                raise ValueError(f"expected kind to be a BeaconKind or several, got {one!r}")
+        if points is not None and len(points) and all(isinstance(point, Beacon) for point in points):
+            if kinds:
+                raise ValueError("expected kind or points that are Beacons with a kind of their own, got both")
+            points = tuple(points)
+        elif not kinds:
+            raise ValueError("expected kind: what beacons may be placed (BeaconKind.rfid, .landmark, .heading)")
+        elif points is not None:
+            points = finite("points", points)
+            if points.ndim != 2 or points.shape[1] != 2:
+                raise ValueError(f"expected points (n, 2) in metres, or Beacons, got shape {points.shape}")
+        for beacon in self.existing:
+            if not isinstance(beacon, Beacon):
+                raise ValueError(f"expected existing to be Beacon objects, got {beacon!r}")
+        not_negative("min_spacing_m", self.min_spacing_m)
+        if self.costs is not None:
+            shape = (len(points), len(kinds)) if len(kinds) > 1 else (len(points),)
+            costs = np.asarray(self.costs, dtype=float)
+            if costs.shape != shape or not (np.isfinite(costs).all() and (costs > 0).all()):
+                raise ValueError(f"expected costs of shape {shape}, finite and > 0, got {self.costs!r}")
+            object.__setattr__(self, "costs", costs.ravel())
+        for name, value in (("kind", kinds), ("points", points), ("existing", tuple(self.existing))):
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def of(cls, sites: Any) -> Sites:
+        """Sites that may be given as the kind, or kinds, of beacon."""
+        return sites if isinstance(sites, Sites) else cls(sites)
+
+    def listed(self, world: World | None, routes: Sequence[Floats] = ()) -> ListedSites:
+        """All sites, one by one; generated ones as far as a route comes into range of them, if there are routes."""
+        existing = _named(self.existing, "E", set())
+        beacons = self._beacons(world, routes)
+        if not beacons:
+            raise ValueError("expected at least one site, got none")
+        beacons = _named(beacons, "S", {b.id for b in existing})
+        costs = np.array([b.kind.cost for b in beacons]) if self.costs is None else np.asarray(self.costs, dtype=float)
+        numbered = np.array([[b.x, b.y, k] for k, b in enumerate(beacons)])
+        kept = allowed(numbered, self.forbidden)[:, 2].astype(np.intp)
+        new = [beacons[k] for k in kept.tolist()]
+        _check_ids([*new, *existing])
+        return ListedSites(
+            new=tuple(new),
+            costs=costs[kept],
+            existing=tuple(existing),
+            members=tuple(_members(f"group {g}", group, beacons, kept) for g, group in enumerate(self.groups)),
+        )
+
+    def _beacons(self, world: World | None, routes: Sequence[Floats]) -> list[Beacon]:
+        points: Any = self.points
+        kinds: Any = self.kind
+        if isinstance(points, tuple):
+            return list(points)
+        if points is None:
+            points = self._generated(world, routes, [kind.range_m for kind in kinds])
+        return [Beacon(kind, x, y) for x, y in points.tolist() for kind in kinds]
+
+    def _generated(self, world: World | None, routes: Sequence[Floats], ranges_m: Sequence[float]) -> Floats:
+        """A grid over free space, or points along the routes without a world."""
+        spacing_m = min(ranges_m) if self.spacing_m is None else self.spacing_m
+        if world is None:
+            return route_sites(routes, spacing_m, forbidden=self.forbidden)
+        points = grid_sites(world, spacing_m, forbidden=self.forbidden)
+        if not len(routes):
+            return points
+        in_range, range_m = np.zeros(len(points), dtype=bool), np.full(len(points), max(ranges_m))
+        for route in routes:
+            in_range[passes_of(route, points, range_m, np.zeros(len(points), dtype=bool), None).beacon] = True
+        return points[in_range]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ListedSites:
+    """Sites one by one, each with an id of its own.
+
+    Attributes
+    ----------
+    new : tuple of Beacon
+        What may be placed, off forbidden areas.
+    costs : (new,)
+    existing : tuple of Beacon
+    members : tuple of arrays
+        For every group, its members by their position in ``new``.
+    """
+
+    new: tuple[Beacon, ...]
+    costs: Floats
+    existing: tuple[Beacon, ...]
+    members: tuple[Ints, ...]
+
+
+def _members(name: str, group: SiteGroup, beacons: Sequence[Beacon], kept: Ints) -> Ints:
+    """The members of a group that are off forbidden areas, by their position among all of those."""
+    position = {b.id: k for k, b in enumerate(beacons)}
+    column = {k: c for c, k in enumerate(kept.tolist())}
+    found = set()
+    for member in group.members:
+        k = position.get(member, -1) if isinstance(member, str) else int(member)
+        if not 0 <= k < len(beacons):
+            raise ValueError(f"{name}: expected members to be sites, got {member!r}")
+        found |= {column[k]} if k in column else set()
+    return np.array(sorted(found), dtype=np.intp)
+
+
+def _named(beacons: Sequence[Beacon], letter: str, taken: set[str]) -> list[Beacon]:
+    """The same beacons, those without an id named by letter and position (and a + where that is taken)."""
+    named = []
+    for k, beacon in enumerate(beacons, start=1):
+        name = beacon.id or f"{letter}{k}"
+        while not beacon.id and name in taken:
+            name += "+"
+        named.append(replace(beacon, id=name))
+    return named
+
+
+def _check_ids(beacons: Sequence[Beacon]) -> None:
+    seen: set[str] = set()
+    for beacon in beacons:
+        if beacon.id in seen:
+            raise ValueError(f"expected every beacon to have its own id, got {beacon.id!r} twice")
+        seen.add(beacon.id)
