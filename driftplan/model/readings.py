@@ -26,6 +26,7 @@ from driftplan.model.heading_laws import law_moments
 from driftplan.model.moments import Moments, identity
 
 Estimator = Literal["reset", "filter"]
+_NEAREST_ANCHOR_M = 0.01  # a range or bearing from nearer is left out: no direction, and nothing linear about it
 
 
 def checked_estimator(estimator: str) -> None:
@@ -260,10 +261,11 @@ class Readings:
         if not np.isnan(self.heading_var[k]):
             rows.append(heading_row(float(self.heading_var[k])))
         towards = complex(self.anchor[k]) - position
-        if not np.isnan(self.range_var[k]):
-            rows.append(range_row(as_plane(towards), float(self.range_var[k])))
-        if not np.isnan(self.bearing_var[k]):
-            rows.append(bearing_row(as_plane(towards), float(self.bearing_var[k])))
+        if abs(towards) > _NEAREST_ANCHOR_M:  # at the anchor itself it tells nothing; NaN where there is none
+            if not np.isnan(self.range_var[k]):
+                rows.append(range_row(as_plane(towards), float(self.range_var[k])))
+            if not np.isnan(self.bearing_var[k]):
+                rows.append(bearing_row(as_plane(towards), float(self.bearing_var[k])))
         chance = float(self.chance[k])
         return tuple(rows), None if chance == 1 else chance
 

@@ -98,7 +98,7 @@ class ItineraryCheck:
     def _readings(self, path: Floats) -> Readings:
         """The readings that count."""
         passes = self._columns.passes(path, self.world)
-        found, of_pass = readings_of_passes(passes, self._columns)
+        found, of_pass = readings_of_passes(path, passes, self._columns)
         if self.min_capture == 0 or not len(found):
             return found
         counted = np.ones(len(passes.beacon), dtype=bool)
