@@ -262,6 +262,8 @@ def detection_chances(
     world: World | None = None,
     *,
     fixes: Sequence[Fix] = (),
+    estimator: Estimator = "reset",
+    spread: SystematicSpread = NO_SPREAD,
 ) -> list[DetectionChance]:
     """For every pass of a path, the probability that the robot really comes within range.
 
@@ -275,7 +277,7 @@ def detection_chances(
 
     Parameters
     ----------
-    path, noise, beacons, world, fixes :
+    path, noise, beacons, world, fixes, estimator, spread :
         As for `drift_with_beacons`.
 
     Returns
@@ -293,7 +295,7 @@ def detection_chances(
     """
     xy, columns = waypoints_of(path), BeaconColumns.of(beacons)
     passes = columns.passes(xy, world)
-    drift = drift_with_beacons(xy, noise, beacons, world, fixes=fixes)
+    drift = drift_with_beacons(xy, noise, beacons, world, fixes=fixes, estimator=estimator, spread=spread)
     return chances_listed(beacons, passes, chances_of_passes(xy, passes, columns, drift.on_arrival(passes.enter)))
 
 

@@ -26,6 +26,10 @@ from driftplan.model.heading_laws import law_moments
 from driftplan.model.moments import Moments, identity
 
 Estimator = Literal["reset", "filter"]
+NEEDS_FILTER = (
+    "a range or a bearing tells neither position nor heading by itself, "
+    "a robot that replaces what it reads cannot use it"
+)
 _NEAREST_ANCHOR_M = 0.01  # a range or bearing from nearer is left out: no direction, and nothing linear about it
 
 
@@ -232,10 +236,7 @@ class Readings:
             For a range or a bearing: they need a filter.
         """
         if not (np.isnan(self.range_var) & np.isnan(self.bearing_var)).all():
-            raise ValueError(
-                "a range or a bearing tells neither position nor heading by itself: a robot that replaces what it "
-                "reads cannot use it; expected estimator='filter'"
-            )
+            raise ValueError(f"{NEEDS_FILTER}; expected estimator='filter'")
         places, turns = self.read_position, self.read_heading
         law = law_moments("gaussian", np.where(turns, self.heading_var, 0.0))
         placed, turned = self.chance * places, self.chance * turns
