@@ -102,6 +102,7 @@ def drift_with_beacons(
     fixes: Sequence[Fix] = (),
     estimator: Estimator = "reset",
     spread: SystematicSpread = NO_SPREAD,
+    start_heading: float | None = None,
 ) -> Drift:
     """Drift along a path of a robot that reads ``beacons`` on its way; exact under the model of this module.
 
@@ -114,8 +115,8 @@ def drift_with_beacons(
         Its walls block sight and its zones have their own noise; the result then has a waypoint at every zone border.
     fixes : sequence of Fix
         Further fixes, such as one at 0 for an uncertain start. At one place they come before the beacons'.
-    estimator, spread :
-        As for `predict_drift`: what the robot does with a reading.
+    estimator, spread, start_heading :
+        As for `predict_drift`: what the robot does with a reading, and where it faces before its first turn.
 
     Returns
     -------
@@ -132,7 +133,9 @@ def drift_with_beacons(
     xy = waypoints_of(path)
     readings = Readings.of(fixes) + readings_on(xy, BeaconColumns.of(beacons), world)
     xy, noises = floor_of(xy, noise, world)
-    return predict_drift(xy, noises, fixes=readings, estimator=estimator, spread=spread)
+    return predict_drift(
+        xy, noises, fixes=readings, estimator=estimator, spread=spread, start_heading=start_heading
+    )
 
 
 def waypoints_of(path: Any) -> Floats:

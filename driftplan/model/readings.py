@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from math import hypot
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -262,7 +263,7 @@ class Readings:
         if not np.isnan(self.heading_var[k]):
             rows.append(heading_row(float(self.heading_var[k])))
         towards = complex(self.anchor[k]) - position
-        if abs(towards) > _NEAREST_ANCHOR_M:  # at the anchor itself it tells nothing; NaN where there is none
+        if hypot(towards.real, towards.imag) > _NEAREST_ANCHOR_M:  # NaN, hence not, where there is no anchor
             if not np.isnan(self.range_var[k]):
                 rows.append(range_row(as_plane(towards), float(self.range_var[k])))
             if not np.isnan(self.bearing_var[k]):
