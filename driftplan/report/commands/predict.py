@@ -59,8 +59,8 @@ def _warning(beyond_linear: Floats) -> str:
         return ""
     first, last = beyond_linear[0, 0], beyond_linear[-1, 1]
     return (
-        f"\nBetween {first:.1f} m and {last:.1f} m the heading is known to worse than 0.15 rad: there a filter goes wrong, "
-        "and this prediction of it too."
+        f"\nBetween {first:.1f} m and {last:.1f} m the heading is known to worse than 0.15 rad: a filter goes "
+        "wrong there, and so does this prediction."
     )
 
 
@@ -79,7 +79,7 @@ COMMAND = Command(
             Option("at", "S", "only after S metres; several: S,S,... (default: every waypoint)", metres),
             shared.START_HEADING,
             Option("beacons", "FILE.geojson", "beacons that are read on the way", str),
-            Option("estimator", "", "what the robot does with a reading: it replaces what is measured, or fuses it in a "
+            Option("estimator", "", "what the robot does with a reading: replaces what is measured, or fuses it in a "
                    "Kalman filter", str, "reset", ("reset", "filter")),
         )),
         *shared.NOISE,
