@@ -4,7 +4,8 @@ noise, presets, heading_laws    how one metre and one radian of odometry go wron
 paths                           what the robot drives: turns on the spot and runs
 moments, elements, fixes        the error-moment algebra, and what a run, a turn and a fix are in it
 drift, worst, scores            predict_drift; the greatest drift on the way; radii and probabilities
-simulation                      Monte Carlo dead reckoning, the oracle
+covariance, filter_state        the same for a robot that fuses its readings in a Kalman filter
+simulation                      Monte Carlo dead reckoning, with resets or a real filter: the oracle
 spatial                         the same in space
 calibration                     noise from recorded drives
 """
