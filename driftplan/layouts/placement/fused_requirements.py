@@ -24,7 +24,6 @@ import numpy as np
 from driftplan.arrays import Bools
 from driftplan.layouts.placement.cut_pool import Cut
 from driftplan.layouts.placement.fused_routes import NEVER, FusedRoute
-from driftplan.model.filter_state import FilterState
 
 _CUTS_PER_ROUTE = 8  # at a time
 
@@ -53,10 +52,11 @@ class FusedRequirements:
         """Cuts that are known before any layout is judged."""
         found = []
         for r, route in enumerate(self.routes):
-            sets = [self._read_between(route, first, last) for first, last in route.unread()]
-            ends = [last for _, last in route.unread()]
-            for sites, last in zip(sets, ends, strict=True):
-                if not any(other < sites for other in sets):
+            stretches = route.unread()
+            sets = [self._read_between(route, first, last) for first, last in stretches]
+            bits = [sum(1 << site for site in sites) for sites in sets]
+            for mine, sites, (_, last) in zip(bits, sets, stretches, strict=True):
+                if not any(other != mine and other & mine == other for other in bits):
                     found.append(self._at_least(sites, (r, last)))
         return found
 
@@ -114,24 +114,20 @@ class FusedRequirements:
                 low = middle
             else:
                 high = middle
-        if low >= 0:
-            return self._missing_after(route, route.best[low].driven(route.columns[low]), low + 1, border, alive)
-        return self._missing_after(route, route.start, 0, border, alive)
-
-    def _missing_after(
-        self, route: FusedRoute, state: FilterState, first: int, border: int, alive: set[int]
-    ) -> set[int]:
-        """Of the sites read from border ``first`` on, before whose readings the state is ``state``, those outside."""
         inside, outside = set(alive), set()
-        for here in range(first, border):
-            for site in {reading.site: None for reading in route.readings[here]}:
+        state, here = (route.start, 0) if low < 0 else (route.best[low], low)
+        for stop in range(max(low + 1, 0), border):
+            for site in {reading.site: None for reading in route.readings[stop]}:
                 if site not in inside and site not in outside:
+                    arriving = route.driven(state, here, stop) if stop > here else state
                     with_it = inside | {site}
-                    if route.fails_at(route.read(state, here, with_it), here, border, with_it):
+                    if route.fails_at(route.read(arriving, stop, with_it), stop, border, with_it):
                         inside = with_it
                     else:
                         outside.add(site)
-            state = route.read(state, here, inside).driven(route.columns[here])
+            if any(reading.site in inside for reading in route.readings[stop]):
+                arriving = route.driven(state, here, stop) if stop > here else state
+                state, here = route.read(arriving, stop, inside), stop
         return outside
 
     def _read_between(self, route: FusedRoute, first: int, last: int) -> frozenset[int]:

@@ -7,13 +7,14 @@ an end of a leg. A limit that holds on arrival at every border, before the readi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from driftplan.arrays import Floats, Ints
+from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.layouts.placement.tracks import Tracks
 from driftplan.model.covariance import Legs, legs
@@ -54,111 +55,126 @@ class FusedRoute:
     most: float
 
     @cached_property
-    def columns(self) -> list[LegColumns]:
-        """The legs one by one."""
-        return self.legs.columns()
-
-    def legs_of(self, which: Ints) -> Legs:
-        """Some of the legs side by side, shape (1, k)."""
-        return Legs(*(x[which][None] for x in (self.legs.A, self.legs.C, self.legs.shift)))
-
-    @cached_property
     def sites(self) -> frozenset[int]:
         """All that could be read."""
-        return frozenset(reading.site for here in self.readings for reading in here)
+        return frozenset(self.borders_of)
 
     @cached_property
     def borders_of(self) -> dict[int, list[int]]:
         """Where each site is read."""
         found: dict[int, list[int]] = {}
         for border, here in enumerate(self.readings):
-            for reading in here:
-                found.setdefault(reading.site, []).append(border)
+            for site in {reading.site for reading in here}:
+                found.setdefault(site, []).append(border)
         return found
 
-    @cached_property
-    def best(self) -> list[FilterState]:
-        """The state after the readings at every border when all sites live: no set of sites gives a better one."""
-        state, found = self.read(self.start, 0, self.sites), []
-        for border in range(len(self.columns)):
-            found.append(state)
-            state = self.read(state.driven(self.columns[border]), border + 1, self.sites)
-        return [*found, state]
+    @property
+    def end(self) -> int:
+        """The last border."""
+        return len(self.readings) - 1
 
-    def read(self, state: FilterState, border: int, alive: frozenset[int] | set[int]) -> FilterState:
+    @cached_property
+    def _lever(self) -> Floats:
+        """Transition of position by heading from the start to every border, (m + 1, 2)."""
+        return np.concatenate([np.zeros((1, 2)), np.cumsum(self.legs.A[:, :2, 2], axis=0)])
+
+    @cached_property
+    def _unaided(self) -> list[tuple[float, ...]]:
+        """The covariance at every border when a perfectly known robot drives there and reads nothing."""
+        state, found = FilterState.at_start(), []
+        for leg in self.legs.columns():
+            found.append(state.P)
+            state = state.driven(leg)
+        return [*found, state.P]
+
+    @cached_property
+    def _unaided_trace(self) -> Floats:
+        return np.array([P[0] + P[3] for P in self._unaided])
+
+    @cached_property
+    def _levers(self) -> list[tuple[float, float]]:
+        return [(x, y) for x, y in self._lever.tolist()]
+
+    def driven(self, state: FilterState, first: int, last: int) -> FilterState:
+        """On arrival at border ``last``, from ``state`` after the readings at ``first``, with none in between.
+
+        With U the covariances of a drive without readings, P grows to A (P - U_first) Aᵀ + U_last.
+        """
+        excess = tuple(p - u for p, u in zip(state.P, self._unaided[first], strict=True))
+        (x0, y0), (x1, y1) = self._levers[first], self._levers[last]
+        return FilterState(excess).driven(LegColumns((x1 - x0, y1 - y0), self._unaided[last], None))
+
+    def read(self, state: FilterState, border: int, alive: AbstractSet[int]) -> FilterState:
         """After the readings at a border."""
         for reading in self.readings[border]:
             if reading.site in alive:
                 state = state.read(reading.rows, reading.chance)
         return state
 
-    def breach(self, alive: frozenset[int] | set[int]) -> int:
+    def stops(self, alive: AbstractSet[int], first: int, last: int) -> list[int]:
+        """Borders after ``first`` and before ``last`` where one of these sites is read."""
+        borders = (border for site in alive & self.sites for border in self.borders_of[site])
+        return sorted({border for border in borders if first < border < last})
+
+    @cached_property
+    def best(self) -> list[FilterState]:
+        """The state after the readings at every border when all sites live: no set of sites gives a better one."""
+        state = self.read(self.start, 0, self.sites)
+        found = [state]
+        for border in range(1, self.end + 1):
+            state = self.read(self.driven(state, border - 1, border), border, self.sites)
+            found.append(state)
+        return found
+
+    def breach(self, alive: AbstractSet[int]) -> int:
         """The first border at which the limit fails with these sites alive, or `NEVER`."""
         if self.start.trace > self.most:
             return 0
-        return self.breach_from(self.read(self.start, 0, alive), 0, len(self.columns), alive)
-
-    def breach_from(self, state: FilterState, border: int, last: int, alive: frozenset[int] | set[int]) -> int:
-        """The same on the way from ``border``, in ``state`` after the readings there, to ``last``."""
-        columns, readings, most = self.columns, self.readings, self.most
-        for here in range(border + 1, last + 1):
-            state = state.driven(columns[here - 1])
-            if state.trace > most:
-                return here
-            for reading in readings[here]:
-                if reading.site in alive:
-                    state = state.read(reading.rows, reading.chance)
+        state, here = self.read(self.start, 0, alive), 0
+        for stop in [*self.stops(alive, 0, self.end), self.end]:
+            over = np.flatnonzero(self._traces(state, here, stop) > self.most)
+            if len(over):
+                return here + 1 + int(over[0])
+            state, here = self.read(self.driven(state, here, stop), stop, alive), stop
         return NEVER
 
-    def fails_at(self, state: FilterState, border: int, last: int, alive: frozenset[int] | set[int]) -> bool:
-        """Whether the limit fails at ``last``, on the way from ``border`` in ``state``, whatever is between."""
-        for here in range(border + 1, last):
-            state = self.read(state.driven(self.columns[here - 1]), here, alive)
-        return bool(state.driven(self.columns[last - 1]).trace > self.most)
+    def fails_at(self, state: FilterState, first: int, last: int, alive: AbstractSet[int]) -> bool:
+        """Whether the limit fails at ``last``, from ``state`` after the readings at ``first``, whatever is between."""
+        here = first
+        for stop in self.stops(alive, first, last):
+            state, here = self.read(self.driven(state, here, stop), stop, alive), stop
+        return bool(self.driven(state, here, last).trace > self.most)
 
-    def worst(self, alive: frozenset[int] | set[int]) -> float:
+    def worst(self, alive: AbstractSet[int]) -> float:
         """Greatest rms anywhere, metres."""
-        square, state = float(self.start.trace), self.read(self.start, 0, alive)
-        for border, leg in enumerate(self.columns, start=1):
-            state = state.driven(leg)
-            square = max(square, float(state.trace))
-            state = self.read(state, border, alive)
+        square, state, here = float(self.start.trace), self.read(self.start, 0, alive), 0
+        for stop in [*self.stops(alive, 0, self.end), self.end]:
+            square = max(square, float(self._traces(state, here, stop).max(initial=0.0)))
+            state, here = self.read(self.driven(state, here, stop), stop, alive), stop
         return float(np.sqrt(square))
 
-    def unread(self) -> Iterator[tuple[int, int]]:
+    def _traces(self, state: FilterState, first: int, last: int) -> Floats:
+        """tr P at the borders after ``first`` up to ``last`` when nothing is read between, (last - first,)."""
+        Dxx, Dxt, Dyy, Dyt, Dtt = (state.P[k] - self._unaided[first][k] for k in (0, 2, 3, 4, 5))
+        x, y = (self._lever[first + 1 : last + 1] - self._lever[first]).T
+        turned = 2 * (Dxt * x + Dyt * y) + Dtt * (x * x + y * y)
+        return np.asarray(self._unaided_trace[first + 1 : last + 1] + (Dxx + Dyy) + turned)
+
+    def unread(self) -> list[tuple[int, int]]:
         """Stretches that fail in the best of cases when nothing is read inside them, as short as they come.
 
-        Yields
-        ------
-        first, last : int
+        Returns
+        -------
+        list of first, last : int
             Borders: something has to be read at one of first … last - 1, or the limit fails at last.
         """
-        until = [self.start_unread(), *self._farthest().tolist()]
-        for first, last in enumerate(until):
-            later = until[first + 1] if first + 1 < len(until) else NEVER
-            if last != NEVER and last != later:
-                yield first, last
-
-    def start_unread(self) -> int:
-        """Where the limit fails when nothing is ever read."""
-        return 0 if self.start.trace > self.most else self.breach_from(self.start, 0, len(self.columns), frozenset())
-
-    def _farthest(self) -> Ints:
-        """For every border, in the best state there, the border at which the limit fails when nothing is read."""
-        m = len(self.columns)
-        found = np.full(m, NEVER)
-        states = np.array([state.P for state in self.best[:m]]).reshape(m, -1)
-        going = np.arange(m)
-        for step in range(m):
-            (leg,) = self.legs_of(going + step).columns()
-            state = FilterState(tuple(states.T)).driven(leg)
-            over = state.trace > self.most
-            found[going[over]] = going[over] + step + 1
-            on = ~over & (going + step + 1 < m)
-            going, states = going[on], np.stack(state.P, axis=-1)[on]
-            if not len(going):
-                break
-        return found
+        starts = [(self.start, 0), *((state, border) for border, state in enumerate(self.best[:-1]))]
+        until = [0] if self.start.trace > self.most else []
+        for state, border in starts[len(until) :]:
+            over = np.flatnonzero(self._traces(state, border, self.end) > self.most)
+            until.append(border + 1 + int(over[0]) if len(over) else NEVER)
+        later = [*until[1:], NEVER]
+        return [(first, last) for first, (last, next_) in enumerate(zip(until, later, strict=True)) if last not in (NEVER, next_)]
 
 
 def fused_routes(
