@@ -2,10 +2,10 @@
 
 from .beacons.beacon import Beacon as Beacon
 from .beacons.beacon import BeaconKind as BeaconKind
-from .beacons.beacon import drift_with_beacons as drift_with_beacons
-from .beacons.beacon import passes as passes
-from .beacons.capture import Capture as Capture
-from .beacons.capture import capture as capture
+from .beacons.readings import DetectionChance as DetectionChance
+from .beacons.readings import beacon_passes as beacon_passes
+from .beacons.readings import detection_chances as detection_chances
+from .beacons.readings import drift_with_beacons as drift_with_beacons
 from .errors import DriftplanError as DriftplanError
 from .errors import GoalError as GoalError
 from .errors import InfeasibleError as InfeasibleError
@@ -43,12 +43,12 @@ from .model.calibration.umbmark import umbmark as umbmark
 from .model.drift import Drift as Drift
 from .model.drift import PointDrift as PointDrift
 from .model.drift import predict_drift as predict_drift
-from .model.fixes import Fix as Fix
 from .model.noise import OdometryNoise as OdometryNoise
 from .model.paths import Run as Run
 from .model.paths import Runs as Runs
 from .model.presets import PRESETS as PRESETS
 from .model.presets import Preset as Preset
+from .model.readings import Fix as Fix
 from .model.simulation import simulate_drift as simulate_drift
 from .model.spatial.drift import SpatialDrift as SpatialDrift
 from .model.spatial.drift import predict_drift_3d as predict_drift_3d

@@ -1,4 +1,6 @@
 """Beacons and what they do to the drift along a path.
 
-beacon, passes, capture         BeaconKind, Beacon; where paths meet them; whether a robot that drifted still does
+beacon        BeaconKind, Beacon
+passes        where paths come into their range and sight
+readings      what a robot reads on its way, the drift with it, and the chance that it gets to read it
 """

@@ -22,8 +22,8 @@ from driftplan.layouts.placement.spans import Spans
 from driftplan.layouts.placement.tracks import Tracks
 from driftplan.layouts.scenario import DriftLimit, Scenario
 from driftplan.layouts.sites import Sites
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.world.world import World
 
 Progress = Callable[[float, float, float], None]

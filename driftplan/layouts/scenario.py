@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from driftplan.arrays import Floats, keywords_checked, whole
-from driftplan.beacons.beacon import Beacon, BeaconColumns, drift_with_beacons, waypoints_of
+from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.passes import passes_of
+from driftplan.beacons.readings import BeaconColumns, drift_with_beacons, waypoints_of
 from driftplan.model.drift import Drift, PointDrift
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.model.worst import worst_radius, worst_rms
 from driftplan.world.world import World
 

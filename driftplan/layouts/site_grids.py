@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from driftplan.arrays import Floats, positive
-from driftplan.beacons.beacon import waypoints_of
+from driftplan.beacons.readings import waypoints_of
 from driftplan.world.world import World
 
 

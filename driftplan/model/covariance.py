@@ -26,14 +26,13 @@ the filter estimates them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import repeat
 from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Array, Floats, Ints, as_covariance, as_plane
+from driftplan.arrays import Array, Complexes, Floats, Ints, as_covariance, as_plane
 from driftplan.model import moments
 from driftplan.model.elements import run_moments, turn_moments
 from driftplan.model.filter_state import LegColumns, Row, transition_entries, upper_triangle
@@ -160,15 +159,27 @@ class Legs:
         """As elements, without the shift of the mean."""
         return CovarianceMap(self.A, self.C, np.zeros(self.C.shape))
 
-    def columns(self) -> list[LegColumns]:
-        """One after the other along the first axis: Python numbers, or arrays over the further axes."""
+    @property
+    def moves(self) -> Complexes:
+        """True displacements, metres, world frame: the lever on which a heading error acts."""
+        return np.asarray(self.A[..., 1, 2] - 1j * self.A[..., 0, 2])
+
+    @property
+    def column(self) -> LegColumns:
+        """For as many drives as there are legs: one leg each."""
         size = self.A.shape[-1]
-        transitions = zip(*(_listed(self.A[..., i, k]) for i, k in transition_entries(size)), strict=True)
-        gains = zip(*(_listed(self.C[..., i, j]) for i, j in upper_triangle(size)), strict=True)
-        shifts: Iterable[Any] = repeat(None, len(self.A))
-        if self.shift.any():
-            shifts = zip(*(_listed(self.shift[..., i]) for i in range(size)), strict=True)
-        return [LegColumns(*leg) for leg in zip(transitions, gains, shifts, strict=True)]
+        return LegColumns(
+            tuple(self.A[..., i, k] for i, k in transition_entries(size)),
+            tuple(self.C[..., i, j] for i, j in upper_triangle(size)),
+            tuple(self.shift[..., i] for i in range(size)) if self.shift.any() else None,
+        )
+
+    def columns(self) -> list[LegColumns]:
+        """One after the other along the last of the leading axes: Python numbers, or arrays over the other axes."""
+        transition, gain, shift = self.column
+        if shift is None:
+            return [LegColumns(*leg, None) for leg in zip(_in_turn(transition), _in_turn(gain), strict=True)]
+        return [LegColumns(*leg) for leg in zip(_in_turn(transition), _in_turn(gain), _in_turn(shift), strict=True)]
 
 
 def path_legs(
@@ -267,8 +278,9 @@ def _sensitivity(
     return np.concatenate([position, heading[..., None]], axis=-1) / (2 * SMALL_NOISE_FACTOR)
 
 
-def _listed(x: Floats) -> list[Any]:
-    return x.tolist() if x.ndim == 1 else list(x)
+def _in_turn(columns: tuple[Any, ...]) -> list[tuple[Any, ...]]:
+    """Entry by entry along the last axis."""
+    return list(zip(*(x.tolist() if x.ndim == 1 else list(np.moveaxis(x, -1, 0)) for x in columns), strict=True))
 
 
 def _T(x: Floats) -> Floats:

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, as_covariance, as_plane, finite
+from driftplan.arrays import Array, Floats, Ints, as_covariance, as_plane, finite
 from driftplan.model import scores
-from driftplan.model.elements import run_moments, turn_moments
-from driftplan.model.fixes import Fix, apply_fix
-from driftplan.model.moments import Moments, compose, scan
-from driftplan.model.noise import Noises, OdometryNoise, noise_of_legs
-from driftplan.model.paths import Runs, read_path
-
-_SHORT_HOPS = 16  # legs between fixes: up to here on average they are composed one by one
+from driftplan.model.drive import Driven, drive
+from driftplan.model.elements import of_legs
+from driftplan.model.filter_state import LINEAR_HEADING_STD_RAD
+from driftplan.model.fusion import Beliefs, fuse
+from driftplan.model.moments import Moments, compose
+from driftplan.model.noise import NO_SPREAD, Noises, OdometryNoise, SystematicSpread, noise_of_legs
+from driftplan.model.paths import Runs, read_path, same_place_within
+from driftplan.model.readings import Estimator, Fix, Readings, checked_estimator
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,10 +123,10 @@ class Drift(PointDrift):
 
     runs: Runs
     noises: tuple[OdometryNoise, ...]
-    _noise_of_leg: NDArray[np.intp]
-    _borders: Moments  # after fixes, at every leg border
-    _arrivals: Moments  # before fixes
+    _noise_of_leg: Ints
+    _driven: Driven  # at every leg border
     _border_distance: Floats
+    _beliefs: Beliefs | None = None  # of a robot with a filter
 
     @property
     def end(self) -> PointDrift:
@@ -159,13 +160,72 @@ class Drift(PointDrift):
             raise ValueError(f"expected distances of shape () or (k,) for one path, got {wanted.shape}")
         batch = self.distance.shape[:-1]
         where = np.broadcast_to(np.atleast_1d(wanted), (*batch, *(wanted.shape[-1:] or (1,))))
-        length = self.length[..., None]
-        if not ((where >= 0) & (where <= length * (1 + 1e-9))).all():
-            raise ValueError(f"expected distances on the path, in [0, {self.length.min():.6g}] m, got {wanted}")
-        found = self._inside(np.minimum(where, length))
+        found = self._inside(self._on_path(where, wanted))
         if wanted.ndim == 0:
             return PointDrift(found.distance[..., 0], found.moments[..., 0])
         return found
+
+    def on_arrival(self, s: ArrayLike) -> PointDrift:
+        """Drift on arrival at ``s`` metres along one path, (k,): before the readings there, where `at` is after them.
+
+        At the start: after the fixes that say how uncertain it is.
+        """
+        wanted = finite("s", s)
+        s = self._on_path(np.atleast_1d(wanted), wanted)
+        on_start = s <= same_place_within(float(self.length))
+        states = Moments.concatenate([self._driven.arriving[:1], self._inside(s, after=False).moments])
+        return PointDrift(s, states[np.where(on_start, 0, np.arange(len(s)) + 1)])
+
+    def departures(self) -> Moments:
+        """Moments at the beginning of every leg's run, after turning on the spot, for one path."""
+        turns, begun = self.runs.turns, self._driven.leaving[:-1]
+        if self._beliefs is None and not any(noise.turns_matter for noise in self.noises):
+            return replace(begun, u=begun.u * np.exp(1j * turns))
+        zero = np.zeros(turns.shape)
+        return self._onward(begun, np.arange(len(turns)), turns, zero, zero, self._noise_of_leg)
+
+    def inside_legs(self, shares: Floats) -> Moments:
+        """Moments at these shares (k,) of every leg's run, for one path, (legs, k)."""
+        runs, last = self.runs, len(self.runs.lengths)
+        border = np.repeat(np.arange(last)[:, None], len(shares), axis=1)
+        begin = self._driven.leaving[border]
+        driven, which = runs.lengths[:, None] * shares, self._noise_of_leg[border]
+        return self._onward(begin, border, runs.turns[border], driven, runs.curvatures[border], which)
+
+    @property
+    def is_fused(self) -> bool:
+        """Whether this is the drift of a robot with a filter."""
+        return self._beliefs is not None
+
+    @property
+    def has_systematic(self) -> bool:
+        """Whether known systematic errors or those of a spread act on it."""
+        spread = self._beliefs is not None and bool(self._beliefs.spread.names)
+        return spread or any(noise.is_systematic for noise in self.noises)
+
+    def _onward(
+        self, begin: Moments, border: Ints, turns: Floats, lengths: Floats, curvatures: Floats, which: Ints
+    ) -> Moments:
+        """Moments after driving on from borders, where they are ``begin``: the one place where the engines differ."""
+        if self._beliefs is not None:
+            return self._beliefs.onward(begin, border, (turns, lengths, curvatures, which))
+        return compose(begin, of_legs(turns, lengths, curvatures, which, self.noises))
+
+    @property
+    def beyond_linear(self) -> Floats:
+        """Where along one path a filter's prediction is not to be trusted, metres driven, (k, 2): stretches on which
+        the heading's standard deviation exceeds 0.15 rad. The filter itself goes wrong there. Without a filter none:
+        resets are predicted without linearisation."""
+        if self.distance.ndim != 1:
+            raise ValueError(f"expected the drift of one path, got a batch of shape {self.distance.shape[:-1]}")
+        if self._beliefs is None:
+            return np.zeros((0, 2))
+        limit, ends = LINEAR_HEADING_STD_RAD**2, self._border_distance
+        begin = PointDrift(ends[:-1], self.departures()).heading_std ** 2
+        end = np.maximum(PointDrift(ends[1:], self._driven.arriving[1:]).heading_std ** 2, begin)
+        leg = np.flatnonzero(end > limit)
+        share = np.clip((limit - begin[leg]) / np.maximum(end[leg] - begin[leg], 1e-300), 0.0, 1.0)
+        return np.stack([ends[leg] + share * self.runs.lengths[leg], ends[leg + 1]], axis=-1)
 
     def profile(self, spacing_m: float | None = None) -> PointDrift:
         """Drift along one path for plotting: the leg borders, points every ``spacing_m`` metres (default: 200 in all)
@@ -178,32 +238,38 @@ class Drift(PointDrift):
             raise ValueError(f"expected spacing_m > 0, got {spacing_m!r}")
         between = np.arange(spacing, length, spacing)
         inner = self._inside(between)
-        parts = [self._arrivals, self._borders, inner.moments]
+        parts = [*self._driven, inner.moments]
         distance = np.concatenate([self._border_distance, self._border_distance, between])
         order = np.lexsort((np.repeat([0, 1, 2], [x.shape[-1] for x in parts]), distance))
-        joined = Moments(*(np.concatenate(x) for x in zip(*(part.arrays() for part in parts), strict=True)))
-        return PointDrift(distance[order], joined[order])
+        return PointDrift(distance[order], Moments.concatenate(parts)[order])
 
-    def _inside(self, s: Floats) -> PointDrift:
-        """Drift at distances (..., k) on the path: the last border before, and the leg from there, if it has begun."""
-        borders = self._border_distance
-        reached = s + 1e-9 * np.maximum(self.length[..., None], 1.0)  # a fix lies where it was said to, rounding or not
+    def _on_path(self, s: Floats, wanted: Floats) -> Floats:
+        length = self.length[..., None]
+        if not ((s >= 0) & (s <= length * (1 + 1e-9))).all():
+            raise ValueError(f"expected distances on the path, in [0, {self.length.min():.6g}] m, got {wanted}")
+        return np.minimum(s, length)
+
+    def _inside(self, s: Floats, *, after: bool = True) -> PointDrift:
+        """Drift at distances (..., k) on the path: the last border before (``after`` the readings of a border that is
+        there, or on arrival at it), and the leg from there, if it has begun."""
+        borders, last = self._border_distance, self.runs.lengths.shape[-1]
+        within = same_place_within(float(np.max(self.length, initial=0.0)))
+        reached = s + within if after else s - within
         if borders.ndim == 1:
-            leg = np.searchsorted(borders, reached, side="right") - 1
+            border = np.searchsorted(borders, reached, side="right") - 1
         else:
-            leg = (borders[..., None, :] <= reached[..., :, None]).sum(axis=-1) - 1
-        border = np.clip(leg, 0, self.runs.lengths.shape[-1])
-        leg = np.minimum(border, self.runs.lengths.shape[-1] - 1)
+            border = (borders[..., None, :] <= reached[..., :, None]).sum(axis=-1) - 1
+        border = np.clip(border, 0, last)
+        leg = np.minimum(border, last - 1)
 
-        def pick(x: NDArray[Any], index: NDArray[np.intp]) -> NDArray[Any]:
+        def pick(x: Array, index: Ints) -> Array:
             return np.take_along_axis(np.broadcast_to(x, (*s.shape[:-1], x.shape[-1])), index, axis=-1)
 
-        begin = Moments(*(pick(x, border) for x in self._borders.arrays()))
+        begin = Moments(*(pick(x, border) for x in self._driven.leaving.arrays()))
         driven = np.clip(s - pick(borders, border), 0.0, None)
         turns = np.where(driven > 0, pick(self.runs.turns, leg), 0.0)
-        curvatures, noise_of_leg = pick(self.runs.curvatures, leg), pick(self._noise_of_leg, leg)
-        piece = _legs(turns, driven, curvatures, self.noises, noise_of_leg)
-        return PointDrift(s, compose(begin, piece))
+        curvatures, which = pick(self.runs.curvatures, leg), pick(self._noise_of_leg, leg)
+        return PointDrift(s, self._onward(begin, border, turns, driven, curvatures, which))
 
 
 def predict_drift(
@@ -211,13 +277,15 @@ def predict_drift(
     noise: Noises,
     *,
     start_heading: float | ArrayLike | None = None,
-    fixes: Sequence[Fix] = (),
+    fixes: Sequence[Fix] | Readings = (),
+    estimator: Estimator = "reset",
+    spread: SystematicSpread = NO_SPREAD,
 ) -> Drift:
     """How far odometry will have drifted at every point of a path: bias, covariance and rms, in closed form.
 
     The robot follows ``path`` exactly, starting from a known pose; its odometry errs as `OdometryNoise` says,
-    independently on disjoint stretches. Exact first and second moments for any amount of noise, no linearisation.
-    A path costs O(waypoints), whatever the number of odometry steps.
+    independently on disjoint stretches. Exact first and second moments for any amount of noise, no linearisation (for
+    a robot that resets). A path costs O(waypoints), whatever the number of odometry steps.
 
     Parameters
     ----------
@@ -229,8 +297,16 @@ def predict_drift(
         A sequence gives each leg its own noise (floors of different kinds).
     start_heading : float, optional
         Heading before the first turn, rad; by default the robot already faces its first run.
-    fixes : sequence of Fix
-        Absolute measurements on the way (one path only). A fix at 0 sets the uncertainty of the start.
+    fixes : sequence of Fix, or Readings
+        Absolute measurements on the way (one path only), ordered as `driftplan.model.readings` says. A fix at 0 sets
+        the uncertainty of the start.
+    estimator : {"reset", "filter"}
+        What the robot does with a fix. ``reset``: it replaces what is measured; safe to assume of every robot.
+        ``filter``: it is fused in an extended Kalman filter, so that a position fix also corrects heading and a further
+        fix never hurts. Then the drift is the filter's covariance, linearised about the path: within a few per cent
+        outside of `Drift.beyond_linear`. Known systematic errors shift the filter's mean, they are not corrected.
+    spread : SystematicSpread
+        Systematic errors that differ from drive to drive and are estimated by the filter as it goes.
 
     Returns
     -------
@@ -239,7 +315,8 @@ def predict_drift(
     Raises
     ------
     ValueError
-        For paths of fewer than 2 waypoints, wrong shapes, values that are not finite, fixes off the path.
+        For paths of fewer than 2 waypoints, wrong shapes, values that are not finite, fixes off the path; for ranges
+        and bearings, and a spread, with ``reset``.
 
     Notes
     -----
@@ -255,118 +332,28 @@ def predict_drift(
     >>> drift.at(15.0).rms.round(3).item()
     0.195
     """
+    checked_estimator(estimator)
+    if estimator == "reset" and spread.names:
+        raise ValueError(f"a spread of {', '.join(spread.names)} is for estimator='filter', which estimates it")
     runs = read_path(path, start_heading)
     noises, noise_of_leg = noise_of_legs(noise, runs.lengths.shape[-1], runs.legs_per_waypoint)
     waypoints = np.arange(0, runs.lengths.shape[-1] + 1, runs.legs_per_waypoint)
-    at_border: list[tuple[int, Fix]] = []
-    if fixes:
-        runs, waypoints, noise_of_leg, at_border = _cut_at_fixes(runs, waypoints, noise_of_leg, fixes)
-    pieces = _legs(runs.turns, runs.lengths, runs.curvatures, noises, noise_of_leg)
     zero = np.zeros(np.shape(runs.start))
-    state = Moments(np.exp(1j * runs.heading), runs.start, *([zero] * 8))
-    arrivals, borders = _along(pieces, state, at_border)
+    start = Moments(np.exp(1j * runs.heading), runs.start, *([zero] * 8))
+    readings: Readings | None = None
+    at: Ints | None = None
+    if len(fixes):
+        readings = fixes if isinstance(fixes, Readings) else Readings.of(fixes)
+        runs, at, borders = runs.cut(readings.s_m)
+        waypoints, noise_of_leg = borders[waypoints], np.repeat(noise_of_leg, np.diff(borders))
+    beliefs: Beliefs | None = None
+    if estimator == "filter":
+        driven, beliefs = fuse(runs, noise_of_leg, noises, spread, start, readings, at)
+    else:
+        legs = of_legs(runs.turns, runs.lengths, runs.curvatures, noise_of_leg, noises)
+        driven = drive(legs, start, readings, at)
     distance = np.concatenate([zero[..., None], np.cumsum(runs.lengths, axis=-1)], axis=-1)
-    at_waypoints, moments = distance[..., waypoints], borders[..., waypoints]
-    for array in (distance, at_waypoints, *moments.arrays(), *borders.arrays(), *arrivals.arrays()):
+    at_waypoints, moments = distance[..., waypoints], driven.leaving[..., waypoints]
+    for array in (distance, at_waypoints, *(x for part in (moments, *driven) for x in part.arrays())):
         array.setflags(write=False)
-    return Drift(at_waypoints, moments, runs, noises, noise_of_leg, borders, arrivals, distance)
-
-
-def _along(pieces: Moments, start: Moments, fixes: list[tuple[int, Fix]]) -> tuple[Moments, Moments]:
-    """Moments at every leg border, before and after the fixes there."""
-    if not fixes:
-        states = scan(pieces, start)
-        return states, states
-    last = pieces.shape[-1]
-    due: dict[int, list[Fix]] = {}
-    for border, fix in fixes:
-        due.setdefault(border, []).append(fix)
-    if last <= _SHORT_HOPS * len(due):
-        return _leg_by_leg(pieces, start, due)
-    before = [np.empty(last + 1, complex) for _ in start.arrays()]
-    after = [np.empty(last + 1, complex) for _ in start.arrays()]
-    _write(before, slice(0, 1), start)
-    _write(after, slice(0, 1), start)
-    begin, state = 0, start
-    for stop in [*sorted(due), last]:
-        hop = scan(pieces[begin:stop], state)
-        reached = slice(begin + 1, stop + 1)
-        _write(before, reached, hop[1:])
-        _write(after, reached, hop[1:])
-        state = hop[-1]
-        for fix in due.pop(stop, ()):
-            state = apply_fix(state, fix)
-        _write(after, slice(stop, stop + 1), state)
-        begin = stop
-    return _as_moments(before), _as_moments(after)
-
-
-def _leg_by_leg(pieces: Moments, start: Moments, due: dict[int, list[Fix]]) -> tuple[Moments, Moments]:
-    """`_along` with Python's numbers: where hops are short, numpy's calls would cost ten times as much."""
-    legs = zip(*(x.tolist() for x in pieces.arrays()), strict=True)
-    state = _numbers(start)
-    before, after = [state], []
-    for border, leg in enumerate([*legs, None]):
-        for fix in due.get(border, ()):
-            state = _numbers(apply_fix(state, fix))
-        after.append(state)
-        if leg is not None:
-            state = compose(state, Moments(*leg))
-            before.append(state)
-    return _stacked(before), _stacked(after)
-
-
-def _numbers(moments: Moments) -> Moments:
-    return Moments(*(np.asarray(x).item() for x in moments.arrays()))
-
-
-def _stacked(states: list[Moments]) -> Moments:
-    columns = zip(*((s.u, s.p, s.d1, s.d2, s.D, s.e1, s.N, s.e2, s.a, s.b) for s in states), strict=True)
-    return _as_moments([np.array(column, dtype=complex) for column in columns])
-
-
-def _write(arrays: list[NDArray[Any]], where: slice, values: Moments) -> None:
-    for array, value in zip(arrays, values.arrays(), strict=True):
-        array[where] = value
-
-
-def _as_moments(arrays: list[NDArray[Any]]) -> Moments:
-    u, p, d1, d2, D, e1, N, e2, a, b = arrays
-    return Moments(u, p, d1, d2, D.real, e1, N.real, e2, a, b)
-
-
-def _cut_at_fixes(
-    runs: Runs, waypoints: NDArray[np.intp], noise_of_leg: NDArray[np.intp], fixes: Sequence[Fix]
-) -> tuple[Runs, NDArray[np.intp], NDArray[np.intp], list[tuple[int, Fix]]]:
-    """The path with a leg border at every fix, and which border that is."""
-    ordered = sorted(fixes, key=lambda fix: fix.s_m)
-    cut, at, borders = runs.cut(np.array([fix.s_m for fix in ordered]))
-    legs_from = np.diff(borders)
-    return cut, borders[waypoints], np.repeat(noise_of_leg, legs_from), list(zip(at.tolist(), ordered, strict=True))
-
-
-def _legs(
-    turns: Floats,
-    lengths: Floats,
-    curvatures: Floats,
-    noises: tuple[OdometryNoise, ...],
-    noise_of_leg: NDArray[np.intp],
-) -> Moments:
-    """The element of every leg: its turn, then its run."""
-    if len(noises) == 1:
-        return _legs_of_one_noise(turns, lengths, curvatures, noises[0])
-    which = np.broadcast_to(noise_of_leg, lengths.shape)
-    arrays = [np.empty(lengths.shape, complex) for _ in range(10)]
-    for k, noise in enumerate(noises):
-        here = which == k
-        part = _legs_of_one_noise(turns[here], lengths[here], curvatures[here], noise)
-        for array, value in zip(arrays, part.arrays(), strict=True):
-            array[here] = value
-    return _as_moments(arrays)
-
-
-def _legs_of_one_noise(turns: Floats, lengths: Floats, curvatures: Floats, noise: OdometryNoise) -> Moments:
-    runs = run_moments(lengths, curvatures, noise)
-    if noise.heading_var_per_rad == 0 and noise.distance_var_per_rad == 0 and noise.heading_bias_per_rad == 0:
-        return runs.rotated(np.exp(1j * turns))
-    return compose(turn_moments(turns, noise), runs)
+    return Drift(at_waypoints, moments, runs, noises, noise_of_leg, driven, distance, beliefs)

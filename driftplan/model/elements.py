@@ -20,6 +20,7 @@ A run of any length, straight or of constant curvature, and a turn on the spot a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from math import factorial
@@ -28,7 +29,7 @@ import numpy as np
 
 from driftplan.arrays import Array
 from driftplan.model.heading_laws import law_moments, shifted
-from driftplan.model.moments import Moments, doubled, power
+from driftplan.model.moments import Moments, compose, doubled, power
 from driftplan.model.noise import OdometryNoise, steps_in
 
 _ORDER = 12  # of the Taylor series
@@ -127,6 +128,43 @@ def turn_moments(turn_rad: Array, noise: OdometryNoise) -> Moments:
     )
 
 
+def of_legs(turns: Array, lengths: Array, curvatures: Array, which: Array, noises: Sequence[OdometryNoise]) -> Moments:
+    """Moments of legs, each a turn on the spot and then a run, each with the noise of its own.
+
+    Parameters
+    ----------
+    turns, lengths, curvatures : arrays, shape (...)
+        rad, metres, 1/m; broadcast against each other.
+    which : whole numbers, shape broadcasting to (...)
+        Index into ``noises``.
+
+    Examples
+    --------
+    >>> calm, wild = OdometryNoise(distance_var_per_m=1e-4), OdometryNoise(distance_var_per_m=1e-2)
+    >>> of_legs(np.zeros(2), np.ones(2), np.zeros(2), np.array([0, 1]), [calm, wild]).N.round(6).tolist()
+    [0.0001, 0.01]
+    """
+    if len(noises) == 1:
+        return _legs(turns, lengths, curvatures, noises[0])
+    turns, lengths, curvatures, which = np.broadcast_arrays(turns, lengths, curvatures, which)
+    order = np.argsort(which, axis=None, kind="stable")
+    ends = np.cumsum(np.bincount(which.ravel(), minlength=len(noises)))
+    parts = [
+        _legs(turns.ravel()[some], lengths.ravel()[some], curvatures.ravel()[some], noise)
+        for some, noise in zip(np.split(order, ends[:-1]), noises, strict=True)
+    ]
+    inverse = np.empty(len(order), dtype=np.intp)
+    inverse[order] = np.arange(len(order))
+    return Moments.concatenate(parts)[inverse.reshape(which.shape)]
+
+
+def _legs(turns: Array, lengths: Array, curvatures: Array, noise: OdometryNoise) -> Moments:
+    runs = run_moments(lengths, curvatures, noise)
+    if not np.any(turns):
+        return runs
+    return compose(turn_moments(turns, noise), runs) if noise.turns_matter else runs.rotated(np.exp(1j * turns))
+
+
 def _stretch(
     length: Array,
     curvature: Array,
@@ -144,10 +182,8 @@ def _stretch(
     if length.size > _BLOCK:  # a dense log: the dozens of Taylor coefficients of each piece must fit the cache
         flat = [np.broadcast_to(x, length.shape).reshape(-1) for x in columns]
         blocks = (tuple(x[k : k + _BLOCK] for x in flat) for k in range(0, length.size, _BLOCK))
-        parts = [
-            _stretch(*block, speed=speed, scale_error=scale_error, correlation=correlation).arrays() for block in blocks
-        ]
-        return Moments(*(np.concatenate(x).reshape(length.shape) for x in zip(*parts, strict=True)))
+        parts = [_stretch(*block, speed=speed, scale_error=scale_error, correlation=correlation) for block in blocks]
+        return Moments(*(x.reshape(length.shape) for x in Moments.concatenate(parts).arrays()))
     fastest = np.maximum(np.maximum(np.abs(curvature), heading_rate), np.abs(bias_rate))
     with np.errstate(divide="ignore"):
         halvings = np.maximum(0, np.ceil(np.log2(fastest * length / _PIECE_RAD))).astype(int)

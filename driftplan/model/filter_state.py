@@ -53,17 +53,17 @@ def heading_row(heading_var: float) -> Row:
     return Row(HEADING_AXIS, heading_var)
 
 
-def range_row(towards: Floats, std_m: float) -> Row:
-    """A measured distance to an anchor; ``towards`` is the vector from the true position to it, metres, (2,)."""
+def range_row(towards: Floats, range_var: float) -> Row:
+    """A measured distance (m²) to an anchor; ``towards`` is the vector from the true position to it, metres, (2,)."""
     g = towards / _distance(towards)
-    return Row((-float(g[0]), -float(g[1]), 0.0), std_m**2)
+    return Row((-float(g[0]), -float(g[1]), 0.0), range_var)
 
 
-def bearing_row(towards: Floats, std_rad: float) -> Row:
-    """A measured direction of an anchor in the robot's frame; ``towards`` as for `range_row`."""
+def bearing_row(towards: Floats, bearing_var: float) -> Row:
+    """A measured direction (rad²) of an anchor in the robot's frame; ``towards`` as for `range_row`."""
     rho = _distance(towards)
     g = towards / rho
-    return Row((float(g[1]) / rho, -float(g[0]) / rho, -1.0), std_rad**2)
+    return Row((float(g[1]) / rho, -float(g[0]) / rho, -1.0), bearing_var)
 
 
 def _distance(towards: Floats) -> float:
@@ -169,7 +169,8 @@ class FilterState:
 def states_along(
     start: FilterState, legs: Sequence[LegColumns], rows_at: Mapping[int, Sequence[tuple[Sequence[Row], Any]]]
 ) -> tuple[FilterState, FilterState]:
-    """One drive: the states at every leg border, before and after the readings there, as arrays over the borders.
+    """The states at every leg border, before and after the readings there: of one drive, or of as many as the columns
+    of the legs have.
 
     Parameters
     ----------
@@ -180,7 +181,7 @@ def states_along(
 
     Returns
     -------
-    before, after : FilterState, columns of shape (m + 1,)
+    before, after : FilterState, columns of shape (..., m + 1)
     """
     state = start
     if state.mean is None and any(leg.shift is not None for leg in legs):
@@ -204,7 +205,12 @@ def states_along(
 
 
 def _stacked(states: list[tuple[Any, ...]], columns: int) -> FilterState:
-    entries = tuple(np.array(states).T)
+    """States one after the other, along a last axis."""
+    if not all(isinstance(x, float) for x in states[-1]):
+        states = [tuple(np.broadcast_arrays(*state)) for state in states]
+        shape = np.shape(states[-1][0])
+        states = [tuple(np.broadcast_to(x, shape) for x in state) for state in states]
+    entries = tuple(np.moveaxis(np.array(states), (0, 1), (-1, 0)))
     return FilterState(entries[:columns], entries[columns:] or None)
 
 

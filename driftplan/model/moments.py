@@ -13,6 +13,7 @@ are those of *errors*, never differences of large estimates, so nothing cancels 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -60,6 +61,21 @@ class Moments:
     def __getitem__(self, index: Any) -> Moments:
         return Moments(*(x[index] for x in self.arrays()))
 
+    @classmethod
+    def concatenate(cls, parts: Iterable[Moments], axis: int = -1) -> Moments:
+        """Pieces one after the other along an axis."""
+        return cls(*(np.concatenate(x, axis=axis) for x in zip(*(part.arrays() for part in parts), strict=True)))
+
+    @classmethod
+    def stack(cls, pieces: Iterable[Moments]) -> Moments:
+        """Single pieces, in Python's numbers or not, as arrays (n,)."""
+        u, p, d1, d2, D, e1, N, e2, a, b = (np.array(x) for x in zip(*map(_fields, pieces), strict=True))
+        return cls(u, p, d1, d2, D.real, e1, N.real, e2, a, b)
+
+    def numbers(self) -> list[Moments]:
+        """The pieces (n,), or the one there is, in Python's numbers, on which composing costs a tenth."""
+        return [Moments(*row) for row in zip(*(np.ravel(x).tolist() for x in self.arrays()), strict=True)]
+
     def arrays(self) -> tuple[Array, ...]:
         """The ten arrays, in the order of the attributes, broadcast against each other."""
         own, shape = _fields(self), self.shape
@@ -91,8 +107,8 @@ def identity(shape: tuple[int, ...] = ()) -> Moments:
     return Moments(np.ones(shape), *([zero] * 9))
 
 
-def compose(A: Moments, B: Moments) -> Moments:
-    """The piece that is A followed by B, their errors independent.
+def compose(A: Moments, B: Moments, lever_B: tuple[Array, ...] | None = None) -> Moments:
+    """The piece that is A followed by B, their errors independent; ``lever_B`` is ``lever(B)``, if it is known.
 
     Source: the group product of the estimates, ``1 + δ = (1 + δ_A)(1 + δ_B)`` and
     ``e = e_A + u_A (e_B + δ_A (p_B + e_B))``, multiplied out and averaged; a polynomial identity, so associative on any
@@ -104,7 +120,7 @@ def compose(A: Moments, B: Moments) -> Moments:
     0.0
     """
     u, pB, d1A, d2A, DA, d1B, e1B, d1B_ = A.u, B.p, A.d1, A.d2, A.D, B.d1, B.e1, B.d1.conjugate()
-    q1, Q, q2, epsilon, eta, kappa, lam = _lever(B)
+    q1, Q, q2, epsilon, eta, kappa, lam = lever(B) if lever_B is None else lever_B
     e1 = A.e1 + u * (e1B + d1A * q1)
     cross = u.conjugate() * (A.e1 * e1B.conjugate() + A.a * q1.conjugate())
     N = A.N + B.N + _re2(d1A.conjugate() * epsilon + cross) + DA * Q
@@ -194,9 +210,7 @@ def scan(pieces: Moments, start: Moments) -> Moments:
     for lo, hi in _chunks(pieces):
         done.append(_scan_chunk(pieces[..., lo:hi], done[-1][..., -1])[..., 1:])
     assert sum(part.shape[-1] for part in done) == m + 1
-    if len(done) == 1:
-        return done[0]
-    return Moments(*(np.concatenate(xs, axis=-1) for xs in zip(*(part.arrays() for part in done), strict=True)))
+    return done[0] if len(done) == 1 else Moments.concatenate(done)
 
 
 def _scan_chunk(B: Moments, start: Moments) -> Moments:
@@ -205,7 +219,7 @@ def _scan_chunk(B: Moments, start: Moments) -> Moments:
     u /= np.abs(u)
     p = _cumulative(np.add, u[..., :-1] * B.p, start.p)
     uA, d1B, d1B_ = u[..., :-1], B.d1, np.conj(B.d1)
-    q1, Q, q2, epsilon, eta, kappa, lam = _lever(B)
+    q1, Q, q2, epsilon, eta, kappa, lam = lever(B)
 
     coherence = _Coherence(1 + d1B)
     d1 = coherence.recur(d1B, start.d1)
@@ -245,7 +259,7 @@ class _Coherence:
         return x
 
 
-def _lever(B: Moments) -> tuple[Array, ...]:
+def lever(B: Moments) -> tuple[Array, ...]:
     """Moments of q = p_B + e_B, the lever on which a heading error before B acts: E q, E|q|², E q², E[e_B conj q],
     E[e_B q], E[q conj δ_B], E[q δ_B]."""
     p, e1 = B.p, B.e1

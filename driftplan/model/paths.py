@@ -12,9 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from driftplan.arrays import Floats, finite, not_negative, number
+from driftplan.arrays import Floats, Ints, finite, not_negative, number
 
+SAME_PLACE_M = 1e-6  # distances along a path this near to each other are one place: passes are rounded to as much
+_LOST_SHARE = 1e-9  # of a path's length: how far off adding up its legs may put a place
 _FARTHEST_M = 1e12  # beyond, lengths squared lose the digits of any noise
+_HALF_TURN_WITHIN_RAD = 1e-6  # a turn this near to a half turn is one; rounded coordinates do not say to which side
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,11 +89,13 @@ class Runs:
         batch = lengths.shape[:-1]
         return cls(np.zeros(batch, complex), np.zeros(batch), turns, lengths, np.zeros(lengths.shape))
 
-    def cut(self, distances_m: Floats) -> tuple[Runs, NDArray[np.intp], NDArray[np.intp]]:
-        """One path with extra leg borders at ``distances_m`` (shape (k,), inside the path, increasing).
+    def cut(self, distances_m: Floats) -> tuple[Runs, Ints, Ints]:
+        """One path with extra leg borders at ``distances_m`` (shape (k,), on the path, in any order).
 
         Returns the cut path, the border at which each distance now lies (k,), and where the old borders went (m + 1,).
-        A distance that falls on a border takes the last border there, after any turn that drives nowhere.
+        Distances that are one place (`SAME_PLACE_M`) are one border. A distance on a border takes the first border
+        there: what happens there happens on arrival, before the robot turns on the spot, whether that turn belongs to
+        the next run, to a pose or to a run of no length.
 
         Raises
         ------
@@ -102,27 +107,46 @@ class Runs:
                 f"expected one path with fixes, got a batch of shape {self.lengths.shape[:-1]}: take one by one"
             )
         ends = np.concatenate(([0.0], np.cumsum(self.lengths)))
-        turns, lengths, curvatures = self.turns.tolist(), self.lengths.tolist(), self.curvatures.tolist()
-        old = np.arange(len(ends))
-        at = np.empty(len(distances_m), dtype=np.intp)
-        tolerance = 1e-9 * max(ends[-1], 1.0)
-        if distances_m[-1] > ends[-1] + tolerance:
+        length = float(ends[-1])
+        if np.max(distances_m, initial=0.0) > length + same_place_within(length):
             raise ValueError(
-                f"expected fixes on the path, at 0 to {ends[-1]:.6g} m, got one at s_m={distances_m[-1]:.6g}"
+                f"expected fixes on the path, at 0 to {length:.6g} m, got one at s_m={distances_m.max():.6g}"
             )
-        for k, s in enumerate(np.minimum(distances_m, ends[-1]).tolist()):
-            border = int(np.searchsorted(ends, s + tolerance, side="right")) - 1
-            if s - ends[border] > tolerance:
-                first = s - ends[border]
-                turns.insert(border + 1, 0.0)
-                lengths[border : border + 1] = [first, lengths[border] - first]
-                curvatures.insert(border + 1, curvatures[border])
-                ends = np.insert(ends, border + 1, s)
-                old = np.where(old > border, old + 1, old)
-                border += 1
-            at[k] = border
-        runs = Runs(self.start, self.heading, np.array(turns), np.array(lengths), np.array(curvatures))
-        return runs, at, old
+        places, inner = _places(distances_m, ends)
+        borders = np.concatenate([ends, inner])
+        order = np.argsort(borders, kind="stable")
+        is_old, borders = order < len(ends), borders[order]
+        leg = np.cumsum(is_old)[:-1] - 1
+        whole = is_old[:-1] & is_old[1:]
+        lengths = np.where(whole, self.lengths[leg], np.diff(borders))
+        turns = np.where(is_old[:-1], self.turns[leg], 0.0)
+        runs = Runs(self.start, self.heading, turns, lengths, self.curvatures[leg])
+        return runs, np.searchsorted(borders, places), np.flatnonzero(is_old)
+
+
+def same_place_within(length_m: float) -> float:
+    """How near to each other two distances along a path of a length are one place, metres: `SAME_PLACE_M`, or what
+    adding up a long path may lose."""
+    return max(SAME_PLACE_M, _LOST_SHARE * length_m)
+
+
+def _places(distances_m: Floats, ends: Floats) -> tuple[Floats, Floats]:
+    """Distances on a path, those that are one place made equal: to the nearest leg border, else to the first of them;
+    and the places that are at no border."""
+    within = same_place_within(float(ends[-1]))
+    places = np.minimum(distances_m, ends[-1])
+    after = np.clip(np.searchsorted(ends, places), 1, len(ends) - 1)
+    before, after = ends[after - 1], ends[after]
+    near = np.where(places - before < after - places, before, after)
+    at_border = np.abs(places - near) <= within
+    places = np.where(at_border, near, places)
+    free = np.flatnonzero(~at_border)
+    free = free[np.argsort(places[free], kind="stable")]
+    ordered = places[free]
+    apart = np.diff(ordered, prepend=-np.inf) > within
+    inner = ordered[apart]
+    places[free] = inner[np.cumsum(apart) - 1]
+    return places, inner
 
 
 def read_path(path: Any, start_heading: float | ArrayLike | None = None) -> Runs:
@@ -164,14 +188,16 @@ def read_path(path: Any, start_heading: float | ArrayLike | None = None) -> Runs
 
 
 def wrap(angle_rad: Floats) -> Floats:
-    """The same angles in (-π, π].
+    """The same angles in (-π, π], where a half turn, exact or within a millionth, goes to the left: rounding, and with
+    it where the world's axes lie, does not decide the sense of an about-face (but may leave it at π + 1e-6).
 
     Examples
     --------
     >>> wrap(np.array([4.0])).round(3)
     array([-2.283])
     """
-    return np.asarray(np.pi - np.mod(np.pi - angle_rad, 2 * np.pi))
+    left = np.pi + _HALF_TURN_WITHIN_RAD
+    return np.asarray(left - np.mod(left - angle_rad, 2 * np.pi))
 
 
 def _from_array(path: Floats) -> Runs:

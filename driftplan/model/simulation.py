@@ -6,17 +6,15 @@ It shares the reading of paths, and no formula.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.arrays import Complexes, Floats
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import NO_SPREAD, Noises, OdometryNoise, SystematicSpread, noise_of_legs, steps_in
 from driftplan.model.paths import Runs, read_path
-
-Estimator = Literal["reset", "filter"]
+from driftplan.model.readings import Estimator, Fix, checked_estimator
 
 
 def simulate_drift(
@@ -65,8 +63,7 @@ def simulate_drift(
         raise ValueError(f"expected runs a whole number >= 1, got {runs!r}")
     if substep_m is not None and not substep_m > 0:
         raise ValueError(f"expected substep_m > 0, got {substep_m!r}")
-    if estimator not in get_args(Estimator):
-        raise ValueError(f"expected estimator one of {get_args(Estimator)}, got {estimator!r}")
+    checked_estimator(estimator)
     legs = read_path(path, start_heading)
     if legs.lengths.ndim != 1:
         raise ValueError(f"expected one path, got a batch of shape {legs.lengths.shape[:-1]}: simulate one by one")
@@ -213,6 +210,8 @@ class _Drives:
         self._fix(fix)
 
     def _fix(self, fix: Fix) -> None:
+        if fix.anchor is not None:
+            raise ValueError("a range or a bearing cannot replace anything: expected estimator='filter'")
         seen = self.rng.random(self.count) < fix.detection_probability
         if fix.position_cov is not None:
             x = self.rng.multivariate_normal(np.zeros(2), fix.position_cov, self.count)
@@ -290,6 +289,23 @@ class _FusingDrives(_Drives):
             innovations.append(self.rng.normal(0.0, fix.heading_std, self.count) - self.theta)
             jacobians.append(np.eye(self.size)[2] + np.zeros((self.count, 1)))
             variances.append(np.array([[fix.heading_std**2]]))
+        if fix.anchor is not None:
+            anchor = complex(*fix.anchor)
+            seen, believed = anchor - self.p, anchor - self.p_hat
+            distance = np.abs(believed)
+            away = np.stack([-believed.real, -believed.imag], axis=-1) / distance[:, None]
+            none = np.zeros((self.count, self.size - 2))
+            if fix.range_std_m is not None:
+                innovations.append(abs(seen) + self.rng.normal(0.0, fix.range_std_m, self.count) - distance)
+                jacobians.append(np.concatenate([away, none], axis=1))
+                variances.append(np.array([[fix.range_std_m**2]]))
+            if fix.bearing_std is not None:
+                misfit = np.angle(seen / believed * np.exp(1j * self.theta))
+                innovations.append(misfit + self.rng.normal(0.0, fix.bearing_std, self.count))
+                none[:, 0] = -1.0
+                across = np.stack([-away[:, 1], away[:, 0]], axis=-1) / distance[:, None]
+                jacobians.append(np.concatenate([across, none], axis=1))
+                variances.append(np.array([[fix.bearing_std**2]]))
         sizes = np.cumsum([0, *map(len, variances)])
         R = np.zeros((sizes[-1], sizes[-1]))
         for k, block in zip(sizes.tolist(), variances, strict=False):

@@ -6,26 +6,29 @@ point of every straight run. On a run E|e|² is almost convex in the distance. I
 
     (E|e|²)'' = 2 E|(1+γ) r - 1|² + 2 Re[(1+γ̄) μ̄ E[e r̄]] - c²  >=  -(2 |1+γ| |μ| sqrt(E|e|²) + c²),
 
-so between two points h apart it rises above the higher of them by at most (2 |1+γ| |μ| M + c²) h²/8, M the greatest
+so between two points h apart it rises above their chord by at most (2 |1+γ| |μ| M + c²) s (h - s)/2, M the greatest
 rms there. Stretches on which that lets it rise above the greatest value found are cut until none is left.
+
+For a robot with a filter E|e|² is a polynomial in the distance on a straight run: of degree three and convex, so that
+it is greatest at an end, or of degree four where something systematic acts, and then known by five of its values.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driftplan.arrays import Floats, Ints
 from driftplan.model.drift import Drift, PointDrift
-from driftplan.model.elements import run_moments, turn_moments
+from driftplan.model.elements import of_legs
 from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import OdometryNoise
 
 _CLOSE = 1e-10  # relative: what E|e|² may rise above the greatest value found
 _PARTS = 8  # into which a stretch is cut
+_QUARTERS = np.linspace(0.0, 1.0, 5)  # of a run: where a polynomial of degree four is taken
+_TINY = 1e-300  # m², for what is divided by
 _RADIUS_POINTS = 200  # along a path at which radii are taken, beside its borders
 _RADIUS_ROUNDS = 3  # of looking closer at the greatest
 
@@ -49,14 +52,13 @@ def worst_rms(drift: Drift) -> float:
     1.243
     """
     _check(drift)
-    begun, after = _departures(drift), drift._borders.N.real
-    before = drift._arrivals.N.real
-    ends = np.maximum(begun.N.real, before[1:])
-    greatest = np.array([max(after.max(), ends.max(), 0.0)])
-    group = np.zeros(len(ends), dtype=np.intp)
-    which = np.broadcast_to(drift._noise_of_leg, group.shape)
-    lengths = drift.runs.lengths
-    return float(np.sqrt(greatest_between(begun, lengths, which, drift.noises, ends, group, greatest)[0]))
+    begun, (before, after) = drift.departures(), drift._driven
+    end = before.N.real[1:]
+    greatest = np.array([max(after.N.real.max(), begun.N.real.max(), end.max(), 0.0)])
+    if drift.is_fused:
+        return float(np.sqrt(max(greatest[0], _greatest_of_quartics(drift))))
+    group, which = np.zeros(len(end), dtype=np.intp), drift._noise_of_leg
+    return float(np.sqrt(greatest_between(begun, drift.runs.lengths, which, drift.noises, end, group, greatest)[0]))
 
 
 def worst_radius(drift: Drift, confidence: float) -> float:
@@ -75,11 +77,10 @@ def worst_radius(drift: Drift, confidence: float) -> float:
     length = float(drift.length)
     spacing = length / _RADIUS_POINTS
     between = drift.at(np.arange(1, _RADIUS_POINTS) * spacing)
-    states = [drift._arrivals, drift._borders, _departures(drift), between.moments]
+    states = [*drift._driven, drift.departures(), between.moments]
     borders = drift._border_distance
     at = np.concatenate([borders, borders, borders[:-1], between.distance])
-    moments = Moments(*(np.concatenate(x) for x in zip(*(s.arrays() for s in states), strict=True)))
-    greatest, peak = _greatest_radius(PointDrift(at, moments), confidence)
+    greatest, peak = _greatest_radius(PointDrift(at, Moments.concatenate(states)), confidence)
     for _ in range(_RADIUS_ROUNDS):
         near = np.linspace(max(peak - spacing, 0.0), min(peak + spacing, length), 2 * _PARTS + 1)
         higher, place = _greatest_radius(drift.at(near), confidence)
@@ -112,9 +113,18 @@ def bend_rates(noise: OdometryNoise) -> tuple[float, float]:
     return 2 * abs(1 + gamma) * abs(mu), covariance**2
 
 
-def ceiling(ends: Floats, bend: Floats, fixed: Floats) -> Floats:
-    """What E|e|² = x² cannot exceed on a stretch whose sag is ``bend`` x + ``fixed``, m²."""
-    return np.asarray(0.25 * (bend + np.sqrt(bend**2 + 4 * (np.maximum(ends, 0.0) + fixed))) ** 2)
+def ceiling(begin: Floats, end: Floats, bend: Floats, fixed: Floats) -> Floats:
+    """What E|e|² = x² cannot exceed between two points ``begin`` and ``end``, m², when -(x²)'' h²/8 is at most
+    ``bend`` x + ``fixed`` on the h metres between them.
+
+    With such a bound S on -(x²)'' h²/8 the chord is exceeded by at most 4 S t (1 - t) at the share t of the way, so
+    that the higher point is not exceeded at all if the other is lower by 4 S or more.
+    """
+    higher = np.maximum(np.maximum(begin, end), 0.0)
+    most = 0.25 * (bend + np.sqrt(bend**2 + 4 * (higher + fixed))) ** 2
+    sag = bend * np.sqrt(most) + fixed
+    apart = np.minimum(np.abs(end - begin), 4 * sag)
+    return np.asarray(higher - apart / 2 + sag + apart**2 / np.maximum(16 * sag, _TINY))
 
 
 def greatest_between(
@@ -122,7 +132,7 @@ def greatest_between(
     length: Floats,
     which: Ints,
     noises: Sequence[OdometryNoise],
-    ends: Floats,
+    end: Floats,
     group: Ints,
     greatest: Floats,
 ) -> Floats:
@@ -134,7 +144,7 @@ def greatest_between(
         At the beginning of every stretch.
     length, which : (n,)
         Metres; index into ``noises``.
-    ends : (n,) the greater E|e|² of the two ends, m²
+    end : (n,) E|e|² at the end of every stretch, m²
     group : (n,) index into ``greatest``
     greatest : (groups,) at least that of all ends
 
@@ -146,44 +156,32 @@ def greatest_between(
     rates = np.array([bend_rates(noise) for noise in noises]).reshape(-1, 2)
     greatest = greatest.copy()
     stretch, offset, part = np.arange(len(length)), np.zeros(len(length)), np.asarray(length, dtype=float)
+    begin = begun.N.real
     while True:
         bend, fixed = rates[which[stretch]].T * part**2 / 8
-        open_ = np.flatnonzero(ceiling(ends, bend, fixed) > greatest[group[stretch]] * (1 + _CLOSE))
+        open_ = np.flatnonzero(ceiling(begin, end, bend, fixed) > greatest[group[stretch]] * (1 + _CLOSE))
         if not len(open_):
             return greatest
         stretch, offset, part = stretch[open_], offset[open_], part[open_] / _PARTS
         at = offset[:, None] + part[:, None] * np.arange(_PARTS + 1)
-        square = compose(begun[stretch[:, None]], _runs(at, which[stretch], noises)).N.real
+        zero = np.zeros(at.shape)
+        square = compose(begun[stretch[:, None]], of_legs(zero, at, zero, which[stretch, None], noises)).N.real
         np.maximum.at(greatest, group[stretch], square.max(axis=1))
-        ends = np.maximum(square[:, 1:], square[:, :-1]).ravel()
+        begin, end = square[:, :-1].ravel(), square[:, 1:].ravel()
         offset, stretch, part = at[:, :-1].ravel(), np.repeat(stretch, _PARTS), np.repeat(part, _PARTS)
 
 
-def _runs(length: Floats, which: Ints, noises: Sequence[OdometryNoise]) -> Moments:
-    """Straight runs of ``length`` (n, k) with the noise of ``which`` (n,)."""
-    return _of_each_noise(lambda x, noise: run_moments(x, np.zeros(x.shape), noise), length, which, noises)
-
-
-def _departures(drift: Drift) -> Moments:
-    """At the beginning of every run, after turning."""
-    turns = drift.runs.turns
-    which = np.broadcast_to(drift._noise_of_leg, turns.shape)
-    return compose(drift._borders[:-1], _of_each_noise(turn_moments, turns, which, drift.noises))
-
-
-def _of_each_noise(
-    element: Callable[[Floats, OdometryNoise], Moments], x: Floats, which: Ints, noises: Sequence[OdometryNoise]
-) -> Moments:
-    """Elements of ``x`` (n, ...), each with the noise of ``which`` (n,)."""
-    if len(noises) == 1:
-        return element(x, noises[0])
-    arrays: list[NDArray[Any]] = [np.zeros(x.shape, dtype=complex) for _ in range(10)]
-    for k, noise in enumerate(noises):
-        here = which == k
-        for array, values in zip(arrays, element(x[here], noise).arrays(), strict=True):
-            array[here] = values
-    u, p, d1, d2, D, e1, N, e2, a, b = arrays
-    return Moments(u, p, d1, d2, D.real, e1, N.real, e2, a, b)
+def _greatest_of_quartics(drift: Drift) -> float:
+    """The greatest E|e|² inside the runs of a robot with a filter, m², from five values on each."""
+    if not drift.has_systematic:
+        return 0.0
+    values = drift.inside_legs(_QUARTERS).N.real
+    greatest = 0.0
+    for polynomial in np.linalg.solve(np.vander(_QUARTERS), values.T).T:
+        peaks = np.roots(np.polyder(polynomial))
+        inside = peaks.real[(np.abs(peaks.imag) < 1e-9) & (peaks.real > 0) & (peaks.real < 1)]
+        greatest = max(greatest, float(np.max(np.polyval(polynomial, inside), initial=0.0)))
+    return greatest
 
 
 def _check(drift: Drift) -> None:

@@ -7,8 +7,8 @@ from math import radians
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from driftplan.model.fixes import Fix
     from driftplan.model.noise import OdometryNoise
+    from driftplan.model.readings import Fix
     from driftplan.planning.itinerary.itinerary import Itinerary
     from driftplan.planning.routes import Route
     from driftplan.world.world import World
@@ -61,7 +61,7 @@ def add_start_options(parser: argparse._ActionsContainer) -> None:
 
 def start_fix_from(args: argparse.Namespace) -> Fix | None:
     """The uncertainty at the start that the options describe; None where it is known."""
-    from driftplan.model.fixes import Fix
+    from driftplan.model.readings import Fix
 
     if args.start_position_std_m is None and args.start_heading_std_deg is None:
         return None

@@ -8,12 +8,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.special import ndtr
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, beacon_fixes, drift_with_beacons, passes
-from driftplan.beacons.capture import capture
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import beacon_fixes, beacon_passes, detection_chances, drift_with_beacons
 from driftplan.model.drift import predict_drift
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
+from driftplan.planning.itinerary.check import ItineraryCheck
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
@@ -41,7 +42,7 @@ waypoints = st.integers(2, 6).flatmap(lambda n: arrays(float, (n, 2), elements=c
 @given(waypoints, arrays(float, 2, elements=coordinate), st.floats(0.1, 5))
 def test_a_point_of_the_path_is_in_a_pass_exactly_when_it_is_in_range(path, centre, reach):
     length = shapely.LineString(path).length
-    found = passes(path, Beacon(BeaconKind.rfid(reach, 0.1), *centre))
+    found = beacon_passes(path, Beacon(BeaconKind.rfid(reach, 0.1), *centre))
     s = np.linspace(0, length, 402)[1:-1]
     distance = np.hypot(*(along(path, s) - centre).T)
     clear = np.abs(distance - reach) > 1e-5  # nearer the rim rounding to micrometres decides
@@ -50,7 +51,7 @@ def test_a_point_of_the_path_is_in_a_pass_exactly_when_it_is_in_range(path, cent
 
 @given(waypoints, arrays(float, 2, elements=coordinate), st.floats(0.1, 5))
 def test_passes_are_ordered_and_apart_and_on_the_path(path, centre, reach):
-    found = passes(path, Beacon(BeaconKind.rfid(reach, 0.1), *centre))
+    found = beacon_passes(path, Beacon(BeaconKind.rfid(reach, 0.1), *centre))
     flat = found.ravel()
     assert (np.diff(flat) >= 0).all()
     assert (found[1:, 0] > found[:-1, 1]).all()
@@ -61,7 +62,7 @@ def test_passes_are_ordered_and_apart_and_on_the_path(path, centre, reach):
 def test_driving_back_mirrors_the_passes(path, centre, reach):
     beacon = Beacon(BeaconKind.rfid(reach, 0.1), *centre)
     length = shapely.LineString(path).length
-    there, back = passes(path, beacon), passes(path[::-1], beacon)
+    there, back = beacon_passes(path, beacon), beacon_passes(path[::-1], beacon)
     np.testing.assert_allclose(length - back[::-1, ::-1], there, atol=2e-6)  # both rounded to micrometres
 
 
@@ -69,7 +70,7 @@ def test_driving_back_mirrors_the_passes(path, centre, reach):
 
 
 def test_a_path_that_comes_back_passes_twice():
-    assert passes([(0, 0), (10, 0), (10, 1), (0, 1)], Beacon(BeaconKind.rfid(1.0, 0.1), 5.0, 0.5)).tolist() == [
+    assert beacon_passes([(0, 0), (10, 0), (10, 1), (0, 1)], Beacon(BeaconKind.rfid(1.0, 0.1), 5.0, 0.5)).tolist() == [
         [pytest.approx(5 - 0.75**0.5, abs=1e-6), pytest.approx(5 + 0.75**0.5, abs=1e-6)],
         [pytest.approx(16 - 0.75**0.5, abs=1e-6), pytest.approx(16 + 0.75**0.5, abs=1e-6)],
     ]
@@ -77,28 +78,28 @@ def test_a_path_that_comes_back_passes_twice():
 
 def test_a_graze_is_one_pass_of_no_length_and_one_reading():
     tag = BeaconKind.rfid(1.5, 0.1, detection_probability=0.9)
-    assert passes([(0, 0), (10, 0)], Beacon(tag, 4.0, 1.5)).tolist() == [[4.0, 4.0]]
+    assert beacon_passes([(0, 0), (10, 0)], Beacon(tag, 4.0, 1.5)).tolist() == [[4.0, 4.0]]
     (fix,) = beacon_fixes([(0, 0), (10, 0)], [Beacon(tag, 4.0, 1.5)])
     assert (fix.s_m, fix.detection_probability) == (4.0, 0.9)
 
 
 def test_touching_the_range_with_a_waypoint_is_one_pass():
-    assert passes([(0, 0), (3, 0), (0, 1)], Beacon(BeaconKind.rfid(1.0, 0.1), 4.0, 0.0)).tolist() == [[3.0, 3.0]]
+    assert beacon_passes([(0, 0), (3, 0), (0, 1)], Beacon(BeaconKind.rfid(1.0, 0.1), 4.0, 0.0)).tolist() == [[3.0, 3.0]]
 
 
 def test_just_outside_the_range_there_is_no_pass():
-    assert passes([(0, 0), (10, 0)], Beacon(TAG, 4.0, 1.5001)).shape == (0, 2)
+    assert beacon_passes([(0, 0), (10, 0)], Beacon(TAG, 4.0, 1.5001)).shape == (0, 2)
 
 
 def test_a_path_inside_the_range_is_one_pass_from_start_to_end():
-    found = passes([(0, 0), (1, 0), (1, 1)], Beacon(BeaconKind.rfid(5.0, 0.1), 0.5, 0.5))
+    found = beacon_passes([(0, 0), (1, 0), (1, 1)], Beacon(BeaconKind.rfid(5.0, 0.1), 0.5, 0.5))
     assert found.tolist() == [[0.0, 2.0]]
 
 
 def test_a_waypoint_repeated_changes_no_pass():
     beacon = Beacon(TAG, 3.0, 0.5)
     np.testing.assert_array_equal(
-        passes([(0, 0), (3, 0), (3, 0), (9, 0)], beacon), passes([(0, 0), (3, 0), (9, 0)], beacon)
+        beacon_passes([(0, 0), (3, 0), (3, 0), (9, 0)], beacon), beacon_passes([(0, 0), (3, 0), (9, 0)], beacon)
     )
 
 
@@ -110,7 +111,7 @@ def test_a_waypoint_repeated_changes_no_pass():
 def test_passes_in_sight_agree_with_the_world_point_by_point(walls, path, x, y):
     walls = [w for w in walls if shapely.Polygon(w).is_valid and shapely.Polygon(w).area > 0.01]
     world = World.from_polygons(walls, bounds=(-9, -9, 9, 9), robot_radius=0.0)
-    found = passes(path, Beacon(SIGN, x, y), world)
+    found = beacon_passes(path, Beacon(SIGN, x, y), world)
     s = np.linspace(0, shapely.LineString(path).length, 302)[1:-1]
     points = along(path, s)
     seen = world.line_of_sight(points, (x, y)) & (np.hypot(*(points - (x, y)).T) <= SIGN.range_m)
@@ -127,7 +128,7 @@ def test_a_pole_splits_a_pass_and_a_wall_ends_it():
         [[(4.9, 0.9), (5.1, 0.9), (5.1, 1.1), (4.9, 1.1)]], bounds=(0, -1, 12, 5), robot_radius=0.1
     )
     behind_the_pole = Beacon(SIGN, 5.0, 2.0)
-    found = passes([(0, 0), (12, 0)], behind_the_pole, pole)
+    found = beacon_passes([(0, 0), (12, 0)], behind_the_pole, pole)
     # Rays through the pole's near corners, 0.9 below and 0.1 beside the beacon, have spread to 0.2/0.9 at the path.
     half = 4 * np.sqrt(0.75)
     np.testing.assert_allclose(found, [[5 - half, 5 - 0.2 / 0.9], [5 + 0.2 / 0.9, 5 + half]], atol=5e-6)
@@ -136,21 +137,23 @@ def test_a_pole_splits_a_pass_and_a_wall_ends_it():
 def test_walls_do_not_block_tags_nor_beacons_without_a_world():
     wall = World.from_polygons([[(0, 0.4), (12, 0.4), (12, 0.6), (0, 0.6)]], bounds=(0, -1, 12, 5), robot_radius=0.1)
     path = [(0, 0), (12, 0)]
-    assert len(passes(path, Beacon(TAG, 5.0, 1.0), wall)) == 1
-    assert len(passes(path, Beacon(SIGN, 5.0, 1.0))) == 1
-    assert len(passes(path, Beacon(SIGN, 5.0, 1.0), wall)) == 0
+    assert len(beacon_passes(path, Beacon(TAG, 5.0, 1.0), wall)) == 1
+    assert len(beacon_passes(path, Beacon(SIGN, 5.0, 1.0))) == 1
+    assert len(beacon_passes(path, Beacon(SIGN, 5.0, 1.0), wall)) == 0
 
 
 def test_a_beacon_on_a_wall_is_seen_from_its_side_only():
     wall = World.from_polygons([[(0, 1), (12, 1), (12, 2), (0, 2)]], bounds=(0, -1, 12, 5), robot_radius=0.1)
     on_the_wall = Beacon(SIGN, 5.0, 1.0)
-    assert len(passes([(0, 0), (12, 0)], on_the_wall, wall)) == 1
-    assert len(passes([(0, 3), (12, 3)], on_the_wall, wall)) == 0
+    assert len(beacon_passes([(0, 0), (12, 0)], on_the_wall, wall)) == 1
+    assert len(beacon_passes([(0, 3), (12, 3)], on_the_wall, wall)) == 0
 
 
 def test_a_beacon_straight_ahead_is_hidden_behind_a_wall_across_the_path():
     wall = World.from_polygons([[(5, -1), (6, -1), (6, 1), (5, 1)]], bounds=(0, -2, 12, 2), robot_radius=0.1)
-    assert passes([(0, 0), (12, 0)], Beacon(SIGN, 8.0, 0.0), wall).tolist() == [[pytest.approx(6.0, abs=2e-6), 12.0]]
+    assert beacon_passes([(0, 0), (12, 0)], Beacon(SIGN, 8.0, 0.0), wall).tolist() == [
+        [pytest.approx(6.0, abs=2e-6), 12.0]
+    ]
 
 
 # Readings and drift
@@ -222,23 +225,46 @@ def test_drift_with_beacons_matches_monte_carlo_with_all_kinds():
 def test_capture_on_a_straight_path_is_the_chance_of_the_sideways_error(offset):
     noise = OdometryNoise(heading_var_per_m=1e-3)
     beacon = Beacon(TAG, 20.0, offset)
-    (found,) = capture([(0, 0), (40, 0)], noise, [beacon])
+    (found,) = detection_chances([(0, 0), (40, 0)], noise, [beacon])
     arrival = predict_drift([(0, 0), (40, 0)], noise).at(found.enter_m)
     sideways = float(arrival.cov[1, 1]) ** 0.5
     expected = ndtr((1.5 - offset) / sideways) - ndtr((-1.5 - offset) / sideways)
     assert found.probability == pytest.approx(expected, abs=0.01)  # the grid of quantiles
 
 
+PAST_AND_BACK = np.array([(0, 0), (24, 0), (24, -3), (0, -3)], dtype=float)
+
+
+def test_a_later_pass_does_not_stand_in_for_the_one_asked_for():
+    """A robot that steers by its estimate, simulated: passing a tag at the edge of its range, then right beside it."""
+    noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
+    tag = Beacon(BeaconKind.rfid(3.0, 0.1), 20.0, -2.9)
+    first, second = detection_chances(PAST_AND_BACK, noise, [tag])
+    rng, count, step = np.random.default_rng(0), 20_000, 0.1
+    until = (first.leave_m + second.enter_m) / 2
+    wrong, place, met = np.zeros(count), np.zeros(count, complex), np.zeros(count, bool)
+    for k in range(int(until / step)):
+        wrong += rng.normal(0, np.sqrt(noise.heading_var_per_m * step), count)
+        driven = step - rng.normal(0, np.sqrt(noise.distance_var_per_m * step), count)
+        place += driven * (1.0 if (k + 0.5) * step < 24 else -1j) * np.exp(-1j * wrong)
+        met |= np.abs(place - (20 - 2.9j)) <= 3.0
+    assert first.probability == pytest.approx(met.mean(), abs=0.015)
+    assert second.probability > 0.99
+    surely, likely = (ItineraryCheck(None, noise, (tag,), min_capture=p).captures(PAST_AND_BACK) for p in (0.9, 0.0))
+    assert [c.probability for c in surely] == pytest.approx([first.probability, 1.0], abs=0.01)
+    assert likely == [first, second]
+
+
 def test_without_noise_every_pass_is_captured_even_a_graze():
-    found = capture([(0, 0), (10, 0)], OdometryNoise(), [Beacon(TAG, 4.0, 1.5), Beacon(TAG, 8.0, 0.0)])
+    found = detection_chances([(0, 0), (10, 0)], OdometryNoise(), [Beacon(TAG, 4.0, 1.5), Beacon(TAG, 8.0, 0.0)])
     assert [c.probability for c in found] == [1.0, 1.0]
 
 
 def test_an_earlier_fix_makes_a_later_capture_likelier():
     noise, path = OdometryNoise(heading_var_per_m=2e-3), [(0, 0), (40, 0)]
     last = Beacon(TAG, 36.0, 0.5)
-    alone = capture(path, noise, [last])[-1].probability
-    helped = capture(path, noise, [Beacon(SIGN, 20.0, 0.0), last])[-1].probability
+    alone = detection_chances(path, noise, [last])[-1].probability
+    helped = detection_chances(path, noise, [Beacon(SIGN, 20.0, 0.0), last])[-1].probability
     assert helped > alone + 0.1
 
 
@@ -259,11 +285,11 @@ def test_an_earlier_fix_makes_a_later_capture_likelier():
         (lambda: Beacon("rfid", 0.0, 0.0), "expected kind to be a BeaconKind, got 'rfid'"),
         (lambda: Beacon(TAG, float("nan"), 0.0), "expected x finite, got nan"),
         (
-            lambda: passes([(0, 0)], Beacon(TAG, 0.0, 0.0)),
+            lambda: beacon_passes([(0, 0)], Beacon(TAG, 0.0, 0.0)),
             r"at least 2 waypoints in metres, got an array of shape \(1, 2\)",
         ),
-        (lambda: passes([(0, 0), (1, float("nan"))], Beacon(TAG, 0.0, 0.0)), "finite coordinates"),
-        (lambda: passes("abc", Beacon(TAG, 0.0, 0.0)), "expected a path of numbers"),
+        (lambda: beacon_passes([(0, 0), (1, float("nan"))], Beacon(TAG, 0.0, 0.0)), "finite coordinates"),
+        (lambda: beacon_passes("abc", Beacon(TAG, 0.0, 0.0)), "expected a path of numbers"),
         (
             lambda: drift_with_beacons([(0, 0), (1, 0)], NOISE, ["A7"]),
             "expected beacons to be Beacon objects, got 'A7'",

@@ -7,7 +7,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons, passes
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import beacon_passes, drift_with_beacons
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.worst import worst_radius, worst_rms
 
@@ -61,7 +62,7 @@ class Instance:
     @cached_property
     def meets(self) -> list[int]:
         """For every route the bits of the sites it meets."""
-        return [sum(1 << i for i, s in enumerate(self.sites) if len(passes(p, s))) for p in self.paths]
+        return [sum(1 << i for i, s in enumerate(self.sites) if len(beacon_passes(p, s))) for p in self.paths]
 
     def worst(self, subset: int) -> float:
         """Greatest drift on any route with exactly these sites."""

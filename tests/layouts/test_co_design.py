@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, beacon_fixes, drift_with_beacons
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import beacon_fixes, drift_with_beacons
 from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
 from driftplan.layouts.co_design.co_design import co_design
 from driftplan.layouts.co_design.design import DesignStatus
@@ -15,8 +16,8 @@ from driftplan.layouts.co_design.trips import Trip
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import SiteGroup, Sites
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
 from driftplan.planning.itinerary.search import ItinerarySearch
 from driftplan.world.world import World

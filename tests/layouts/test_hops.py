@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import drift_with_beacons
 from driftplan.layouts.placement.drives import HOLDS, drives_of, first_breach, worst_squares
 from driftplan.layouts.placement.hops import Limit
 from driftplan.layouts.placement.problem import placement_problem
@@ -13,9 +14,9 @@ from driftplan.layouts.placement.spans import Spans
 from driftplan.layouts.scenario import DriftLimit, Scenario
 from driftplan.layouts.sites import Sites
 from driftplan.model.drift import predict_drift
-from driftplan.model.fixes import Fix
 from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.model.worst import worst_radius, worst_rms
 
 NOISE = OdometryNoise(

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons, passes
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import beacon_passes, drift_with_beacons
 from driftplan.errors import MapError
 from driftplan.layouts.layout_files import beacons_geojson, installer_table, layout_csv, layout_geojson, load_beacons
 from driftplan.layouts.place import place_beacons
@@ -68,7 +69,7 @@ def test_installers_learn_the_nearest_wall_and_which_failure_hurts_most(layout):
         worst = [drift_with_beacons(r, NOISE, rest, WORLD).profile().rms.max() for r in ROUTES]
         assert row.worst_drift_if_dead_m == pytest.approx(worst[row.worst_route_if_dead])
         assert row.new == (row.id != "old")
-        assert row.routes == tuple(k for k, r in enumerate(ROUTES) if len(passes(r, beacons[row.id], WORLD)))
+        assert row.routes == tuple(k for k, r in enumerate(ROUTES) if len(beacon_passes(r, beacons[row.id], WORLD)))
 
 
 def test_the_csv_has_a_header_with_units_and_a_line_per_beacon(layout):

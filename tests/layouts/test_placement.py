@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 import shapely
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, beacon_fixes, drift_with_beacons, passes
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import beacon_fixes, beacon_passes, drift_with_beacons
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.placement import covering
 from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import SiteGroup, Sites
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
 from driftplan.model.worst import worst_rms
 
@@ -298,7 +299,7 @@ def test_a_perfect_fix_that_comes_later_may_be_worse_when_the_heading_is_all_but
 def hop_reaches(path, noise, sites, limit):
     """For perfect full fixes at points: which site is within the limit of which, the start and the end included."""
     length = float(shapely.LineString(path).length)
-    visits = sorted((float(s), i) for i, site in enumerate(sites) for s in np.unique(passes(path, site)))
+    visits = sorted((float(s), i) for i, site in enumerate(sites) for s in np.unique(beacon_passes(path, site)))
     visits = [(0.0, -1), *visits, (length, -2)]
     arcs = []
     for a, (s, _) in enumerate(visits[:-1]):
@@ -394,7 +395,7 @@ def test_on_one_route_with_perfect_fixes_going_as_far_as_possible_is_as_good(see
     count, fixes = 0, []
     while worst_rms(drift_with_beacons(path, NOISE, fixes)) > limit:
         able = [s for s in sites if s not in fixes and _holds_until(path, [*fixes, s], s, limit)]
-        fixes.append(max(able, key=lambda s: passes(path, s)[0, 0]))
+        fixes.append(max(able, key=lambda s: beacon_passes(path, s)[0, 0]))
         count += 1
     layout = place_beacons(None, path, NOISE, limit, Sites(points=sites))
     assert (len(layout.beacons), layout.proven) == (count, True)
@@ -402,7 +403,7 @@ def test_on_one_route_with_perfect_fixes_going_as_far_as_possible_is_as_good(see
 
 def _holds_until(path, fixes, site, limit):
     drift = drift_with_beacons(path, NOISE, fixes)
-    return drift.at(np.linspace(0, passes(path, site)[0, 0] - 1e-6, 200)).rms.max() <= limit
+    return drift.at(np.linspace(0, beacon_passes(path, site)[0, 0] - 1e-6, 200)).rms.max() <= limit
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import shapely
 
-from driftplan.beacons.beacon import BeaconKind, beacon_fixes, drift_with_beacons
+from driftplan.beacons.beacon import BeaconKind
+from driftplan.beacons.readings import beacon_fixes, drift_with_beacons
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites

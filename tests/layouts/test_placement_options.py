@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import shapely
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons, passes
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import beacon_passes, drift_with_beacons
 from driftplan.errors import InfeasibleError, KeywordError
 from driftplan.layouts.place import beacon_tradeoff, place_beacons
 from driftplan.layouts.placement import covering
@@ -14,8 +15,8 @@ from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.site_grids import grid_sites, route_sites, wall_sites
 from driftplan.layouts.sites import SiteGroup, Sites
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.model.worst import worst_radius, worst_rms
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -108,7 +109,7 @@ def test_importance_says_what_each_death_does():
     for said in layout.importance:
         rest = [b for b in layout.beacons if b != said.beacon]
         worst = [worst_rms(drift_with_beacons(r, NOISE, rest)) for r in ROUTES]
-        assert said.routes == tuple(k for k, r in enumerate(ROUTES) if len(passes(r, said.beacon)))
+        assert said.routes == tuple(k for k, r in enumerate(ROUTES) if len(beacon_passes(r, said.beacon)))
         assert said.worst_single_failure == pytest.approx(max(worst[k] for k in said.routes))
 
 

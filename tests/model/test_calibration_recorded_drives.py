@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from driftplan.model.calibration.fit import fit_noise
 from driftplan.model.drift import predict_drift
-from driftplan.model.fixes import Fix
+from driftplan.model.readings import Fix
 from driftplan.world.odometry_logs import read_odometry, read_truth
 
 DATA = Path(__file__).resolve().parents[2] / "../shared/data"

@@ -74,9 +74,9 @@ def random_reading(rng):
     towards, std = rng.normal(size=2) * 5, rng.uniform(0.01, 0.3)
     rho = np.hypot(*towards)
     if kind == 3:
-        return (range_row(towards, std),), np.append(-towards / rho, 0.0)[None], np.array([[std**2]])
+        return (range_row(towards, std**2),), np.append(-towards / rho, 0.0)[None], np.array([[std**2]])
     H = np.append(QUARTER_TURN @ -towards / rho**2, -1.0)[None]
-    return (bearing_row(towards, std),), H, np.array([[std**2]])
+    return (bearing_row(towards, std**2),), H, np.array([[std**2]])
 
 
 def random_run(rng):

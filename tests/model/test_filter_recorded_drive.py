@@ -86,7 +86,7 @@ class Mower:
         runs = Runs(np.zeros((), complex), self.start(steps)[2], steps[:, 2], steps[:, 1], np.zeros(len(steps)))
         where = self.at(self.heard_at)[:, :2]
         rows = {
-            k: [((range_row(self.heard_from[n] - where[n], self.range_std_m),), None)]
+            k: [((range_row(self.heard_from[n] - where[n], self.range_std_m**2),), None)]
             for k, n in self.readings(steps, every)
         }
         start = FilterState.at_start(np.diag([0.0, 0.0, HEADING_STD**2]))

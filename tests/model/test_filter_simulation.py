@@ -7,11 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from driftplan import Fix, OdometryNoise, Run, simulate_drift
-from driftplan.model.covariance import path_legs
-from driftplan.model.filter_state import FilterState, heading_row, position_rows, states_along
+from driftplan import Fix, OdometryNoise, Run, predict_drift, simulate_drift
 from driftplan.model.noise import NO_SPREAD, SystematicSpread
-from driftplan.model.paths import read_path
 
 DRIVES = 4000
 EVERYTHING = OdometryNoise(
@@ -24,21 +21,10 @@ EVERYTHING = OdometryNoise(
 )
 
 
-def rows_of(fix):
-    rows = () if fix.position_cov is None else position_rows(fix.position_cov)
-    return rows if fix.heading_std is None else (*rows, heading_row(fix.heading_std**2))
-
-
 def predicted_rms(path, noise, fixes, spread=NO_SPREAD):
-    runs, at, borders = read_path(path).cut(np.array([fix.s_m for fix in fixes]))
-    legs = path_legs(runs, [noise], None, spread).columns()
-    due = {}
-    for border, fix in zip(at.tolist(), fixes, strict=True):
-        p = fix.detection_probability
-        due.setdefault(border, []).append((rows_of(fix), None if p == 1 else p))
-    before, after = states_along(FilterState.at_start(constants_var=spread.variances), legs, due)
-    assert np.sqrt(before.matrix[:, 2, 2].max()) < 0.1
-    return np.sqrt(after.square)[borders]
+    drift = predict_drift(path, noise, fixes=fixes, estimator="filter", spread=spread)
+    assert drift.profile().heading_std.max() < 0.1
+    return drift.rms
 
 
 def simulated_rms(path, noise, fixes, **options):
@@ -88,6 +74,22 @@ def test_predictions_are_what_a_real_filter_does(seed):
     assert_agrees(path, EVERYTHING, fixes, rng=seed, substep_m=0.5)
 
 
+def test_ranges_and_bearings():
+    path = [(0, 0), (12, 0), (12, 8), (0, 8), (0, 0)]
+    places = np.arange(1.0, 40.0, 3.0)
+    ranges = [Fix.range(s, anchor=(5.0, 3.0), range_std_m=0.1) for s in places]
+    assert_agrees(path, EVERYTHING, ranges)
+    both = [Fix(s_m=s, anchor=np.array([-4.0, 13.0]), range_std_m=0.1, bearing_std=0.05) for s in places]
+    assert_agrees(path, EVERYTHING, [*both, Fix.position(20.0, position_std_m=0.1)])
+    assert_agrees(path, EVERYTHING, [Fix.bearing(s, anchor=(6.0, 15.0), bearing_std=0.03) for s in places])
+
+
+def test_an_uncertain_start():
+    path = [(0, 0), (12, 0), (12, 8)]
+    start = Fix.full(0.0, position_std_m=0.2, heading_std=0.04)
+    assert_agrees(path, EVERYTHING, [start, Fix.position(6.0, position_std_m=0.1)])
+
+
 def test_in_the_step_model():
     noise = OdometryNoise.per_step(heading_std=0.01, distance_std=0.03, step_m=0.5, heading_distance_corr=-0.4)
     path = [(0, 0), (12, 0), (12, 8), (0, 8), (0, 0)]
@@ -127,6 +129,11 @@ def test_a_filter_is_not_worse_than_resets_and_perfect_fixes_are_perfect():
     resets = np.sqrt((simulate_drift(path, EVERYTHING, fixes=fixes, runs=DRIVES) ** 2).sum(-1).mean(0))
     np.testing.assert_allclose(filtered[1:3], 0, atol=1e-9)
     assert filtered[3] < 0.9 * resets[3]
+
+
+def test_a_range_cannot_replace_anything():
+    with pytest.raises(ValueError, match="estimator='filter'"):
+        simulate_drift([(0, 0), (9, 0)], EVERYTHING, fixes=[Fix.range(5.0, anchor=(1.0, 1.0), range_std_m=0.1)])
 
 
 def test_unknown_estimators_are_refused():

@@ -137,7 +137,7 @@ def test_leg_by_leg_and_hop_by_hop_find_the_same(chance, monkeypatch):
         Fix.heading(40.0, heading_std=0.1, detection_probability=chance),
     ]
     short = predict_drift(path, noise, fixes=fixes)
-    monkeypatch.setattr("driftplan.model.drift._SHORT_HOPS", 0)
+    monkeypatch.setattr("driftplan.model.drive._SHORT_HOP_LEGS", 0)
     long = predict_drift(path, noise, fixes=fixes)
     for x, y in zip(short.profile().moments.arrays(), long.profile().moments.arrays(), strict=True):
         np.testing.assert_allclose(x, y, rtol=1e-11, atol=1e-13)

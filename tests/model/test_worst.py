@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from driftplan.model.drift import predict_drift
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.worst import _departures, greatest_between, worst_radius, worst_rms
+from driftplan.model.readings import Fix
+from driftplan.model.worst import greatest_between, worst_radius, worst_rms
 
 PATH = np.array([(0, 0), (6, 4), (1, -6), (1, -6), (9, -6)], dtype=float)
 CIRCLING = OdometryNoise(heading_var_per_m=1e-6, heading_bias_per_m=0.5)
@@ -108,7 +108,7 @@ def test_a_stretch_is_looked_into_as_long_as_its_sag_could_lift_it_above_the_gre
     """One leg with its peak inside: told of nearly as much elsewhere, the search must still find more in it."""
     drift = predict_drift(PATH[:3], CIRCLING)
     leg = int(np.searchsorted(drift.distance, drift.profile(0.01).distance[np.argmax(drift.profile(0.01).rms)])) - 1
-    begun, ends = _departures(drift)[leg : leg + 1], drift.moments.N.real[leg : leg + 2].max()
+    begun, ends = drift.departures()[leg : leg + 1], drift.moments.N.real[leg + 1]
     peak = worst_rms(drift) ** 2
     assert peak > 1.2 * ends
     for share in (0.9, 0.99, 0.9999):

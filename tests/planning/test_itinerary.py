@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, beacon_fixes, drift_with_beacons, readings_on
-from driftplan.beacons.capture import capture
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import beacon_fixes, detection_chances, drift_with_beacons, readings_on
 from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
 from driftplan.planning.bounds import least_length
 from driftplan.planning.comparison import compare_routes
@@ -96,7 +96,7 @@ def test_captures_are_those_of_the_reference():
     beacons = (Beacon(TAG, 10, 11), Beacon(SIGN, 30, 12.5), Beacon(TAG, 60, 8.2))
     path = np.array([(3.0, 10.0), (40.0, 10.5), (77.0, 10.0)])
     ours = ItineraryCheck(HALL, NOISE, beacons).captures(path)
-    theirs = capture(path, NOISE, beacons, HALL)
+    theirs = detection_chances(path, NOISE, beacons, HALL)
     assert [c.beacon for c in ours] == [c.beacon for c in theirs]
     # a grid of 24 quantiles per axis against one of 128
     np.testing.assert_allclose([c.probability for c in ours], [c.probability for c in theirs], atol=0.03)
@@ -106,7 +106,7 @@ def test_what_is_probably_missed_does_not_count():
     beacons = (Beacon(TAG, 40.0, 11.9),)  # the path grazes the range, after 37 m of drift
     path = np.array([START, GOAL])
     counted, not_counted = (ItineraryCheck(HALL, NOISE, beacons, min_capture=p) for p in (0.0, 0.9))
-    assert len(readings_on(path, counted._columns, HALL).beacon)
+    assert len(readings_on(path, counted._columns, HALL))
     assert counted.met(path) == [0]
     assert not_counted.met(path) == []
     assert not_counted.verdict(path).end == pytest.approx(greatest(path, ()))
@@ -242,10 +242,11 @@ def test_with_any_one_beacon_dead_the_limit_still_holds():
 
 
 def test_one_beacon_that_everything_hangs_on_is_not_enough():
-    one = [Beacon(SIGN, 40, 10)]
-    plan_itinerary(HALL, START, GOAL, NOISE, beacons=one, max_drift=2.5, **QUICK)
+    one, sure = [Beacon(SIGN, 40, 10)], 0.85  # read with 0.888 on the straight way
+    asked = {"beacons": one, "max_drift": 2.5, "min_capture": sure}
+    plan_itinerary(HALL, START, GOAL, NOISE, **asked, **QUICK)
     with pytest.raises(InfeasibleError, match="with any one beacon dead"):
-        plan_itinerary(HALL, START, GOAL, NOISE, beacons=one, max_drift=2.5, redundancy=2, nodes=80, time_limit=600.0)
+        plan_itinerary(HALL, START, GOAL, NOISE, **asked, redundancy=2, nodes=80, time_limit=600.0)
 
 
 # Other objectives

@@ -6,9 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons
-from driftplan.model.fixes import Fix
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import drift_with_beacons
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.planning.itinerary.beacon_roadmap import BeaconRoadmap, N
 from driftplan.planning.itinerary.labels import LabelTask, _scores, _Search, least_drift_walk, shortest_walk
 from driftplan.world.world import World

@@ -11,10 +11,11 @@ from ompl import geometric as og
 from ompl import util as ou
 
 import driftplan
-from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import PlannerError
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.planning.itinerary.itinerary import plan_itinerary
 from driftplan.planning.itinerary.roadmap_planner import RoadmapPlanner
 from driftplan.planning.ompl import roadmap as plain

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from driftplan.model.drift import predict_drift
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.report.ellipses import error_ellipse
 from driftplan.report.plotting import (
     ROUTE_STYLES,

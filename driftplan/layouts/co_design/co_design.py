@@ -32,8 +32,8 @@ from driftplan.layouts.co_design.design_problem import DesignProblem
 from driftplan.layouts.co_design.trips import Trip, trips_of
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.planning.itinerary.itinerary import DEFAULT_DETOUR, answer, check_options
 from driftplan.planning.itinerary.search import ROUNDING, length_of
 from driftplan.world.world import World

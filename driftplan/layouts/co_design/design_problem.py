@@ -19,8 +19,8 @@ from driftplan.layouts.place import place_beacons
 from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.scenario import DriftLimit, beacons_in_range
 from driftplan.layouts.sites import ListedSites, SiteGroup, Sites
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.planning.itinerary.search import ItinerarySearch, length_of
 from driftplan.planning.roadmap.search import check_connected, checked_ends
 from driftplan.world.world import World

@@ -94,15 +94,15 @@ def _with_insides(spans: Spans, layouts: Layouts, hops: _Hops, borders: _Borders
     """The greatest E|e|² of each drive, given that of its borders."""
     tracks, (hop, drive, e, j, square) = spans.tracks, borders
     piece = np.maximum(j - 1 - layouts.route[drive], 0)  # that ends at border j
-    ends = np.maximum(np.roll(square, 1), square)
+    begin = np.roll(square, 1)
     bend, fixed = (x[piece] * tracks.length[piece] ** 2 / 8 for x in (tracks.bend, tracks.bend_fixed))
-    some = np.flatnonzero((e < j) & (ceiling(ends, bend, fixed) > found[drive]))
+    some = np.flatnonzero((e < j) & (ceiling(begin, square, bend, fixed) > found[drive]))
     if not len(some):
         return found
     begun = compose(hops.state[hop[some]], spans.between(e[some], j[some] - 1))
     piece = piece[some]
     return greatest_between(
-        begun, tracks.length[piece], tracks.noise_of[piece], tracks.noises, ends[some], drive[some], found
+        begun, tracks.length[piece], tracks.noise_of[piece], tracks.noises, square[some], drive[some], found
     )
 
 
@@ -167,7 +167,7 @@ def _hops_of(spans: Spans, layouts: Layouts) -> _Hops:
         if not len(drives):
             break
         state = compose(state, spans.between(base[drives] + at, base[drives] + to))
-        state, at = _fixed(tracks, state, event[upcoming[more]]), to
+        state, at = tracks.resets[event[upcoming[more]]].apply(state), to
     drive, begin, end = (np.concatenate([getattr(h, name) for h in hops]) for name in ("drive", "begin", "end"))
     state = Moments(*(np.concatenate(x) for x in zip(*(h.state.arrays() for h in hops), strict=True)))
     return _Hops(drive, begin, end, state)
@@ -230,12 +230,12 @@ def _close_inside(
 
 
 class _Begun(NamedTuple):
-    """Pieces as they begin: state, piece, drive, the greater E|e|² of the two ends."""
+    """Pieces as they begin: state, piece, drive, E|e|² at the end."""
 
     state: Moments
     piece: Ints
     drive: Ints
-    ends: Floats
+    end: Floats
 
 
 def _worst_piece_by_piece(spans: Spans, layouts: Layouts) -> Floats:
@@ -243,12 +243,12 @@ def _worst_piece_by_piece(spans: Spans, layouts: Layouts) -> Floats:
     tracks = spans.tracks
     begun: list[_Begun] = []
     _piece_by_piece(spans, layouts, Limit(np.full(tracks.routes, _NO_LIMIT_M)), begun)
-    piece, drive, ends = (np.concatenate([getattr(b, name) for b in begun]) for name in ("piece", "drive", "ends"))
-    state = Moments(*(np.concatenate(x) for x in zip(*(b.state.arrays() for b in begun), strict=True)))
+    piece, drive, end = (np.concatenate([getattr(b, name) for b in begun]) for name in ("piece", "drive", "end"))
+    state = Moments.concatenate([b.state for b in begun])
     found = np.zeros(len(layouts.route))
-    np.maximum.at(found, drive, ends)
+    np.maximum.at(found, drive, np.maximum(state.N.real, end))
     length = np.where(piece >= 0, tracks.length[piece], 0.0)
-    return greatest_between(state, length, tracks.noise_of[piece], tracks.noises, ends, drive, found)
+    return greatest_between(state, length, tracks.noise_of[piece], tracks.noises, end, drive, found)
 
 
 def _piece_by_piece(
@@ -274,7 +274,7 @@ def _piece_by_piece(
         begun, state = state, compose(state, tracks.pieces[piece])
         higher = np.maximum(begun.N.real, np.where(inside, state.N.real, 0.0))
         if passed is not None:  # at the end nothing is driven: a stretch of no length
-            passed.append(_Begun(begun, np.where(inside, piece, -1), active, higher))
+            passed.append(_Begun(begun, np.where(inside, piece, -1), active, np.where(inside, state.N.real, 0.0)))
         beyond, close = limit.judged(state, route)
         at_end = inside & ~at_start & beyond
         doubt = np.flatnonzero(inside & ~at_start & ~at_end & (limit.metres[route] ** 2 - higher < sag[piece]))
@@ -304,7 +304,7 @@ def _read(tracks: Tracks, state: Moments, at: Ints, event: Ints) -> Moments:
     arrays = [np.array(x, dtype=complex) for x in state.arrays()]
     while len(at):
         _, first = np.unique(at, return_index=True)  # one reading per state at a time
-        fixed = _fixed(tracks, Moments(*(x[at[first]] for x in arrays)), event[first])
+        fixed = tracks.resets[event[first]].apply(Moments(*(x[at[first]] for x in arrays)))
         for array, value in zip(arrays, fixed.arrays(), strict=True):
             array[at[first]] = value
         rest = np.ones(len(at), dtype=bool)
@@ -312,18 +312,3 @@ def _read(tracks: Tracks, state: Moments, at: Ints, event: Ints) -> Moments:
         at, event = at[rest], event[rest]
     u, p, d1, d2, D, e1, N, e2, a, b = arrays
     return Moments(u, p, d1, d2, D.real, e1, N.real, e2, a, b)
-
-
-def _fixed(tracks: Tracks, before: Moments, event: Ints) -> Moments:
-    """`driftplan.model.fixes.apply_fix` for many states, each with its own reading."""
-    trace, d1_new, d2_new = tracks.trace[event], tracks.heading_d1[event], tracks.heading_d2[event]
-    turned, placed = ~np.isnan(d1_new), ~np.isnan(trace)
-    d1 = np.where(turned, d1_new, before.d1)
-    d2 = np.where(turned, d2_new, before.d2)
-    D = np.where(turned, -2 * d1_new, before.D)
-    e1 = np.where(placed, 0.0, before.e1)
-    N, e2 = np.where(placed, trace, before.N), np.where(placed, 0.0, before.e2)
-    after = (d1, d2, D, e1, N, e2, e1 * np.conj(d1), e1 * d1)
-    chance = tracks.chance[event]
-    mixed = ((1 - chance) * x + chance * y for x, y in zip(before.arrays()[2:], after, strict=True))
-    return Moments(before.u, before.p, *mixed)

@@ -15,26 +15,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driftplan.arrays import Floats, Ints
-from driftplan.beacons.beacon import Beacon, BeaconColumns, Readings, floor_of, readings_on
-from driftplan.model.elements import run_moments, turn_moments
-from driftplan.model.fixes import Fix, apply_fix
+from driftplan.beacons.beacon import Beacon
+from driftplan.beacons.readings import BeaconColumns, floor_of, readings_on
+from driftplan.model.elements import of_legs
 from driftplan.model.heading_laws import law_moments
 from driftplan.model.moments import Moments
-from driftplan.model.noise import Noises, OdometryNoise
-from driftplan.model.paths import wrap
+from driftplan.model.noise import Noises, OdometryNoise, noise_of_legs
+from driftplan.model.paths import read_path
+from driftplan.model.readings import Fix, Readings, Resets
 from driftplan.model.worst import bend_rates
 from driftplan.world.world import World
 
 PARTS = 1000  # of a piece on which there is doubt
 RADIUS_PARTS = 16  # of a piece on which a radius comes close to the limit
 _SAG_SHARE = 1e-4  # greatest margin, as a share of the limit squared
-_SAME_PLACE_M = 1e-7  # a reading this near to a waypoint is at the waypoint
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,9 +50,8 @@ class Tracks:
     distance : (pieces + routes,) metres driven at every border; route r's begin at ``first_piece[r] + r``
     start : Moments, shape (routes,): errors at the start, in the robot's own frame
     first_event : (routes + 1,) where each route's readings begin
-    border, site : (events,) where a reading happens, and the site that gives it
-    chance : (events,) that the reading succeeds
-    trace : (events,) E|e|² of the position it gives, m²; NaN where it gives none
+    border : (events,) where a reading happens
+    readings, resets : (events,) what is read, and what it makes of the errors; a reading's source is its site
     heading_d1, heading_d2 : (events,) moments of the heading it gives; NaN where it gives none
     """
 
@@ -70,15 +67,29 @@ class Tracks:
     start: Moments
     first_event: Ints
     border: Ints
-    site: Ints
-    chance: Floats
-    trace: Floats
+    readings: Readings
+    resets: Resets
     heading_d1: Floats
     heading_d2: Floats
 
     @property
     def routes(self) -> int:
         return len(self.first_piece) - 1
+
+    @property
+    def site(self) -> Ints:
+        """The site that gives each reading, (events,)."""
+        return self.readings.source
+
+    @property
+    def chance(self) -> Floats:
+        """That each reading succeeds, (events,)."""
+        return self.readings.chance
+
+    @property
+    def trace(self) -> Floats:
+        """E|e|² of the position each reading gives, (events,), m²; NaN where it gives none."""
+        return self.readings.square
 
     @property
     def slots(self) -> Ints:
@@ -113,7 +124,7 @@ class Tracks:
         """Elements from the beginning of runs to ``parts`` - 1 evenly spaced points inside, (k, parts - 1)."""
         lengths = self.length[piece, None] * (np.arange(1, parts) / parts)
         turn = np.zeros(lengths.shape)
-        return _elements(turn, lengths, np.repeat(self.noise_of[piece], parts - 1).reshape(lengths.shape), self.noises)
+        return of_legs(turn, lengths, turn, self.noise_of[piece, None], self.noises)
 
 
 def lay_tracks(
@@ -128,82 +139,50 @@ def lay_tracks(
     """Tracks of routes (n, 2) for all ``sites``; ``least_limit_m`` is the smallest limit they will be held to."""
     columns = BeaconColumns.of(sites)
     rows = [_Row(*floor_of(path, noise, world), readings_on(path, columns, world), least_limit_m) for path in paths]
-    return _joined(rows, sites, start_fix)
+    return _joined(rows, start_fix)
 
 
 class _Row:
     """One route, cut."""
 
-    def __init__(
-        self,
-        path: Floats,
-        noises: Noises,
-        readings: Readings,
-        least_limit_m: float,
-    ) -> None:
-        steps = np.diff(path, axis=0)
-        moves = np.any(steps != 0, axis=1)
-        of_leg = [noises] * len(steps) if isinstance(noises, OdometryNoise) else list(noises)
-        self.noise_of_leg = [noise for noise, moved in zip(of_leg, moves.tolist(), strict=True) if moved]
-        steps = steps[moves] if moves.any() else steps[:1]
-        if not moves.any():
-            self.noise_of_leg = of_leg[:1]
-        length = np.hypot(steps[:, 0], steps[:, 1])
-        course = np.arctan2(steps[:, 1], steps[:, 0])
-        self.heading = float(course[0])
-        turn = wrap(np.diff(course, prepend=course[0]))
-        ends = np.concatenate([[0.0], np.cumsum(length)])
-
-        s = readings.s_m
-        nearest = np.clip(np.searchsorted(ends, s), 1, len(ends) - 1)
-        nearest = np.where(s - ends[nearest - 1] < ends[nearest] - s, nearest - 1, nearest)
-        s = np.where(np.abs(s - ends[nearest]) <= _SAME_PLACE_M, ends[nearest], s)
-        borders = np.unique(np.concatenate([ends, s]))
-        leg = np.clip(np.searchsorted(ends, borders[:-1], side="right") - 1, 0, len(length) - 1)
-        count = self._pieces_needed(np.diff(borders), leg, least_limit_m)
-        borders = np.concatenate([_spread(borders[:-1], borders[1:], count), borders[-1:]])
-        leg = np.repeat(leg, count)
-
-        turns_here = (turn[leg] != 0) & (borders[:-1] == ends[leg])
-        before = np.concatenate([[0], np.cumsum(turns_here)])[: len(borders)]  # turn pieces before each border's own
-        at = np.arange(len(borders)) + before
-        pieces = len(leg) + int(turns_here.sum())
-        self.turn, self.length = np.zeros(pieces), np.zeros(pieces)
-        self.leg = np.zeros(pieces, dtype=np.intp)
-        run = np.arange(len(leg)) + np.cumsum(turns_here)
-        self.length[run], self.leg[run] = np.diff(borders), leg
-        self.turn[at[:-1][turns_here]] = turn[leg[turns_here]]
-        self.leg[at[:-1][turns_here]] = leg[turns_here]
+    def __init__(self, path: Floats, noise: Noises, readings: Readings, least_limit_m: float) -> None:
+        runs = read_path(path)
+        self.heading = float(runs.heading)
+        self.noises, which = noise_of_legs(noise, len(runs.lengths), 1)
+        runs, at, old = runs.cut(readings.s_m)
+        which = np.repeat(which, np.diff(old))
+        count = self._pieces_needed(runs.lengths, which, least_limit_m)
+        turns = runs.turns != 0
+        first = np.concatenate([[0], np.cumsum(turns + count)])  # of a leg's pieces: its turn, the parts of its run
+        self.turn, self.length = np.zeros(first[-1]), np.repeat(runs.lengths / count, turns + count)
+        self.turn[first[:-1][turns]] = runs.turns[turns]
+        self.length[first[:-1][turns]] = 0.0
+        self.noise_of = np.repeat(which, turns + count)
         self.distance = np.concatenate([[0.0], np.cumsum(self.length)])
+        border = first[at]
+        order = np.lexsort((readings.source, readings.rank, border))
+        self.border, self.readings = border[order], readings[order]
 
-        border = at[np.searchsorted(borders, s)]
-        order = np.lexsort((readings.beacon, readings.rank, border))
-        self.border, self.site, self.chance = border[order], readings.beacon[order], readings.chance[order]
-
-    def _pieces_needed(self, lengths: Floats, leg: Ints, limit_m: float) -> Ints:
-        """Into how many pieces each stretch is cut, so that its sag is small."""
-        bends = np.array([bend_rates(noise) for noise in self.noise_of_leg])[leg]
+    def _pieces_needed(self, lengths: Floats, which: Ints, limit_m: float) -> Ints:
+        """Into how many pieces each run is cut, so that its sag is small."""
+        bends = np.array([bend_rates(noise) for noise in self.noises])[which]
         rate = (bends[:, 0] * limit_m + bends[:, 1]) / 8
         allowed = _SAG_SHARE * limit_m**2
         return np.asarray(np.maximum(1, np.ceil(lengths * np.sqrt(rate / allowed))), dtype=np.intp)
 
 
-def _joined(rows: list[_Row], sites: Sequence[Beacon], start_fix: Fix | None) -> Tracks:
+def _joined(rows: list[_Row], start_fix: Fix | None) -> Tracks:
     """All routes in one set of arrays."""
-    noises = list(dict.fromkeys(noise for row in rows for noise in row.noise_of_leg))
-    index = {noise: k for k, noise in enumerate(noises)}
-    which = np.concatenate([np.array([index[n] for n in row.noise_of_leg])[row.leg] for row in rows])
+    noises = list(dict.fromkeys(noise for row in rows for noise in row.noises))
+    which = np.concatenate([np.array([noises.index(n) for n in row.noises])[row.noise_of] for row in rows])
     turn, length = (np.concatenate([getattr(row, name) for row in rows]) for name in ("turn", "length"))
     bends = np.array([bend_rates(noise) for noise in noises])[which]
     spreads = np.array([_translation(noise) for noise in noises])[which]
-    site = np.concatenate([row.site for row in rows])
-    stds = np.array([(b.kind.position_std_m, b.kind.heading_std) for b in sites], dtype=float).reshape(
-        -1, 2
-    )  # None: NaN
-    law = law_moments("gaussian", stds[:, 1] ** 2)
+    readings = sum((row.readings for row in rows), Readings.of([]))
+    law = law_moments("gaussian", readings.heading_var)
     return Tracks(
         first_piece=np.concatenate([[0], np.cumsum([len(row.length) for row in rows])]).astype(np.intp),
-        pieces=_elements(turn, length, which, noises),
+        pieces=of_legs(turn, length, np.zeros(len(turn)), which, noises),
         bend=bends[:, 0] * (length > 0),
         bend_fixed=bends[:, 1] * (length > 0),
         length=length,
@@ -212,30 +191,13 @@ def _joined(rows: list[_Row], sites: Sequence[Beacon], start_fix: Fix | None) ->
         translation=spreads[:, 0] * length + spreads[:, 1] * np.abs(turn),
         distance=np.concatenate([row.distance for row in rows]),
         start=_starts([row.heading for row in rows], start_fix),
-        first_event=np.concatenate([[0], np.cumsum([len(row.site) for row in rows])]).astype(np.intp),
+        first_event=np.concatenate([[0], np.cumsum([len(row.border) for row in rows])]).astype(np.intp),
         border=np.concatenate([row.border for row in rows]),
-        site=site,
-        chance=np.concatenate([row.chance for row in rows]),
-        trace=2 * stds[site, 0] ** 2,
-        heading_d1=law.d1[site],
-        heading_d2=law.d2[site],
+        readings=readings,
+        resets=readings.resets(),
+        heading_d1=law.d1,
+        heading_d2=law.d2,
     )
-
-
-def _elements(turn: Floats, length: Floats, which: Ints, noises: Sequence[OdometryNoise]) -> Moments:
-    """The element of every piece: pieces turn or run, never both."""
-    parts: list[tuple[NDArray[np.bool_], Moments]] = []
-    for k, noise in enumerate(noises):
-        turns, runs = (which == k) & (turn != 0), (which == k) & (turn == 0)
-        parts.append((turns, turn_moments(turn[turns], noise)))
-        parts.append((runs, run_moments(length[runs], np.zeros(runs.sum()), noise)))
-    arrays = []
-    for field in zip(*(part.arrays() for _, part in parts), strict=True):
-        out: NDArray[Any] = np.zeros(turn.shape, dtype=np.result_type(*field))
-        for (here, _), values in zip(parts, field, strict=True):
-            out[here] = values
-        arrays.append(out)
-    return Moments(*arrays)
 
 
 def _starts(headings: list[float], start_fix: Fix | None) -> Moments:
@@ -244,7 +206,7 @@ def _starts(headings: list[float], start_fix: Fix | None) -> Moments:
     u = np.exp(1j * np.array(headings))
     start = Moments(u, zero, *([zero] * 8))
     if start_fix is not None:
-        start = apply_fix(start, start_fix)
+        start = Readings.of([start_fix]).resets()[0].apply(start)
     return start.rotated(np.conj(u))
 
 
@@ -253,9 +215,3 @@ def _translation(noise: OdometryNoise) -> tuple[float, float]:
     if noise.heading_distance_corr:
         return 0.0, 0.0
     return noise.distance_var_per_m + noise.lateral_var_per_m, noise.distance_var_per_rad
-
-
-def _spread(start: Floats, end: Floats, count: Ints) -> Floats:
-    """Starts of ``count`` equal parts of every stretch."""
-    part = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    return np.asarray(np.repeat(start, count) + part * np.repeat((end - start) / count, count))

@@ -24,11 +24,12 @@ import numpy as np
 import shapely
 
 from driftplan.arrays import Complexes, Floats, Ints
-from driftplan.beacons.beacon import Beacon, BeaconColumns
+from driftplan.beacons.beacon import Beacon
+from driftplan.beacons.readings import BeaconColumns
 from driftplan.model.elements import run_moments, turn_moments
-from driftplan.model.fixes import Fix, apply_fix
-from driftplan.model.moments import Moments, identity
+from driftplan.model.moments import Moments
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix, Readings, start_errors
 from driftplan.world.world import World
 
 SIZE = 9  # of the error state
@@ -130,8 +131,7 @@ class BeaconRoadmap:
     def at_start(self, node: int, initial: Fix | None, dead: int = -1) -> Floats:
         """The error state (9,) of a robot that begins at a node: known exactly or as ``initial`` says, after reading
         what is in range and always noticed."""
-        state = identity() if initial is None else apply_fix(identity(), initial)
-        x = state_of(state)
+        x = state_of(start_errors(initial))
         columns = BeaconColumns.of(self.beacons)
         here = np.broadcast_to(self.xy[node], columns.xy.shape)
         inside = np.hypot(*(columns.xy - here).T) <= columns.range_m
@@ -193,7 +193,7 @@ def state_of(moments: Moments) -> Floats:
 
 def fix_matrix(fix: Fix) -> Floats:
     """What a fix does to the error state, (9, 9)."""
-    return _linear(lambda state: apply_fix(state, fix), ())
+    return _linear(Readings.of([fix]).resets()[0].apply, ())
 
 
 def _matrices(pieces: Moments, direction: Complexes) -> Floats:

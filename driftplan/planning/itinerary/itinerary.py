@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.arrays import Floats
-from driftplan.beacons.beacon import Beacon, BeaconColumns
-from driftplan.beacons.capture import Capture
+from driftplan.beacons.beacon import Beacon
+from driftplan.beacons.readings import BeaconColumns, DetectionChance
 from driftplan.errors import InfeasibleError
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.planning.bounds import least_end_drift, least_length, least_worst_drift
 from driftplan.planning.itinerary.reasons import why_infeasible
 from driftplan.planning.itinerary.search import ROUNDING, ItinerarySearch, length_of
@@ -47,7 +47,7 @@ class Itinerary(Route):
         ``redundancy`` and ``min_capture`` (`driftplan.planning.bounds`).
     beacons : tuple of Beacon
         Those it counts on, in the order of their first reading.
-    captures : tuple of Capture
+    captures : tuple of DetectionChance
         Every pass of a beacon and the probability that it happens.
     max_drift : float or None
         The limit asked for.
@@ -64,7 +64,7 @@ class Itinerary(Route):
 
     minimise: Objective  # type: ignore[assignment]  # more than a Route can minimise
     beacons: tuple[Beacon, ...]
-    captures: tuple[Capture, ...]
+    captures: tuple[DetectionChance, ...]
     max_drift: float | None
     worst_drift: float
     worst_if_dead: float
@@ -114,7 +114,7 @@ def plan_itinerary(
         alive.
     min_capture : float in [0, 1)
         A beacon that the drifting robot would come within range of less surely than this on one of its passes
-        (`driftplan.beacons.capture`) is not counted on.
+        (`driftplan.beacons.readings.detection_chances`) is not counted on.
     initial : Fix, optional
         Uncertainty at the start; default: the start is known.
     start_heading : float, optional

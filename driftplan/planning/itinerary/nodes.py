@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from driftplan.arrays import Floats
-from driftplan.beacons.beacon import Beacon, BeaconColumns
+from driftplan.beacons.beacon import Beacon
+from driftplan.beacons.readings import BeaconColumns
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.roadmap.graph import Roadmap
 from driftplan.planning.roadmap.prices import Pricing, Space

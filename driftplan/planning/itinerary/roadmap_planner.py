@@ -15,8 +15,8 @@ import numpy as np
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import NoPathError, PlannerError
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.planning.bounds import Bound
 from driftplan.planning.itinerary.itinerary import Itinerary, Objective, answer, best_path, check_options, longest_of
 from driftplan.planning.itinerary.reasons import why_infeasible

@@ -20,8 +20,8 @@ import numpy as np
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import NoPathError
-from driftplan.model.fixes import Fix
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.planning.bounds import least_worst_drift, max_distance_within
 from driftplan.planning.cost import CostRates
 from driftplan.planning.itinerary.beacon_roadmap import BeaconRoadmap

@@ -1,0 +1,94 @@
+"""The engine: error moments along a path, from border to border, with the readings on the way.
+
+A path is cut at its readings (`driftplan.model.paths.Runs.cut` says where and in which order they are taken); what lies
+between two borders is one element of the monoid of `driftplan.model.moments`, and at a border the readings there act as
+`driftplan.model.readings` says. `drive` carries one robot along a path.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from driftplan.arrays import Ints
+from driftplan.model.moments import Moments, compose, lever, scan
+from driftplan.model.readings import Readings, Resets
+
+_SHORT_HOP_LEGS = 16  # legs from reading to reading: up to here on average Python's numbers beat numpy's arrays
+
+
+class Driven(NamedTuple):
+    """Error moments along a path of m legs, world frame, each (m + 1,)."""
+
+    arriving: Moments  # at every border, before the readings there
+    leaving: Moments  # after them, before the turn of the next leg
+
+
+def drive(legs: Moments, start: Moments, readings: Readings | None = None, at: Ints | None = None) -> Driven:
+    """One robot along a path, with ``readings`` taken at the borders ``at``.
+
+    Parameters
+    ----------
+    legs : Moments (..., m)
+        A batch of paths only without readings.
+    start : Moments (...)
+        True pose and errors before the first leg and its readings.
+    readings : Readings (k,)
+    at : (k,) borders 0 … m, in any order. Fixes at border 0 are the uncertainty of the start, on arrival there too.
+    """
+    if readings is None or at is None:
+        states = scan(legs, start)
+        return Driven(states, states)
+    start, order = start_and_order(start, readings, at)
+    due: dict[int, list[Resets]] = {}
+    for border, reset in zip(at[order].tolist(), readings[order].resets().numbers(), strict=True):
+        due.setdefault(border, []).append(reset)
+    last = legs.shape[-1]
+    return (_leg_by_leg if last <= _SHORT_HOP_LEGS * len(due) else _hop_by_hop)(legs, start, due)
+
+
+def start_and_order(start: Moments, readings: Readings, at: Ints) -> tuple[Moments, Ints]:
+    """The start with the errors that fixes at border 0 say it has, and the other readings in the order of driving.
+
+    Fixes at the start replace what was known about it, whatever the estimator.
+    """
+    of_start = (at == 0) & (readings.rank < 0)
+    for k in np.flatnonzero(of_start).tolist():
+        start = readings[k].resets().apply(start)
+    order = np.lexsort((readings.rank, at))
+    return start, order[~of_start[order]]
+
+
+def _leg_by_leg(legs: Moments, start: Moments, due: dict[int, list[Resets]]) -> Driven:
+    """With Python's numbers: where hops are short, numpy's calls would cost ten times as much."""
+    (state,) = start.numbers()
+    levers = zip(*(np.broadcast_to(x, legs.shape).tolist() for x in lever(legs)), strict=True)
+    arriving, leaving = [state], []
+    for border, (leg, of_leg) in enumerate(zip(legs.numbers(), levers, strict=True)):
+        for reset in due.get(border, ()):
+            state = reset.apply(state)
+        leaving.append(state)
+        state = compose(state, leg, of_leg)
+        arriving.append(state)
+    for reset in due.get(legs.shape[-1], ()):
+        state = reset.apply(state)
+    leaving.append(state)
+    return Driven(Moments.stack(arriving), Moments.stack(leaving))
+
+
+def _hop_by_hop(legs: Moments, start: Moments, due: dict[int, list[Resets]]) -> Driven:
+    """With numpy's arrays, a scan from reading to reading."""
+    state, last = start, legs.shape[-1]
+    arriving, leaving = [start[None]], []
+    for begin, end in pairwise(sorted({0, *due, last})):
+        for reset in due.get(begin, ()):
+            state = reset.apply(state)
+        hop = scan(legs[begin:end], state)
+        leaving.append(hop[:-1])
+        arriving.append(hop[1:])
+        state = hop[-1]
+    for reset in due.get(last, ()):
+        state = reset.apply(state)
+    return Driven(Moments.concatenate(arriving), Moments.concatenate([*leaving, state[None]]))
