@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,21 +12,17 @@ from driftplan.arrays import Bools, keywords_checked, whole
 from driftplan.beacons.beacon import BeaconKind
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.layout import Layout
-from driftplan.layouts.placement.covering import Cover, Outcome, cheapest_cover
-from driftplan.layouts.placement.cut_pool import Cut
-from driftplan.layouts.placement.drives import drives_of, worst_squares
+from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.placement.failures import worst_of_failures
+from driftplan.layouts.placement.limit_search import LimitSearch, Progress
 from driftplan.layouts.placement.placement_diagnosis import explain
 from driftplan.layouts.placement.problem import PlacementProblem, placement_problem
-from driftplan.layouts.placement.spans import Spans
 from driftplan.layouts.placement.tracks import Tracks
 from driftplan.layouts.scenario import DriftLimit, Scenario
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.world.world import World
-
-Progress = Callable[[float, float, float], None]
 
 _RMS_ROUNDING = 1e-6  # relative: the final check adds the same numbers in another order
 _RADIUS_ROUNDING = 1e-5  # relative: and integrates radii to that
@@ -115,14 +111,14 @@ def place_beacons(
     asked = DriftLimit.of(limit)
     scenario = Scenario.of(world, routes, noise, asked, start_fix)
     problem = placement_problem(scenario, Sites.of(sites), max_beacons=max_beacons, budget=budget)
-    search = _PlacementSearch(problem, began, time_limit, progress)
-    if asked.max_drift is None:
-        if max_beacons is None and budget is None:
-            raise ValueError(
-                "expected a limit: max_drift, or max_beacons or budget for the least drift within them, got none"
-            )
-        return search.least_drift(drift_tolerance)
-    return search.cheapest(asked.per_route(len(scenario.routes)))
+    clock = _Clock(began, time_limit, len(scenario.routes), progress)
+    if asked.max_drift is not None:
+        return _cheapest(problem, asked.per_route(len(scenario.routes)), clock)
+    if max_beacons is None and budget is None:
+        raise ValueError(
+            "expected a limit: max_drift, or max_beacons or budget for the least drift within them, got none"
+        )
+    return _least_drift(problem, _tracks_without_limit(problem), drift_tolerance, clock)
 
 
 @keywords_checked(sites=Sites)
@@ -178,12 +174,12 @@ def beacon_tradeoff(
         if left <= 0 and curve:
             break
         problem = placement_problem(scenario, allowed, max_beacons=count, budget=budget)
-        search = _PlacementSearch(problem, time.monotonic(), max(left, 0.1), None, tracks)
+        clock = _Clock(time.monotonic(), max(left, 0.1), len(scenario.routes))
+        tracks = tracks or _tracks_without_limit(problem)
         try:
-            layout = search.least_drift(drift_tolerance, known=curve[-1] if curve else None)
+            layout = _least_drift(problem, tracks, drift_tolerance, clock, known=curve[-1] if curve else None)
         except InfeasibleError:  # groups may demand more beacons than these
             continue
-        tracks = search.tracks
         if not curve or layout.worst_drift < curve[-1].worst_drift * (1 - drift_tolerance):
             curve.append(layout)
     if not curve:
@@ -191,159 +187,94 @@ def beacon_tradeoff(
     return tuple(curve)
 
 
-class _PlacementSearch:
-    """One problem, one clock."""
+class _Clock:
+    """When to stop, and who is told how far the search is."""
 
-    def __init__(
-        self,
-        problem: PlacementProblem,
-        began: float,
-        time_limit: float,
-        progress: Progress | None,
-        tracks: Tracks | None = None,
-    ):
-        self.problem, self.began, self.progress = problem, began, progress
-        check = _CHECK_S_PER_ROUTE * len(problem.scenario.routes)
-        self.deadline = began + max(time_limit - check, 0.75 * time_limit)
-        self.tracks = tracks
-        self.spans: Spans | None = None
+    def __init__(self, began: float, time_limit: float, routes: int, progress: Progress | None = None):
+        self.began, self._progress = began, progress
+        self.deadline = began + max(time_limit - _CHECK_S_PER_ROUTE * routes, 0.75 * time_limit)
 
-    def cheapest(self, limits: tuple[float, ...]) -> Layout:
-        self.tracks = self.problem.tracks(min(limits))
-        cover = self._solve(limits)
-        if cover.chosen is None:
-            raise InfeasibleError(explain(self.problem, self.tracks, limits, cover, self._left()))
-        proven = cover.outcome is Outcome.OPTIMAL
-        return self._layout(cover.chosen, cover.lower_bound, proven, cover.outcome, limits, 0.0)
+    def tell(self, _: float, cost: float, bound: float) -> None:
+        if self._progress is not None:
+            self._progress(time.monotonic() - self.began, cost, bound)
 
-    def least_drift(self, tolerance: float, known: Layout | None = None) -> Layout:
-        """Bisection over the limit: every step proves a limit out of reach or finds a layout below it."""
-        if not 0 < tolerance < 1:
-            raise ValueError(f"expected drift_tolerance in (0, 1), got {tolerance!r}")
-        scenario, routes = self.problem.scenario, len(self.problem.scenario.routes)
-        bare = max(scenario.worst(scenario.drift(r, self.problem.existing)) for r in range(routes))
-        self.tracks = self.tracks or self.problem.tracks(self._finest(bare))
-        best = self._allowed_layout()
-        high = self._worst(best)
-        low, outcome = 0.0, Outcome.OPTIMAL
-        if known is not None:
-            hint = self._as_sites(known)
-            if self._worst(hint) <= high:
-                best, high = hint, self._worst(hint)
-        while high - low > tolerance * high:
-            middle = 0.5 * (low + high)
-            cover = self._solve((middle,) * routes, hint=best, stop_at_first=True)
-            if cover.chosen is not None:
-                best, high = cover.chosen, min(self._worst(cover.chosen), middle)
-            elif cover.outcome is Outcome.INFEASIBLE:
-                low = middle
-            else:
-                outcome = Outcome.STOPPED_EARLY
-                break
-        limits = (high * (1 + _RMS_ROUNDING),) * routes
-        return self._layout(best, 0.0, outcome is Outcome.OPTIMAL, outcome, limits, low)
 
-    def _solve(self, limits: Sequence[float], hint: Bools | None = None, stop_at_first: bool = False) -> Cover:
-        assert self.tracks is not None
-        requirements = self.problem.requirements(self.tracks, limits)
-        return cheapest_cover(
-            self.problem.cost,
-            requirements,
-            demands=[*self.problem.demands, *requirements.rows()],
-            caps=self.problem.caps,
-            fixed=self.problem.fixed,
-            hint=hint,
-            stop_at_first=stop_at_first,
-            time_limit=self._left(),
-            progress=self._tell,
+def _cheapest(problem: PlacementProblem, limits: tuple[float, ...], clock: _Clock) -> Layout:
+    search = LimitSearch(problem, problem.tracks(min(limits)), clock.deadline, clock.tell)
+    cover = search.cover(limits)
+    if cover.chosen is None:
+        raise InfeasibleError(explain(search, limits, cover))
+    proven = cover.outcome is Outcome.OPTIMAL
+    return _checked_layout(problem, cover.chosen, cover.lower_bound, proven, cover.outcome, limits, 0.0, clock)
+
+
+def _least_drift(
+    problem: PlacementProblem, tracks: Tracks, tolerance: float, clock: _Clock, known: Layout | None = None
+) -> Layout:
+    """The layout with the least worst drift; ``known`` is one to start from."""
+    if not 0 < tolerance < 1:
+        raise ValueError(f"expected drift_tolerance in (0, 1), got {tolerance!r}")
+    search, a_metre = LimitSearch(problem, tracks, clock.deadline, clock.tell), (1.0,) * len(problem.scenario.routes)
+    start = search.cover(None).chosen
+    if start is None:
+        raise InfeasibleError("no layout satisfies the groups together with " + ", ".join(problem.rules))
+    if known is not None:
+        ids = {b.id for b in known.beacons}
+        hint = np.array([b.id in ids for b in problem.sites]) | problem.fixed
+        start = min(hint, start, key=lambda chosen: search.excess(a_metre, chosen))
+    least = search.least_factor(a_metre, start, 0.0, tolerance)
+    limits = tuple(least.factor * (1 + _RMS_ROUNDING) for _ in a_metre)
+    status = Outcome.OPTIMAL if least.proven else Outcome.STOPPED_EARLY
+    return _checked_layout(problem, least.chosen, 0.0, least.proven, status, limits, least.ruled_out, clock)
+
+
+def _tracks_without_limit(problem: PlacementProblem) -> Tracks:
+    """Tables for the smallest limit worth asking for: no beacon is better than its own accuracy."""
+    scenario = problem.scenario
+    bare = max(scenario.worst(scenario.drift(r, problem.existing)) for r in range(len(scenario.routes)))
+    stds = [b.kind.position_std_m or 0.0 for b in problem.sites]
+    return problem.tracks(max(min(stds) * 2**0.5, _MIN_LIMIT_SHARE * bare, 1e-6))
+
+
+def _checked_layout(
+    problem: PlacementProblem,
+    chosen: Bools,
+    lower_bound: float,
+    proven: bool,
+    status: Outcome,
+    limits: tuple[float, ...],
+    drift_bound: float,
+    clock: _Clock,
+) -> Layout:
+    """The layout, once the exact model has agreed that it keeps the limits.
+
+    With all beacons alive that is `drift_with_beacons`; with some dead, drives on tables laid for this layout only.
+    """
+    scenario = problem.scenario
+    everyone = (*problem.existing, *problem.chosen(chosen))
+    drifts = tuple(scenario.drift(r, everyone) for r in range(len(limits)))
+    worst = np.array([scenario.worst(drift) for drift in drifts])
+    if scenario.redundancy > 1:
+        worst = np.maximum(worst, worst_of_failures(scenario, everyone, min(limits)))
+    rounding = _RMS_ROUNDING if scenario.confidence is None else _RADIUS_ROUNDING
+    over = worst / np.array(limits)
+    r = int(np.argmax(over))
+    if over[r] > 1 + rounding:
+        raise RuntimeError(
+            f"the search accepted a layout whose drift on route {r} is {worst[r]:.9g} m, above {limits[r]:.9g} m, "
+            f"with {scenario.redundancy - 1} of {[b.id for b in everyone]} dead: a bug in driftplan, please report "
+            "it"
         )
-
-    def _left(self) -> float:
-        return max(self.deadline - time.monotonic(), 0.01)
-
-    def _tell(self, _: float, cost: float, bound: float) -> None:
-        if self.progress is not None:
-            self.progress(time.monotonic() - self.began, cost, bound)
-
-    def _finest(self, bare: float) -> float:
-        """The smallest limit worth asking for: no beacon is better than its own accuracy."""
-        stds = [b.kind.position_std_m or 0.0 for b in self.problem.sites]
-        return max(min(stds) * 2**0.5, _MIN_LIMIT_SHARE * bare, 1e-6)
-
-    def _allowed_layout(self) -> Bools:
-        """A layout that satisfies groups and caps, whatever its drift."""
-        problem = self.problem
-        found = cheapest_cover(
-            problem.cost,
-            _Anything(),
-            demands=problem.demands,
-            caps=problem.caps,
-            fixed=problem.fixed,
-            time_limit=self._left(),
-        )
-        if found.chosen is None:
-            raise InfeasibleError("no layout satisfies the groups together with " + ", ".join(problem.rules))
-        return found.chosen
-
-    def _as_sites(self, layout: Layout) -> Bools:
-        ids = {b.id for b in layout.beacons}
-        return np.array([b.id in ids for b in self.problem.sites]) | self.problem.fixed
-
-    def _worst(self, chosen: Bools) -> float:
-        """Greatest drift on any route, with the beacons dead that may be."""
-        scenario, everyone = self.problem.scenario, (*self.problem.existing, *self.problem.chosen(chosen))
-        if scenario.confidence is not None:
-            return float(worst_of_failures(scenario, everyone, np.inf).max())
-        assert self.tracks is not None
-        self.spans = self.spans or Spans(self.tracks)
-        drives = drives_of(self.tracks, chosen, np.arange(len(scenario.routes)), scenario.redundancy)
-        return float(np.sqrt(worst_squares(self.spans, drives).max()))
-
-    def _layout(
-        self,
-        chosen: Bools,
-        lower_bound: float,
-        proven: bool,
-        status: Outcome,
-        limits: tuple[float, ...],
-        drift_bound: float,
-    ) -> Layout:
-        """The layout, once the exact model has agreed that it keeps the limits.
-
-        With all beacons alive that is `drift_with_beacons`; with some dead, drives on tables laid for this layout only.
-        """
-        problem, scenario = self.problem, self.problem.scenario
-        everyone = (*problem.existing, *problem.chosen(chosen))
-        drifts = tuple(scenario.drift(r, everyone) for r in range(len(limits)))
-        worst = np.array([scenario.worst(drift) for drift in drifts])
-        if scenario.redundancy > 1:
-            worst = np.maximum(worst, worst_of_failures(scenario, everyone, min(limits)))
-        rounding = _RMS_ROUNDING if scenario.confidence is None else _RADIUS_ROUNDING
-        over = worst / np.array(limits)
-        r = int(np.argmax(over))
-        if over[r] > 1 + rounding:
-            raise RuntimeError(
-                f"the search accepted a layout whose drift on route {r} is {worst[r]:.9g} m, above {limits[r]:.9g} m, "
-                f"with {scenario.redundancy - 1} of {[b.id for b in everyone]} dead: a bug in driftplan, please report "
-                "it"
-            )
-        return Layout(
-            beacons=problem.chosen(chosen),
-            existing=problem.existing,
-            cost=float(problem.cost @ chosen),
-            lower_bound=lower_bound,
-            proven=proven,
-            status=status,
-            max_drift=limits,
-            drift_bound=drift_bound,
-            drifts=drifts,
-            seconds=time.monotonic() - self.began,
-            scenario=scenario,
-        )
-
-
-class _Anything:
-    """An oracle that accepts every layout."""
-
-    def cuts(self, chosen: Bools, near: int | None = None) -> list[Cut]:
-        return []
+    return Layout(
+        beacons=problem.chosen(chosen),
+        existing=problem.existing,
+        cost=float(problem.cost @ chosen),
+        lower_bound=lower_bound,
+        proven=proven,
+        status=status,
+        max_drift=limits,
+        drift_bound=drift_bound,
+        drifts=drifts,
+        seconds=time.monotonic() - clock.began,
+        scenario=scenario,
+    )

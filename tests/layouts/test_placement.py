@@ -13,6 +13,7 @@ from driftplan.errors import InfeasibleError
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.placement import covering
 from driftplan.layouts.placement.covering import Outcome
+from driftplan.layouts.placement.relaxation import Solution
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import SiteGroup, Sites
 from driftplan.model.noise import OdometryNoise
@@ -29,10 +30,10 @@ SIGN = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01, l
 # Brute force
 
 
-def place(instance, *, words=False, min_spacing_m=0.0, **options):
+def place(instance, *, words=False, groups=(), min_spacing_m=0.0, **options):
     """The layout, or None if it is said that there is none (or the error with its ``words``)."""
     new = [i for i in range(len(instance.sites)) if i not in instance.members(instance.fixed)]
-    groups = [SiteGroup([f"b{i}" for i in some], least, most) for some, least, most in instance.groups]
+    groups = [*groups, *(SiteGroup([f"b{i}" for i in some], least, most) for some, least, most in instance.groups)]
     try:
         return place_beacons(
             None,
@@ -137,7 +138,7 @@ def test_when_only_the_combination_fails_the_least_drift_of_all_combinations_is_
 
     layouts = [s for s in range(2 ** len(instance.sites)) if s & instance.fixed == instance.fixed]
     least = min(with_deaths(s) for s in layouts if instance.allowed(s))
-    with pytest.raises(InfeasibleError, match="no combination of the candidates keeps all limits") as caught:
+    with pytest.raises(InfeasibleError, match="no combination of the sites keeps all limits") as caught:
         place(instance, words=True)
     said = str(caught.value)
     told = float(said.split("the least that can be reached is ")[1].split(" m")[0])
@@ -152,17 +153,17 @@ def test_when_only_the_combination_fails_the_least_drift_of_all_combinations_is_
 def test_stopped_early_the_optimum_lies_between_the_bound_and_the_cost(name, seed, rounds, one_of_them, monkeypatch):
     """Whatever the search is stopped after; nothing is called proven that brute force beats."""
     asked = 0
-    relax = covering._Search._relaxation
+    relax = covering._CoverSearch._relaxed
 
     def relax_until_over(self, **options):
         nonlocal asked
         asked += 1
         if asked > rounds:
             self.deadline = 0.0  # the clock says that time is over
-            return None, 0.0, False
+            return Solution(None, 0.0, False)
         return relax(self, **options)
 
-    monkeypatch.setattr(covering._Search, "_relaxation", relax_until_over)
+    monkeypatch.setattr(covering._CoverSearch, "_relaxed", relax_until_over)
     instance = one_of_them(name, seed, sites=(6, 7))
     layout, best = place(instance), instance.cheapest()
     if layout is None:

@@ -12,6 +12,7 @@ from driftplan.errors import InfeasibleError, KeywordError
 from driftplan.layouts.place import beacon_tradeoff, place_beacons
 from driftplan.layouts.placement import covering
 from driftplan.layouts.placement.covering import Outcome
+from driftplan.layouts.placement.relaxation import Solution
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.site_grids import grid_sites, route_sites, wall_sites
 from driftplan.layouts.sites import SiteGroup, Sites
@@ -221,7 +222,9 @@ def test_a_tighter_limit_never_costs_less_and_more_candidates_never_more():
 
 
 def test_when_time_runs_out_in_the_solver_the_greedy_layout_comes_back_and_says_so(monkeypatch):
-    monkeypatch.setattr(covering._Search, "_relaxation", lambda self, **_: (None, 1.0, False))  # never gets anywhere
+    monkeypatch.setattr(
+        covering._CoverSearch, "_relaxed", lambda self, **_: Solution(None, 1.0, False)
+    )  # never gets anywhere
     told = []
     layout = place_beacons(
         None, ROUTES, NOISE, 0.5, Sites(SIGN, spacing_m=4.0), time_limit=2.0, progress=lambda *x: told.append(x)
@@ -235,8 +238,8 @@ def test_when_time_runs_out_in_the_solver_the_greedy_layout_comes_back_and_says_
 
 
 def test_without_any_layout_in_time_that_is_said(monkeypatch):
-    monkeypatch.setattr(covering._Search, "_relaxation", lambda self, **_: (None, 1.0, False))
-    monkeypatch.setattr(covering._Search, "_complete", lambda self, start, lean=None: None)
+    monkeypatch.setattr(covering._CoverSearch, "_relaxed", lambda self, **_: Solution(None, 1.0, False))
+    monkeypatch.setattr(covering._CoverSearch, "_complete", lambda self, start, lean=None: None)
     with pytest.raises(InfeasibleError, match="no layout was found in time"):
         place_beacons(None, ROUTES, NOISE, 0.5, Sites(SIGN, spacing_m=4.0), time_limit=0.5)
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from driftplan.model.noise import OdometryNoise
-from driftplan.report.cli_commands import DEMO_RADIUS_M
-from driftplan.report.demo_beacons import LIMIT_M, ROUNDS, as_json, demo_layout, sentence
+from driftplan.report.commands.demo import RADIUS_M
+from driftplan.report.commands.demo_beacons import LIMIT_M, ROUNDS, as_json, demo_layout, sentence
 from driftplan.world.mapfiles import bundled_map, load_world
 
 
 @pytest.fixture(scope="module")
 def world():
-    return load_world(bundled_map("warehouse"), robot_radius=DEMO_RADIUS_M)
+    return load_world(bundled_map("warehouse"), robot_radius=RADIUS_M)
 
 
 def test_the_robot_can_drive_the_rounds(world):

@@ -1,21 +1,23 @@
 """driftplan design: its answer, its files, its figure, its words; and trips from files."""
 
-import argparse
 import json
+import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from driftplan.beacons.beacon import BeaconKind
-from driftplan.errors import InfeasibleError, TrajectoryError
+from driftplan.errors import TrajectoryError
 from driftplan.layouts.co_design.co_design import co_design
 from driftplan.layouts.co_design.trips import Trip, load_trips
 from driftplan.layouts.layout_files import load_beacons
+from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
-from driftplan.report.design_command import add_parser, design
-from driftplan.report.plot_design import plot_design
+from driftplan.model.readings import Fix
+from driftplan.report.figures.designs import plot_design
 from driftplan.world.world import World
 
 SHELF = [(8, 4), (32, 4), (32, 8), (8, 8)]
@@ -31,77 +33,96 @@ MAP = {
     ],
 }
 TRIPS = "start_x,start_y,goal_x,goal_y,weight\n2,2,38,2,1\n2,10,38,10,2\n"
+WORLD = World.from_polygons([SHELF], bounds=(0, 0, 40, 12), robot_radius=0.5)
 KIND = ("--kind", "landmark", "--range-m", 2, "--position-std-m", 0.05, "--beacon-price", 100, "--spacing-m", 4)
 NOISE = ("--heading-deg", 3, "--distance-m", 0.05)
 
 
+FAST = ("--robot-radius", 0.5, "--time-limit", 600, *KIND, *NOISE)
+
+
+@pytest.fixture(scope="module")
+def found():
+    """The design that the command's arguments of these tests ask for, on the same map."""
+    noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
+    sign = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=math.radians(1.0), cost=100.0)
+    trips = [Trip((2, 2), (38, 2)), Trip((2, 10), (38, 10), 2.0)]
+    return co_design(WORLD, trips, noise, 1.2, Sites(sign, spacing_m=4.0), price_per_m=1.0, rounds=0, max_nodes=100)
+
+
 @pytest.fixture
-def run(tmp_path, capsys):
-    """Runs the subcommand on a small map with two trips; returns stdout and stderr."""
+def design(found, tmp_path, run, monkeypatch):
+    """Runs the subcommand on a small map with two trips, searching nothing: asked for are ``design.asked``."""
     (tmp_path / "map.geojson").write_text(json.dumps(MAP))
     (tmp_path / "trips.csv").write_text(TRIPS)
-    files = [str(tmp_path / name) for name in ("map.geojson", "trips.csv")]
+    files = [tmp_path / name for name in ("map.geojson", "trips.csv")]
+    asked = []
+    monkeypatch.setattr("driftplan.co_design", lambda *values, **options: asked.append((values, options)) or found)
 
-    def run(*words):
-        parser = argparse.ArgumentParser()
-        add_parser(parser.add_subparsers(dest="command"))
-        words = (
-            "--max-drift",
-            1.2,
-            "--price-per-m",
-            1,
-            "--robot-radius",
-            0.5,
-            "--time-limit",
-            600,
-            *KIND,
-            *NOISE,
-            *words,
-        )
-        args = parser.parse_args(["design", *files, *(str(w) for w in words)])
-        design(args)
-        return capsys.readouterr()
+    def design(*words):
+        return run("design", *files, "--max-drift", 1.2, "--price-per-m", 1, *FAST, *words)
 
-    run.folder = tmp_path
-    return run
+    design.asked = asked
+    return design
 
 
-def test_what_is_gained_is_on_stdout_and_talk_on_stderr(run):
-    said = run()
-    trips, *_ = said.out.split("\n\n")
+def test_what_is_gained_is_on_stdout_and_talk_on_stderr(design):
+    printed = design()
+    trips, *_ = printed.out.split("\n\n")
     assert [line.split()[0] for line in trips.splitlines()] == ["trip", "0", "1"]
-    assert "shortest routes, then beacons" in said.out
-    assert "Gained: " in said.out
-    assert "choosing beacons and routes for 2 trips" in said.err
+    assert "shortest routes, then beacons" in printed.out
+    assert "Gained: " in printed.out
+    assert "choosing beacons and routes for 2 trips" in printed.err
 
 
-def test_json_says_the_same_as_the_files(run):
-    names = ("beacons.geojson", "beacons.csv", "design.png")
-    files = [run.folder / name for name in names]
-    said = json.loads(run("--json", "--geojson", files[0], "--csv", files[1], "--png", files[2]).out)["design"]
+def test_json_says_the_same_as_the_files(design, found, tmp_path):
+    files = [tmp_path / name for name in ("beacons.geojson", "beacons.csv", "design.png")]
+    printed = design("--json", "--geojson", files[0], "--csv", files[1], "--png", files[2])
+    answer = json.loads(printed.out)["design"]
     beacons = load_beacons(files[0])
-    assert [b.id for b in beacons] == [b["id"] for b in said["beacons"]]
+    assert [b.id for b in beacons] == [b["id"] for b in answer["beacons"]]
+    assert [(b.x, b.y) for b in beacons] == [(b["x_m"], b["y_m"]) for b in answer["beacons"]]
     assert all(b.kind.cost == 100 for b in beacons)
-    assert said["cost"] == pytest.approx(said["beacon_cost"] + said["driving_cost"])
-    assert said["gain"] == pytest.approx(said["baseline"]["cost"] - said["cost"])
-    assert said["driving_cost"] == pytest.approx(sum(r["weight"] * r["length_m"] for r in said["routes"]))
-    assert all(r["worst_drift_m"] <= 1.2 * (1 + 1e-6) for r in said["routes"])
+    assert answer["cost"] == pytest.approx(answer["beacon_cost"] + answer["driving_cost"])
+    assert answer["gain"] == pytest.approx(answer["baseline"]["cost"] - answer["cost"])
+    assert answer["driving_cost"] == pytest.approx(sum(r["weight"] * r["length_m"] for r in answer["routes"]))
+    assert all(r["worst_drift_m"] <= 1.2 * (1 + 1e-6) for r in answer["routes"])
     assert files[1].read_text().count("\n") == 1 + len(beacons)
     assert files[2].read_bytes().startswith(b"\x89PNG")
 
 
-def test_an_uncertain_start_costs_beacons(run):
-    known, unsure = (
-        json.loads(run("--json", *words).out)["design"]
-        for words in ((), ("--start-position-std-m", 0.3, "--start-heading-std-deg", 7))
+def test_the_options_reach_the_search(design):
+    code, _, err = design(
+        "--start-position-std-m", 0.3, "--start-heading-std-deg", 7, "--redundancy", 2, "--max-detour", 1.3, "--seed", 4
     )
-    assert unsure["beacon_cost"] > known["beacon_cost"]
+    assert code == 0, err
+    ((world, trips, noise, limit, sites), options) = design.asked[0]
+    assert (world.bounds, world.robot_radius, limit) == (WORLD.bounds, 0.5, DriftLimit(1.2, redundancy=2))
+    assert trips == (Trip((2, 2), (38, 2)), Trip((2, 10), (38, 10), 2.0))
+    assert noise == OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
+    assert sites.kind == (BeaconKind.landmark(2.0, 0.05, math.radians(1.0), cost=100.0),)
+    assert (sites.points, sites.spacing_m, sites.existing) == (None, 4.0, ())
+    assert repr(options["start_fix"]) == repr(Fix.full(0.0, position_std_m=0.3, heading_std=math.radians(7)))
+    asked = {"max_detour": 1.3, "seed": 4, "price_per_m": 1.0, "min_capture": 0.9, "time_limit": 600.0}
+    assert {name: options[name] for name in asked} == asked
 
 
-def test_what_cannot_be_done_is_said_and_nothing_written(run):
-    file = run.folder / "beacons.geojson"
-    with pytest.raises(InfeasibleError, match="trip 0: "):
-        run("--max-drift", 0.06, "--geojson", file)
+@pytest.mark.slow
+def test_a_design_is_found_from_files_to_files(tmp_path, run):
+    (tmp_path / "map.geojson").write_text(json.dumps(MAP))
+    (tmp_path / "trips.csv").write_text(TRIPS)
+    asked = ("--max-drift", 1.2, "--price-per-m", 1, *FAST, "--json")
+    code, out, err = run("design", tmp_path / "map.geojson", tmp_path / "trips.csv", *asked)
+    assert code == 0, err
+    assert json.loads(out)["design"]["gain"] >= 0
+
+
+def test_what_cannot_be_done_is_said_and_nothing_written(refused, tmp_path):
+    (tmp_path / "map.geojson").write_text(json.dumps(MAP))
+    (tmp_path / "trips.csv").write_text(TRIPS)
+    file = tmp_path / "beacons.geojson"
+    asked = ("--max-drift", 0.06, "--price-per-m", 1, *FAST, "--geojson", file)
+    refused("design", tmp_path / "map.geojson", tmp_path / "trips.csv", *asked, match="trip 0: ", code=3)
     assert not file.exists()
 
 
@@ -137,15 +158,8 @@ def test_trips_are_read_with_and_without_header_in_any_order(tmp_path):
     assert load_trips(file) == (Trip((1, 2), (3, 4), 9),)
 
 
-def test_the_figure_shows_both_designs():
-    world = World.from_polygons([SHELF], bounds=(0, 0, 40, 12), robot_radius=0.5)
-    noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
-    sign = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01, cost=100.0)
-    trips = [((2, 2), (38, 2)), ((2, 10), (38, 10))]
-    sites = Sites(sign, spacing_m=4.0)
-    asked = {"price_per_m": 1.0, "max_nodes": 120, "time_limit": 600.0}
-    found = co_design(world, trips, noise, 1.2, sites, **asked)
-    figure = plot_design(world, found)
+def test_the_figure_shows_both_designs(found):
+    figure = plot_design(WORLD, found)
     before, after = figure.axes
     assert "then beacons" in before.get_title()
     for ax, shown in ((before, found.baseline), (after, found)):
@@ -153,5 +167,4 @@ def test_the_figure_shows_both_designs():
         assert all(any(np.array_equal(path, xy) for xy in drawn) for path in shown.paths)
         assert f"{len(shown.beacons)} beacon" in ax.get_title()
     figure.canvas.draw()
-    alone = co_design(world, trips[:1], noise, 1.2, sites, **asked, rounds=0)
-    assert plot_design(world, alone, figure=Figure()).axes
+    assert plot_design(WORLD, replace(found, baseline=None), figure=Figure()).axes

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 
 import numpy as np
 import pytest
 
-from driftplan.errors import TrajectoryError
 from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
-from driftplan.report.fit_command import add_parser, fit
 from driftplan.world.noise_files import load_noise
 
 NOISE = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3, distance_scale_error=0.05)
 PATH = 8 * [(0, 0), (6, 0), (6, 4), (1, 4)]
 FEW = ["--parameters", "distance_scale_error,heading_var_per_m,distance_var_per_m"]
-
-
-def run(*words):
-    parser = argparse.ArgumentParser()
-    add_parser(parser.add_subparsers(dest="command"))
-    fit(parser.parse_args(["fit", *map(str, words)]))
 
 
 @pytest.fixture(scope="module")
@@ -40,9 +31,9 @@ def files(tmp_path_factory):
     return names
 
 
-def test_the_noise_of_the_files_is_printed_written_and_drawn(files, tmp_path, capsys):
-    run(*files[:2], "--check", *files[2:], "--yaml", tmp_path / "noise.yaml", "--png", tmp_path / "fit.png", "--json")
-    said = capsys.readouterr()
+def test_the_noise_of_the_files_is_printed_written_and_drawn(files, tmp_path, run):
+    written = ("--yaml", tmp_path / "noise.yaml", "--png", tmp_path / "fit.png", "--json")
+    said = run("fit", *files[:2], "--check", *files[2:], *written)
     answer = json.loads(said.out)
     low, high = answer["intervals"]["distance_scale_error"]
     assert low < 0.05 < high
@@ -60,9 +51,8 @@ def test_the_noise_of_the_files_is_printed_written_and_drawn(files, tmp_path, ca
     assert "fitting 1 drive" in said.err
 
 
-def test_people_get_a_table(files, capsys):
-    run(*files, *FEW, "--lengths-m", "1,2,4,8")
-    text = capsys.readouterr().out
+def test_people_get_a_table(files, run):
+    text = run("fit", *files, *FEW, "--lengths-m", "1,2,4,8").out
     assert "95 % interval" in text
     assert "distance_scale_error" in text
     assert "lateral_var_per_m" not in text
@@ -71,9 +61,9 @@ def test_people_get_a_table(files, capsys):
     assert "each fifth of the drives predicted from the other four" in text
 
 
-def test_one_part_of_a_drive_can_be_checked_on_the_other(files, capsys):
-    run(*files[:2], *FEW, "--check-from", "0.6", "--positions-only", "--time-offset-s", "0", "--json")
-    answer = json.loads(capsys.readouterr().out)
+def test_one_part_of_a_drive_can_be_checked_on_the_other(files, run):
+    words = ("--check-from", "0.6", "--positions-only", "--time-offset-s", "0", "--json")
+    answer = json.loads(run("fit", *files[:2], *FEW, *words).out)
     assert list(answer["checks"]) == ["the rest of the drives"]
     first = np.loadtxt(files[0], delimiter=",", skiprows=1)
     first = first[first[:, 0] <= 0.6 * first[-1, 0]]
@@ -83,32 +73,29 @@ def test_one_part_of_a_drive_can_be_checked_on_the_other(files, capsys):
     assert answer["time_offsets_s"] == [0.0]
 
 
-def test_columns_can_be_named(files, tmp_path, capsys):
+def test_columns_can_be_named(files, tmp_path, run):
     table = np.loadtxt(files[0], delimiter=",", skiprows=1)
     np.savetxt(tmp_path / "odd.txt", table[:, [3, 1, 2, 0]])
-    run(tmp_path / "odd.txt", files[1], *FEW, "--odometry-columns", "heading,x,y,time", "--json")
-    odd = json.loads(capsys.readouterr().out)
-    run(*files[:2], *FEW, "--json")
-    assert odd["noise"] == pytest.approx(json.loads(capsys.readouterr().out)["noise"], rel=1e-6, abs=1e-12)
+    named = ("--odometry-columns", "heading,x,y,time", "--json")
+    odd = json.loads(run("fit", tmp_path / "odd.txt", files[1], *FEW, *named).out)
+    plain = json.loads(run("fit", *files[:2], *FEW, "--json").out)
+    assert odd["noise"] == pytest.approx(plain["noise"], rel=1e-6, abs=1e-12)
 
 
-def test_wrong_arguments_are_refused(files, tmp_path, capsys):
-    with pytest.raises(ValueError, match="expected files in pairs, ODOM TRUTH ODOM TRUTH"):
-        run(*files[:3])
-    with pytest.raises(ValueError, match="expected files in pairs"):
-        run(*files[:2], "--check", files[2])
-    with pytest.raises(ValueError, match=r"expected --check-from in \(0, 1\), got 1.5"):
-        run(*files[:2], "--check-from", "1.5")
-    with pytest.raises(ValueError, match="expected parameters from"):
-        run(*files[:2], "--parameters", "slip")
-    with pytest.raises(TrajectoryError, match="No such file"):
-        run(tmp_path / "nowhere.csv", files[1])
-    for words, said in (
-        (["--lengths-m", "one"], "expected lengths M,M,... in metres"),
-        (["--yaml", tmp_path / "nowhere" / "noise.yaml"], "there is no folder"),
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--check", "odom1.csv"], "expected files in pairs, ODOM TRUTH ODOM TRUTH"),
+        (["--check-from", "1.5"], r"expected --check-from in \(0, 1\), got 1.5"),
+        (["--parameters", "slip"], "expected parameters from"),
+        (["--check", "nowhere.csv", "truth1.csv"], "nowhere.csv: .*No such file"),
+        (["--lengths-m", "one"], "expected M,M,... in metres"),
+        (["--yaml", "nowhere/noise.yaml"], "there is no folder"),
         (["--odometry-kind", "wheels"], "invalid choice"),
-    ):
-        with pytest.raises(SystemExit):
-            run(*files[:2], *words)
-        assert said in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
+    ],
+)
+def test_wrong_arguments_are_refused(refused, files, monkeypatch, words, said):
+    monkeypatch.chdir(files[0].parent)
+    there = set(files[0].parent.iterdir())
+    refused("fit", *files[:2], *words, match=said)
+    assert set(files[0].parent.iterdir()) == there

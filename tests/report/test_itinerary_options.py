@@ -1,6 +1,5 @@
 """The options of `driftplan plan` about beacons: what is asked is what is planned, and all of it is said."""
 
-import argparse
 import json
 import math
 
@@ -10,8 +9,8 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.layouts.layout_files import beacons_geojson
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.itinerary.itinerary import Itinerary
-from driftplan.report.cli_options import add_planning_options
-from driftplan.report.itinerary_options import add_itinerary_options, itinerary_as_json, itinerary_text, planned_route
+from driftplan.report.cli import build_parser
+from driftplan.report.commands.plan import itinerary_as_json, itinerary_text, planned_route
 from driftplan.world.world import World
 
 NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.1, after_m=10.0)
@@ -21,10 +20,7 @@ BEACONS = [Beacon(SIGN, 18, 17, id="A"), Beacon(SIGN, 30, 18, id="B"), Beacon(SI
 
 
 def asked(*words):
-    parser = argparse.ArgumentParser()
-    add_planning_options(parser, ends="required")
-    add_itinerary_options(parser)
-    return parser.parse_args(["--start", "3,10", "--goal", "57,10", *words])
+    return build_parser().parse_args(["plan", "hall", "--start", "3,10", "--goal", "57,10", *words])
 
 
 def test_beacons_from_a_file_hold_the_limit_that_is_asked_for(tmp_path):

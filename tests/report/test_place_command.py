@@ -1,13 +1,10 @@
 """driftplan place: its answer, its files, its words."""
 
-import argparse
 import json
 
 import pytest
 
-from driftplan.errors import InfeasibleError
 from driftplan.layouts.layout_files import load_beacons
-from driftplan.report.place_command import add_parser, place
 
 MAP = {
     "type": "FeatureCollection",
@@ -27,26 +24,22 @@ MAP = {
 
 
 @pytest.fixture
-def run(tmp_path, capsys):
-    """Runs the subcommand on a small map with two routes; returns stdout and stderr."""
+def files(tmp_path):
+    """A small map with two routes."""
     (tmp_path / "map.geojson").write_text(json.dumps(MAP))
     (tmp_path / "a.csv").write_text("x,y\n1,1.5\n39,1.5\n39,8.5\n")
     (tmp_path / "b.csv").write_text("x,y\n39,8.5\n1,8.5\n")
-    files = [str(tmp_path / name) for name in ("map.geojson", "a.csv", "b.csv")]
-
-    def run(*words):
-        parser = argparse.ArgumentParser()
-        add_parser(parser.add_subparsers(dest="command"))
-        args = parser.parse_args(["place", *files, *(str(w) for w in words)])
-        place(args)
-        return capsys.readouterr()
-
-    run.folder = tmp_path
-    return run
+    return [tmp_path / name for name in ("map.geojson", "a.csv", "b.csv")]
 
 
-def test_a_table_and_a_sentence_on_stdout_and_talk_on_stderr(run):
-    said = run("--max-drift", 0.5)
+@pytest.fixture
+def place(files, run):
+    """Runs the subcommand; gives what it printed, and the exit code."""
+    return lambda *words: run("place", *files, *words)
+
+
+def test_a_table_and_a_sentence_on_stdout_and_talk_on_stderr(place):
+    said = place("--max-drift", 0.5)
     routes, beacons, words = said.out.strip().split("\n\n")
     assert [line.split()[0] for line in routes.splitlines()] == ["route", "0", "1"]
     assert "routes served" in beacons.splitlines()[0]
@@ -57,17 +50,17 @@ def test_a_table_and_a_sentence_on_stdout_and_talk_on_stderr(run):
     assert "placing" not in said.out
 
 
-def test_with_a_confidence_it_is_the_radius_that_is_told(run):
-    said = run("--max-drift", 1.0, "--confidence", 0.9, "--kind", "landmark", "--spacing-m", 3).out
+def test_with_a_confidence_it_is_the_radius_that_is_told(place):
+    said = place("--max-drift", 1.0, "--confidence", 0.9, "--kind", "landmark", "--spacing-m", 3).out
     assert "worst 90 % radius m" in said
     assert "90 % radius if dead m" in said
     assert "drift" not in said
 
 
-def test_json_says_the_same_as_the_files(run):
-    csv, geojson, png = (run.folder / f"layout.{kind}" for kind in ("csv", "geojson", "png"))
+def test_json_says_the_same_as_the_files(place, tmp_path):
+    csv, geojson, png = (tmp_path / f"layout.{kind}" for kind in ("csv", "geojson", "png"))
     said = json.loads(
-        run("--max-drift", 0.5, "--kind", "landmark", "--json", "--csv", csv, "--geojson", geojson, "--png", png).out
+        place("--max-drift", 0.5, "--kind", "landmark", "--json", "--csv", csv, "--geojson", geojson, "--png", png).out
     )
     layout = said["layout"]
     assert said["command"] == "place"
@@ -81,53 +74,52 @@ def test_json_says_the_same_as_the_files(run):
     assert png.read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_layout_can_be_extended_by_a_stricter_limit(run):
-    first = run.folder / "first.geojson"
-    run("--max-drift", 0.8, "--geojson", first)
-    more = json.loads(run("--max-drift", 0.5, "--existing", first, "--spacing-m", 2, "--json").out)["layout"]
+def test_a_layout_can_be_extended_by_a_stricter_limit(place, tmp_path):
+    first = tmp_path / "first.geojson"
+    place("--max-drift", 0.8, "--geojson", first)
+    more = json.loads(place("--max-drift", 0.5, "--existing", first, "--spacing-m", 2, "--json").out)["layout"]
     assert sum(not b["new"] for b in more["beacons"]) == len(load_beacons(first))
     assert more["cost"] == sum(b["new"] for b in more["beacons"]) > 0
 
 
-def test_the_trade_off_is_a_table_json_and_a_picture(run):
-    png = run.folder / "curve.png"
-    table = run("--tradeoff", 2, "--spacing-m", 3, "--png", png).out
+def test_the_trade_off_is_a_table_json_and_a_picture(place, tmp_path):
+    png = tmp_path / "curve.png"
+    table = place("--tradeoff", 2, "--spacing-m", 3, "--png", png).out
     assert table.splitlines()[0].split()[0] == "beacons"
     assert png.read_bytes().startswith(b"\x89PNG")
-    curve = json.loads(run("--tradeoff", 2, "--spacing-m", 3, "--json").out)["tradeoff"]
+    curve = json.loads(place("--tradeoff", 2, "--spacing-m", 3, "--json").out)["tradeoff"]
     drifts = [point["worst_drift_m"] for point in curve]
     assert drifts == sorted(drifts, reverse=True)
     assert len(table.splitlines()) == 1 + len(curve)
 
 
-def test_a_number_of_beacons_without_a_limit_asks_for_the_least_drift(run):
-    said = json.loads(run("--max-beacons", 2, "--spacing-m", 3, "--json").out)["layout"]
+def test_a_number_of_beacons_without_a_limit_asks_for_the_least_drift(place):
+    said = json.loads(place("--max-beacons", 2, "--spacing-m", 3, "--json").out)["layout"]
     assert len(said["beacons"]) <= 2
     assert 0 < said["drift_bound_m"] <= said["worst_drift_m"]
 
 
 @pytest.mark.parametrize("sites", ["walls", "routes"])
-def test_sites_may_be_on_walls_or_routes(run, sites):
-    said = json.loads(run("--max-drift", 0.5, "--sites", sites, "--range-m", 2, "--json").out)["layout"]
+def test_sites_may_be_on_walls_or_routes(place, sites):
+    said = json.loads(place("--max-drift", 0.5, "--sites", sites, "--range-m", 2, "--json").out)["layout"]
     distance = [b["nearest_wall_m"] for b in said["beacons"]]
     assert all((d < 1e-9) == (sites == "walls") for d in distance)
 
 
-def test_candidates_may_be_points_or_beacons_with_kinds_of_their_own(run):
-    points, beacons = run.folder / "points.csv", run.folder / "beacons.geojson"
+def test_candidates_may_be_points_or_beacons_with_kinds_of_their_own(place, tmp_path):
+    points, beacons = tmp_path / "points.csv", tmp_path / "beacons.geojson"
     points.write_text("x,y\n" + "".join(f"{x},{y}\n" for x in range(2, 40, 3) for y in (1.5, 8.5)))
-    run(
+    place(
         "--max-drift", 0.6, "--candidates", points, "--kind", "landmark", "--heading-std-deg", 0.5, "--geojson", beacons
     )
     chosen = load_beacons(beacons)
     assert all((b.x - 2) % 3 == 0 for b in chosen)
-    again = json.loads(run("--max-drift", 0.6, "--candidates", beacons, "--json").out)["layout"]
+    again = json.loads(place("--max-drift", 0.6, "--candidates", beacons, "--json").out)["layout"]
     assert {b["id"] for b in again["beacons"]} == {b.id for b in chosen}
 
 
-def test_what_cannot_be_done_is_the_librarys_error(run):
-    with pytest.raises(InfeasibleError, match="route 0, from"):
-        run("--max-drift", 0.12, "--range-m", 0.6)
+def test_what_cannot_be_done_has_an_exit_code_of_its_own(refused, files):
+    refused("place", *files, "--max-drift", 0.12, "--range-m", 0.6, match="route 0, from", code=3)
 
 
 @pytest.mark.parametrize(
@@ -140,6 +132,5 @@ def test_what_cannot_be_done_is_the_librarys_error(run):
         (("--max-drift", 1, "--range-m", 0), "expected range_m > 0"),
     ],
 )
-def test_bad_input_is_refused(run, words, said):
-    with pytest.raises(ValueError, match=said):
-        run(*words)
+def test_bad_input_is_refused(refused, files, words, said):
+    refused("place", *files, *words, match=said)

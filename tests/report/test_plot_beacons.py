@@ -10,8 +10,8 @@ from driftplan.layouts.place import beacon_tradeoff, place_beacons
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
-from driftplan.report.cli_output import figure_png
-from driftplan.report.plot_beacons import (
+from driftplan.report.commands.answer import figure_png
+from driftplan.report.figures.layouts import (
     layout_figure,
     plot_importance,
     plot_layout,

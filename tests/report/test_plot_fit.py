@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from driftplan.model.calibration.fit import fit_noise
 from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
-from driftplan.report.plot_fit import plot_coverage, plot_fit, plot_growth, plot_predicted
+from driftplan.report.figures.fits import plot_coverage, plot_fit, plot_growth, plot_predicted
 
 NOISE = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3)
 PATH = 10 * [(0, 0), (6, 0), (6, 4), (1, 4)]

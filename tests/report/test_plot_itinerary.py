@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.itinerary.itinerary import plan_itinerary
 from driftplan.planning.itinerary.pareto import knee, pareto_routes
-from driftplan.report.plot_itinerary import plot_beacons, plot_itinerary, plot_pareto
+from driftplan.report.figures.itinerary import plot_itinerary, plot_pareto
+from driftplan.report.figures.maps import plot_beacons
 from driftplan.world.world import World
 
 NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.1, after_m=10.0)
@@ -25,15 +27,19 @@ def itinerary():
 
 def test_beacons_counted_on_look_different_from_the_others():
     ax = Figure().subplots()
-    used, others = plot_beacons(BEACONS, ax=ax, used=BEACONS[:3])
-    assert (len(used.get_paths()), len(others.get_paths())) == (3, 1)
-    assert not np.array_equal(used.get_facecolor(), others.get_facecolor())
+    drawn = plot_beacons(BEACONS, ax=ax, used=BEACONS[:3])
+    others, used = drawn.marks
+    assert [len(line.get_xdata()) for line in (used, others)] == [3, 1]
+    assert used.get_marker() != others.get_marker()
+    assert [disc.center for disc in drawn.ranges] == [(b.x, b.y) for b in (BEACONS[3], *BEACONS[:3])]
+    assert [disc.get_facecolor()[3] > 0 for disc in drawn.ranges] == [False, True, True, True]
 
 
 def test_the_figure_of_an_itinerary_shows_route_beacons_and_limit(itinerary):
     figure = plot_itinerary(HALL, itinerary, BEACONS)
     on_map, on_drift = figure.axes
-    assert len(on_map.collections[0].get_paths()) == len(itinerary.beacons)
+    discs = [patch for patch in on_map.patches if isinstance(patch, Circle) and patch.get_facecolor()[3] > 0]
+    assert len(discs) == len(itinerary.beacons)
     assert any(np.array_equal(line.get_ydata(), [2.0, 2.0]) for line in on_drift.lines)
     top = max(line.get_ydata().max() for line in on_drift.lines if len(line.get_ydata()) > 2)
     assert top == pytest.approx(itinerary.worst_drift, rel=1e-3)

@@ -13,14 +13,11 @@ from matplotlib.patches import Ellipse
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
-from driftplan.report.ellipses import error_ellipse
-from driftplan.report.plotting import (
-    ROUTE_STYLES,
-    plot_comparison,
-    plot_drift,
-    plot_route,
-    plot_world,
-)
+from driftplan.report.figures.comparison import plot_comparison
+from driftplan.report.figures.drift import plot_drift
+from driftplan.report.figures.ellipses import error_ellipse
+from driftplan.report.figures.maps import plot_route, plot_world
+from driftplan.report.figures.style import ROUTE_STYLES
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 

@@ -2,6 +2,7 @@
 
 problem                         sites, costs, demands and caps, as the core wants them
 placement_diagnosis             why there is no layout, in words
+limit_search                    the cheapest cover for a limit, and the least limit that has one
 failures                        the drift with beacons dead
 
 How the search goes: `tracks` turns routes into arrays of pieces and possible readings; `requirements` says what a limit

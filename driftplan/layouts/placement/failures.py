@@ -32,7 +32,7 @@ def worst_of_failures(scenario: Scenario, beacons: Sequence[Beacon], least_limit
     if scenario.confidence is not None:
         routes = range(number)
         return np.array([max(scenario.worst(drift) for _, drift in failures(scenario, beacons, r)) for r in routes])
-    tracks, worst = _tracks(scenario, beacons, least_limit_m), np.zeros(number)
+    tracks, worst = tracks_of(scenario, beacons, least_limit_m), np.zeros(number)
     spans, everyone = Spans(tracks), np.ones(len(beacons), dtype=bool)
     for some in np.array_split(np.arange(number), -(-number // _MAX_ROUTES_AT_ONCE)):
         drives = drives_of(tracks, everyone, some, scenario.redundancy)
@@ -48,7 +48,7 @@ def worst_without(
         return [scenario.worst(scenario.drift(r, [*beacons[:k], *beacons[k + 1 :]])) for k, r in cases]
     if not cases:
         return []
-    tracks = _tracks(scenario, beacons, least_limit_m)
+    tracks = tracks_of(scenario, beacons, least_limit_m)
     events = [np.arange(len(tracks.site))[tracks.events_of(r)] for _, r in cases]
     events = [e[tracks.site[e] != k] for e, (k, _) in zip(events, cases, strict=True)]
     drive = np.repeat(np.arange(len(cases)), [len(e) for e in events])
@@ -56,8 +56,8 @@ def worst_without(
     return [float(x) for x in np.sqrt(worst_squares(Spans(tracks), drives))]
 
 
-def _tracks(scenario: Scenario, beacons: Sequence[Beacon], least_limit_m: float) -> Tracks:
-    """The routes with the readings of these beacons only."""
+def tracks_of(scenario: Scenario, beacons: Sequence[Beacon], least_limit_m: float) -> Tracks:
+    """The routes and the readings of these beacons on them."""
     return lay_tracks(
         scenario.routes,
         scenario.noise,

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Bools
-from driftplan.layouts.placement.covering import Cover, Outcome, cheapest_cover
+from driftplan.layouts.placement.covering import Cover, Outcome
 from driftplan.layouts.placement.failures import failures, worst_of_failures
+from driftplan.layouts.placement.limit_search import LeastFactor, LimitSearch
 from driftplan.layouts.placement.problem import PlacementProblem
 from driftplan.layouts.placement.requirements import DriftRequirements
-from driftplan.layouts.placement.tracks import Tracks
 
 _MAX_NEAREST_SITES = 3  # sites that are named
 _MAX_NAMED_BEACONS = 6  # beacons of the layout that comes nearest
@@ -30,8 +28,9 @@ class Obstacle(NamedTuple):
     sites: tuple[int, ...]  # those that come nearest to it, best first
 
 
-def explain(problem: PlacementProblem, tracks: Tracks, limits: Sequence[float], cover: Cover, time_limit: float) -> str:
+def explain(search: LimitSearch, limits: Sequence[float], cover: Cover) -> str:
     """What to tell the user when ``cover`` has no layout."""
+    problem = search.problem
     if cover.outcome is not Outcome.INFEASIBLE:
         ruled_out = f" (one would cost at least {cover.lower_bound:g})" if cover.lower_bound > 0 else ""
         return (
@@ -40,9 +39,8 @@ def explain(problem: PlacementProblem, tracks: Tracks, limits: Sequence[float], 
         )
     if cover.hopeless is not None and cover.hopeless.where[0] == -2:
         return f"group {cover.hopeless.where[1]} demands more beacons than it has sites outside the forbidden areas"
-    requirements = problem.requirements(tracks, limits)
     if cover.hopeless is not None:
-        found = obstacle(problem, requirements, *cover.hopeless.where)
+        found = obstacle(problem, problem.requirements(search.tracks, limits), *cover.hopeless.where)
         named = ", ".join(
             f"{problem.sites[i].id} at ({problem.sites[i].x:g}, {problem.sites[i].y:g})" for i in found.sites
         )
@@ -56,20 +54,14 @@ def explain(problem: PlacementProblem, tracks: Tracks, limits: Sequence[float], 
             f"{found.least_drift:.3g} m{helped}"
         )
     if problem.rules:
-        free = cheapest_cover(
-            problem.cost,
-            requirements,
-            demands=[*problem.demands, *requirements.rows()],
-            fixed=problem.fixed,
-            time_limit=time_limit,
-        )
+        free = search.cover(limits, ruled=False)
         if free.chosen is not None:
             number = int((free.chosen & ~problem.fixed).sum())
             return (
                 f"no layout keeps the limit together with {', '.join(problem.rules)}; without them it takes {number} "
                 f"beacons of cost {free.cost:g} (proven: at least {free.lower_bound:g})"
             )
-    return _words_about(problem, limits, *nearest_layout(problem, tracks, limits, time_limit))
+    return _words_about(problem, limits, search.least_factor(limits, problem.fixed, 1.0, _FACTOR_TOLERANCE))
 
 
 def obstacle(problem: PlacementProblem, requirements: DriftRequirements, route: int, slot: int) -> Obstacle:
@@ -100,47 +92,9 @@ def _nearest(requirements: DriftRequirements, route: int, slot: int, redundancy:
     return float(np.sqrt(min(at_start, least))), tuple(site[order][:_MAX_NEAREST_SITES].tolist())
 
 
-def nearest_layout(
-    problem: PlacementProblem, tracks: Tracks, limits: Sequence[float], time_limit: float
-) -> tuple[Bools, bool]:
-    """The layout that exceeds its limits by the least factor, to `_FACTOR_TOLERANCE`; and whether nothing less will do.
-
-    By bisection over the factor, in at most the given seconds.
-    """
-    ends = time.monotonic() + time_limit
-    best = problem.fixed
-    low, high, proven = 1.0, _excess(problem, limits, best), True
-    while high - low > _FACTOR_TOLERANCE * high:
-        factor = 0.5 * (low + high)
-        requirements = problem.requirements(tracks, [factor * limit for limit in limits])
-        found = cheapest_cover(
-            problem.cost,
-            requirements,
-            demands=[*problem.demands, *requirements.rows()],
-            caps=problem.caps,
-            fixed=problem.fixed,
-            stop_at_first=True,
-            time_limit=max(ends - time.monotonic(), 0.01),
-        )
-        if found.chosen is not None:
-            best, high = found.chosen, min(_excess(problem, limits, found.chosen), factor)
-        elif found.outcome is Outcome.INFEASIBLE:
-            low = factor
-        else:
-            proven = False
-            break
-    return best, proven
-
-
-def _excess(problem: PlacementProblem, limits: Sequence[float], chosen: Bools) -> float:
-    """The greatest drift over its limit, on any route, with the worst deaths."""
-    worst = worst_of_failures(problem.scenario, [problem.sites[i] for i in np.flatnonzero(chosen)], min(limits))
-    return float((worst / np.array(limits)).max())
-
-
-def _words_about(problem: PlacementProblem, limits: Sequence[float], chosen: Bools, proven: bool) -> str:
+def _words_about(problem: PlacementProblem, limits: Sequence[float], nearest: LeastFactor) -> str:
     """The words about the layout that comes nearest: where it breaks, by how much, and on which beacons."""
-    scenario, beacons = problem.scenario, [problem.sites[i] for i in np.flatnonzero(chosen)]
+    scenario, beacons = problem.scenario, [problem.sites[i] for i in np.flatnonzero(nearest.chosen)]
     over = worst_of_failures(scenario, beacons, min(limits)) / np.array(limits)
     r = int(np.argmax(over))
     dead, drift = max(failures(scenario, beacons, r), key=lambda pair: scenario.worst(pair[1]))
@@ -152,8 +106,8 @@ def _words_about(problem: PlacementProblem, limits: Sequence[float], chosen: Boo
     )
     lost = f" with {' and '.join(b.id for b in dead)} dead" if dead else ""
     helped = f", with {named} on this route" if named else ""
+    reached = "the least that can be reached" if nearest.proven else "the best found"
     return (
         f"route {r}, from {where[0]:.2f} m to {where[-1]:.2f} m: no combination of the sites keeps all limits; "
-        f"{'the least that can be reached' if proven else 'the best found'} is {over[r] * limits[r]:.3g} m there{lost} "
-        f"against a limit of {limits[r]:g} m{helped}"
+        f"{reached} is {over[r] * limits[r]:.3g} m there{lost} against a limit of {limits[r]:g} m{helped}"
     )

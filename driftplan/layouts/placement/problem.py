@@ -10,9 +10,10 @@ import numpy as np
 from driftplan.arrays import Bools, Floats, Ints, not_negative, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.layouts.placement.cut_pool import Cut
+from driftplan.layouts.placement.failures import tracks_of
 from driftplan.layouts.placement.hops import Limit
 from driftplan.layouts.placement.requirements import DriftRequirements
-from driftplan.layouts.placement.tracks import Tracks, lay_tracks
+from driftplan.layouts.placement.tracks import Tracks
 from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import SiteGroup, Sites
 
@@ -41,15 +42,7 @@ class PlacementProblem:
 
     def tracks(self, least_limit_m: float) -> Tracks:
         """The routes and the readings of all sites on them."""
-        scenario = self.scenario
-        return lay_tracks(
-            scenario.routes,
-            scenario.noise,
-            self.sites,
-            scenario.world,
-            start_fix=scenario.start_fix,
-            least_limit_m=least_limit_m,
-        )
+        return tracks_of(self.scenario, self.sites, least_limit_m)
 
     def requirements(self, tracks: Tracks, limits_m: Sequence[float]) -> DriftRequirements:
         """What the limits, one per route, demand."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from driftplan.model.calibration.fit import NoiseFit
 from driftplan.model.calibration.segment_check import LEVELS, SegmentCheck
-from driftplan.report.plotting import ROUTE_STYLES
+from driftplan.report.figures.style import ROUTE_STYLES, current_axes, legend_below, new_figure, quiet_grid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,21 +35,17 @@ def plot_fit(
     figure : Figure, optional
         An empty figure to draw into; default: a new one that knows nothing of pyplot.
     """
-    from matplotlib.figure import Figure
-
     checks = {FITTED: fit.check, **(others or {})}
     headed = fit.check.has_heading
     panels = 4 if headed else 3
-    if figure is None:
-        figure = Figure(figsize=(4.2 * panels, 4.4), layout="constrained", dpi=150)
+    figure = new_figure(figure, 4.2 * panels, 4.4)
     axes = list(figure.subplots(1, panels))
     plot_growth(fit, others, ax=axes[0])
     if headed:
         plot_growth(fit, others, heading=True, ax=axes[1])
     plot_predicted(checks, ax=axes[-2])
     plot_coverage(checks, ax=axes[-1])
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4), frameon=False)
+    legend_below(figure, axes[0].get_legend_handles_labels()[0])
     return figure
 
 
@@ -73,7 +69,7 @@ def plot_growth(
     ax : Axes, optional
         Default: pyplot's current Axes.
     """
-    ax = _current_axes() if ax is None else ax
+    ax = current_axes(ax)
     bands = fit.heading_rms_intervals if heading else np.array([r.predicted_rms_interval_m for r in fit.check.lengths])
     if bands is None:
         raise ValueError("expected a fit with measured headings, got one of positions alone")
@@ -134,7 +130,7 @@ def plot_predicted(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None
     ax : Axes, optional
         Default: pyplot's current Axes.
     """
-    ax = _current_axes() if ax is None else ax
+    ax = current_axes(ax)
     drawn, sizes = [], []
     for (label, check), style in zip(checks.items(), cycle(ROUTE_STYLES)):
         predicted, measured = _predicted(check, False), _measured(check, False)
@@ -165,7 +161,7 @@ def plot_coverage(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None)
     ax : Axes, optional
         Default: pyplot's current Axes.
     """
-    ax = _current_axes() if ax is None else ax
+    ax = current_axes(ax)
     drawn = []
     lines: Sequence[Any] = ("-", "--", ":")
     for level, line in zip(LEVELS, lines, strict=True):
@@ -215,11 +211,4 @@ def _tidy(ax: Axes) -> None:
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axis.set_minor_formatter(NullFormatter())
-    ax.grid(visible=True, which="major", color="0.9", linewidth=0.6)
-    ax.set_axisbelow(True)
-
-
-def _current_axes() -> Axes:
-    from matplotlib import pyplot
-
-    return pyplot.gca()
+    quiet_grid(ax)

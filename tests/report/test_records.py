@@ -11,7 +11,7 @@ import pytest
 from driftplan.files import write_files
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
-from driftplan.report.cli_output import drift_as_json, drift_geojson, drift_table, json_text, path_csv
+from driftplan.report.records import drift_as_json, drift_geojson, drift_table, json_text, path_csv
 from driftplan.world.trajectories import read_path
 
 NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.1, after_m=10.0)

@@ -1,8 +1,4 @@
-"""Beacon layouts drawn: on the map, as a sawtooth of drift against distance, as a trade-off curve, as importance bars.
-
-As in `driftplan.report.plotting`: numbers are computed apart from drawing, artists are returned, nothing is shown or
-saved, and no global setting of matplotlib is touched.
-"""
+"""Beacon layouts: on the map, as a sawtooth of drift against distance, as a trade-off curve, as importance bars."""
 
 from __future__ import annotations
 
@@ -13,8 +9,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from driftplan.arrays import Floats
-from driftplan.layouts.layout import Layout
-from driftplan.report.plotting import ROUTE_STYLES, plot_world
+from driftplan.report.figures.maps import plot_beacons, plot_world
+from driftplan.report.figures.style import (
+    BEACON_COLOUR,
+    LEGEND_ABOVE,
+    LIMIT,
+    OTHER_BEACON_COLOUR,
+    OTHER_ROUTE,
+    ROUTE_STYLES,
+    current_axes,
+    in_metres,
+    new_figure,
+    quiet_grid,
+)
+from driftplan.tables import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,14 +32,10 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
+    from driftplan.layouts.layout import Layout
 
-_NEW = "#D55E00"
-_OLD = "#555555"
-_LIMIT: dict[str, Any] = {"color": "#B00020", "linestyle": (0, (5, 2)), "linewidth": 1.2}
-_ABOVE: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "frameon": False, "fontsize": 8}
-_SHOWN_ROUTES = 5  # sawtooth lines with a style of their own; others are grey
-_SHOWN_BARS = 25
-_SHOWN_IDS = 40  # with more beacons on a map their names would cover each other
+_MAX_ROUTES = 5  # sawtooth lines with a style of their own; others are grey
+_MAX_BARS = 25
 _SPACING_M = 0.25
 
 
@@ -68,9 +72,8 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
         Go to the routes' LineCollection untouched.
     """
     from matplotlib.collections import LineCollection
-    from matplotlib.patches import Circle
 
-    ax = _current_axes() if ax is None else ax
+    ax = current_axes(ax)
     if layout.scenario.world is not None:
         plot_world(layout.scenario.world, ax=ax)
     segments, drift = route_segments(layout)
@@ -81,29 +84,14 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
     routes.set_array(drift[order])
     routes.set_clim(0.0, max(layout.max_drift))
     ax.add_collection(routes)
-    ranges: list[Patch] = []
-    beacons: list[Line2D] = []
-    for colour, marker, label, some in (
-        (_OLD, "s", "existing beacon", layout.existing),
-        (_NEW, "^", "new beacon", layout.beacons),
-    ):
-        for beacon in some:
-            face: dict[str, Any] = {"facecolor": (colour, 0.15), "edgecolor": colour, "linewidth": 0.8, "zorder": 2}
-            circle = Circle((beacon.x, beacon.y), beacon.kind.range_m, **face)
-            ranges.append(ax.add_patch(circle))
-            if len(layout.beacons) + len(layout.existing) <= _SHOWN_IDS:
-                ax.annotate(beacon.id, (beacon.x, beacon.y), (4, 4), textcoords="offset points", fontsize=7, zorder=5)
-        if some:
-            xy = np.array([b.xy for b in some])
-            dots: dict[str, Any] = {"linestyle": "none", "markersize": 8, "zorder": 4, "markeredgecolor": "white"}
-            beacons += ax.plot(xy[:, 0], xy[:, 1], marker=marker, color=colour, label=label, **dots)
-    ax.set(xlabel="x (m)", ylabel="y (m)")
-    ax.set_aspect("equal", adjustable="box")
+    everyone = (*layout.existing, *layout.beacons)
+    beacons = plot_beacons(everyone, ax=ax, used=layout.beacons, labels=("new beacon", "existing beacon"))
+    in_metres(ax)
     if layout.scenario.world is None:
         ax.autoscale_view()
     if colorbar:
         ax.figure.colorbar(routes, ax=ax, label=_score_label(layout), fraction=0.035, pad=0.02)
-    return LayoutArtists(routes, ranges, beacons)
+    return LayoutArtists(routes, beacons.ranges, beacons.marks)
 
 
 def _drift_colours() -> Any:
@@ -135,24 +123,23 @@ def plot_sawtooth(
     list of Line2D
         Those of ``routes``, in order.
     """
-    ax = _current_axes() if ax is None else ax
+    ax = current_axes(ax)
     share = np.array(layout.worst_drifts) / np.array(layout.max_drift)
-    chosen = list(np.argsort(-share, kind="stable")[:_SHOWN_ROUTES]) if routes is None else list(routes)
+    chosen = list(np.argsort(-share, kind="stable")[:_MAX_ROUTES]) if routes is None else list(routes)
     lines: list[Line2D] = []
-    grey: dict[str, Any] = {"color": "0.8", "linewidth": 0.6, "zorder": 1}
     for r in range(len(layout.drifts)) if routes is None else ():
         if r not in chosen:
-            ax.plot(*_profile(layout, r), **grey)
+            ax.plot(*_profile(layout, r), **OTHER_ROUTE)
     for r, style in zip(chosen, cycle(ROUTE_STYLES)):
         plain = {key: value for key, value in style.items() if key != "marker"}
         look = {"linewidth": 1.5, "zorder": 3, "label": f"route {r}", **plain, **line_kwargs}
         lines += ax.plot(*_profile(layout, int(r)), **look)
     for limit in sorted({layout.max_drift[int(r)] for r in chosen}):
-        ax.axhline(limit, label=f"limit {limit:.3g} m", **_LIMIT, zorder=2)
+        ax.axhline(limit, label=f"limit {limit:.3g} m", **LIMIT)
     ax.set(xlabel="distance driven (m)", ylabel=_score_label(layout))
     ax.set_xlim(left=0.0)
     ax.set_ylim(bottom=0.0)
-    ax.legend(**_ABOVE, ncols=3)
+    ax.legend(**LEGEND_ABOVE, ncols=3)
     return lines
 
 
@@ -166,7 +153,7 @@ def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwa
     """
     from matplotlib.ticker import MaxNLocator
 
-    ax = _current_axes() if ax is None else ax
+    ax = current_axes(ax)
     if not curve:
         raise ValueError("expected a trade-off curve of at least one layout, got none")
     drift, count = np.array([x.worst_drift for x in curve]), np.array([len(x.beacons) for x in curve])
@@ -189,8 +176,7 @@ def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwa
     ax.set(xlabel=f"limit on the {_score_label(curve[0])}", ylabel="fewest beacons")
     ax.set_ylim(bottom=0.0)
     ax.yaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.grid(visible=True, color="0.9", linewidth=0.6)
-    ax.set_axisbelow(True)
+    quiet_grid(ax)
     ax.legend(loc="upper right", fontsize=8)
     return line
 
@@ -200,39 +186,35 @@ def plot_importance(layout: Layout, *, ax: Axes | None = None, **bar_kwargs: Any
 
     Beacons whose failure hurts most are on top; of more than 25 the others are left out.
     """
-    ax = _current_axes() if ax is None else ax
-    said = [x for x in layout.importance if x.routes]
-    said = sorted(said, key=lambda x: -x.worst_single_failure)[:_SHOWN_BARS]
-    hurt = [x.worst_single_failure for x in said]
+    ax = current_axes(ax)
+    served = [x for x in layout.importance if x.routes]
+    shown = sorted(served, key=lambda x: -x.worst_single_failure)[:_MAX_BARS]
     old = {b.id for b in layout.existing}
-    look: dict[str, Any] = {"color": [_OLD if x.beacon.id in old else _NEW for x in said], "alpha": 0.85, **bar_kwargs}
-    bars = ax.barh(np.arange(len(said)), hurt, **look)
-    ax.set_yticks(np.arange(len(said)), [x.beacon.id for x in said], fontsize=7)
+    colours = [OTHER_BEACON_COLOUR if x.beacon.id in old else BEACON_COLOUR for x in shown]
+    look: dict[str, Any] = {"color": colours, "alpha": 0.85, **bar_kwargs}
+    bars = ax.barh(np.arange(len(shown)), [x.worst_single_failure for x in shown], **look)
+    ax.set_yticks(np.arange(len(shown)), [x.beacon.id for x in shown], fontsize=7)
     ax.invert_yaxis()
     limit = min(layout.max_drift)
-    ax.axvline(limit, **_LIMIT, label=f"limit {limit:.3g} m")
+    ax.axvline(limit, **LIMIT, label=f"limit {limit:.3g} m")
     ax.set(xlabel=f"{_score_label(layout)} if this beacon is dead", ylabel="beacon")
-    ax.legend(**_ABOVE)
+    ax.legend(**LEGEND_ABOVE)
     return bars
 
 
 def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
     """The layout on its map, the sawtooth of its routes and the importance of its beacons, in one figure."""
-    from matplotlib.figure import Figure
-
     xy = np.concatenate([drift.xy for drift in layout.drifts])
     low, high = xy.min(axis=0), xy.max(axis=0)
     box = (*low, *high) if layout.scenario.world is None else layout.scenario.world.bounds
     shape = min(max((box[3] - box[1]) / max(box[2] - box[0], 1e-9), 0.25), 1.5)
-    if figure is None:
-        figure = Figure(figsize=(12.0, 12.0 * shape * 0.85 + 4.2), layout="constrained", dpi=150)
+    figure = new_figure(figure, 12.0, 12.0 * shape * 0.85 + 4.2)
     grid = figure.add_gridspec(2, 2, height_ratios=(12.0 * shape * 0.85, 3.6), width_ratios=(2.0, 1.0))
     on_map = figure.add_subplot(grid[0, :])
     plot_layout(layout, ax=on_map)
-    number = len(layout.beacons)
     proof = "proven fewest" if layout.proven else f"at least {layout.lower_bound:g} needed"
     on_map.set_title(
-        f"{number} beacon{'' if number == 1 else 's'} of cost {layout.cost:g} ({proof}), worst drift "
+        f"{counted(len(layout.beacons), 'beacon')} of cost {layout.cost:g} ({proof}), worst drift "
         f"{layout.worst_drift:.3g} m",
         fontsize=10,
     )
@@ -247,6 +229,13 @@ def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
     return figure
 
 
+def tradeoff_figure(curve: Sequence[Layout], *, figure: Figure | None = None) -> Figure:
+    """`plot_tradeoff` in a figure of its own."""
+    figure = new_figure(figure, 7.0, 4.5)
+    plot_tradeoff(curve, ax=figure.subplots())
+    return figure
+
+
 def _profile(layout: Layout, route: int) -> tuple[Floats, Floats]:
     profile = layout.drifts[route].profile(_SPACING_M)
     return profile.distance, layout.scenario.score(profile)
@@ -255,9 +244,3 @@ def _profile(layout: Layout, route: int) -> tuple[Floats, Floats]:
 def _score_label(layout: Layout) -> str:
     confidence = layout.scenario.confidence
     return "rms drift (m)" if confidence is None else f"{100 * confidence:g} % radius (m)"
-
-
-def _current_axes() -> Axes:
-    from matplotlib import pyplot
-
-    return pyplot.gca()

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Any
 from driftplan.errors import InfeasibleError
 
 if TYPE_CHECKING:
-    from driftplan.layouts.layout import Layout
-    from driftplan.model.noise import OdometryNoise
-    from driftplan.world.world import World
+    from driftplan import Layout, OdometryNoise, World
 
 ROUNDS = (  # waypoints in metres: from the docks and gates into the aisles, some of them there and back
     ((2.5, 38), (2.5, 36), (8, 34), (8, 13.4), (46, 13.4), (8, 13.4), (8, 3)),
@@ -24,9 +22,7 @@ _TIME_LIMIT_S = 60.0  # it takes about a second
 
 def demo_layout(world: World, noise: OdometryNoise) -> Layout | str:
     """The fewest tags that keep every round under `LIMIT_M`, or in words why there are none."""
-    from driftplan.beacons.beacon import BeaconKind
-    from driftplan.layouts.place import place_beacons
-    from driftplan.layouts.sites import Sites
+    from driftplan import BeaconKind, Sites, place_beacons
 
     if noise.step_m is not None:
         return "no beacons are placed: that takes noise per metre, not per step"

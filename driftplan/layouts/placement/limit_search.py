@@ -1,0 +1,105 @@
+"""Cheapest covers of one problem for one limit after another, on the same tables and against one clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from driftplan.arrays import Bools
+from driftplan.layouts.placement.covering import Cover, Outcome, cheapest_cover
+from driftplan.layouts.placement.cut_pool import Cut
+from driftplan.layouts.placement.drives import drives_of, worst_squares
+from driftplan.layouts.placement.failures import worst_of_failures
+from driftplan.layouts.placement.problem import PlacementProblem
+from driftplan.layouts.placement.spans import Spans
+from driftplan.layouts.placement.tracks import Tracks
+
+Progress = Callable[[float, float, float], None]
+
+
+class LeastFactor(NamedTuple):
+    """The layout that keeps its limits times the least factor."""
+
+    chosen: Bools
+    factor: float
+    ruled_out: float  # no layout keeps its limits times this
+    proven: bool  # whether the two are as near as was asked for
+
+
+class LimitSearch:
+    """Layouts of a problem that keep a limit, or come nearest to keeping it.
+
+    Parameters
+    ----------
+    problem : PlacementProblem
+    tracks : Tracks
+        The problem's, fine enough for the limits.
+    deadline : float
+        When to stop, by the monotonic clock.
+    progress : callable, optional
+        Called with seconds, cost and lower bound of the cover that is being looked for.
+    """
+
+    def __init__(self, problem: PlacementProblem, tracks: Tracks, deadline: float, progress: Progress | None = None):
+        self.problem, self.tracks, self.deadline, self.progress = problem, tracks, deadline, progress
+
+    @cached_property
+    def _spans(self) -> Spans:
+        return Spans(self.tracks)
+
+    def cover(
+        self,
+        limits: Sequence[float] | None,
+        *,
+        ruled: bool = True,
+        hint: Bools | None = None,
+        stop_at_first: bool = False,
+    ) -> Cover:
+        """The cheapest layout that keeps the limits (None: whatever its drift) and, if ``ruled``, the rules."""
+        problem = self.problem
+        requirements = None if limits is None else problem.requirements(self.tracks, limits)
+        return cheapest_cover(
+            problem.cost,
+            requirements or _Anything(),
+            demands=[*problem.demands, *([] if requirements is None else requirements.rows())],
+            caps=problem.caps if ruled else (),
+            fixed=problem.fixed,
+            hint=hint,
+            stop_at_first=stop_at_first,
+            time_limit=max(self.deadline - time.monotonic(), 0.01),
+            progress=self.progress,
+        )
+
+    def excess(self, limits: Sequence[float], chosen: Bools) -> float:
+        """The greatest drift over its limit, on any route, with the beacons dead that may be."""
+        scenario = self.problem.scenario
+        if scenario.confidence is not None:
+            beacons = (*self.problem.existing, *self.problem.chosen(chosen))
+            return float((worst_of_failures(scenario, beacons, np.inf) / np.array(limits)).max())
+        drives = drives_of(self.tracks, chosen, np.arange(len(limits)), scenario.redundancy)
+        return float((np.sqrt(worst_squares(self._spans, drives)) / np.array(limits)[drives.route]).max())
+
+    def least_factor(self, limits: Sequence[float], start: Bools, ruled_out: float, tolerance: float) -> LeastFactor:
+        """By bisection: every step proves a factor out of reach or finds a layout below it."""
+        best, factor = start, self.excess(limits, start)
+        while factor - ruled_out > tolerance * factor:
+            middle = 0.5 * (ruled_out + factor)
+            cover = self.cover([middle * limit for limit in limits], hint=best, stop_at_first=True)
+            if cover.chosen is not None:
+                best, factor = cover.chosen, min(self.excess(limits, cover.chosen), middle)
+            elif cover.outcome is Outcome.INFEASIBLE:
+                ruled_out = middle
+            else:
+                return LeastFactor(best, factor, ruled_out, False)
+        return LeastFactor(best, factor, ruled_out, True)
+
+
+class _Anything:
+    """An oracle that accepts every layout."""
+
+    def cuts(self, chosen: Bools, near: int | None = None) -> list[Cut]:
+        return []

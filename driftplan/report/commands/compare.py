@@ -1,0 +1,129 @@
+"""``driftplan compare``: given paths and planned routes on a map, side by side."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from driftplan.report.commands import shared
+from driftplan.report.commands.answer import Answer, talk
+from driftplan.report.commands.option import Command, Group, Option
+
+if TYPE_CHECKING:
+    from driftplan import Comparison, Drift, OdometryNoise, Route, World
+
+NAMES = {"drift": "lowest drift", "length": "shortest", "worst_drift": "least worst drift"}
+
+
+def run(args: argparse.Namespace) -> Answer:
+    """Given paths, and of every planner the lowest-drift and the shortest route."""
+    from driftplan.report.figures.comparison import plot_comparison
+
+    if (args.start is None) != (args.goal is None):
+        raise ValueError("expected both --start and --goal, or neither, got one of them")
+    if args.start is None and not args.paths:
+        raise ValueError("expected something to compare: PATH.csv files, or --start and --goal")
+    noise, world = shared.noise_from(args), shared.world_from(args)
+    routes: dict[str, Route | Drift] = {file: _given(world, file, noise, args) for file in args.paths}
+    for planner in (args.planner or [shared.DEFAULT_PLANNER]) if args.start else ():
+        talk(f"planning with {planner}{shared.search_effort(args)}")
+        for name, route in both(world, args.start, args.goal, noise, args, planner).items():
+            routes[f"{name} ({planner})"] = route
+    return Answer(
+        payload=lambda: {"map": args.map, "noise": shared.noise_as_json(noise), "routes": rows_of(routes, world)},
+        text=lambda: str(compared(routes, world)),
+        files={"png": lambda: plot_comparison(world, routes)},
+    )
+
+
+def both(
+    world: World, start: Any, goal: Any, noise: OdometryNoise, args: argparse.Namespace, planner: str
+) -> dict[str, Route]:
+    """The lowest-drift route and the shortest one that the same search came by, by name."""
+    from driftplan import plan_route
+
+    lowest = plan_route(
+        world,
+        start,
+        goal,
+        noise,
+        planner=planner,
+        time_limit=args.time_limit,
+        iterations=args.iterations,
+        seed=args.seed,
+        start_heading=shared.start_heading_from(args),
+    )
+    assert lowest.shortest is not None
+    return {NAMES["drift"]: lowest, NAMES["length"]: lowest.shortest}
+
+
+def compared(routes: Mapping[str, Route | Drift], world: World) -> Comparison:
+    """The `Comparison` of routes by name."""
+    from driftplan import compare_routes
+
+    return compare_routes(list(routes.values()), list(routes), world=world)
+
+
+def rows_of(routes: Mapping[str, Route | Drift], world: World) -> list[dict[str, Any]]:
+    """Routes by the names of `compare_routes`, with all there is to say about their ends and how they were found."""
+    from driftplan import Route
+
+    rows = compared(routes, world).to_dicts()
+    for row, route in zip(rows, routes.values(), strict=True):
+        row |= at_end(route.drift) | how_found(route) if isinstance(route, Route) else at_end(route)
+    return rows
+
+
+def at_end(drift: Drift) -> dict[str, float]:
+    """Everything about the drift at the end."""
+    from driftplan.report.records import drift_columns
+
+    columns = {key: float(value) for key, value in drift_columns(drift.end).items()}
+    return {key: value for key, value in columns.items() if key not in ("distance_m", "x_m", "y_m")}
+
+
+def how_found(route: Route) -> dict[str, Any]:
+    """What was searched for, why the search ended, and what it proves."""
+    bound = "bound_length_m" if route.minimise == "length" else "bound_rms_m"
+    return {
+        "minimise": route.minimise,
+        "status": route.status.name.lower(),
+        bound: route.bound,
+        "bound_covers": route.bound_covers,
+    }
+
+
+def _given(world: World, file: str, noise: OdometryNoise, args: argparse.Namespace) -> Drift:
+    from driftplan import read_path
+    from driftplan.planning.roadmap.prices import exact_drift
+
+    path = read_path(file)
+    if path.shape[1] == 3:
+        raise ValueError(f"{file}: expected waypoints x,y to compare on a map, got headings too: leave the column out")
+    return exact_drift(world, path, noise, shared.start_heading_from(args))
+
+
+# fmt: off
+_PLANNERS = shared.SEARCH[0]._replace(
+    help=f"{shared.SEARCH[0].help}, may be given several times (default: {shared.DEFAULT_PLANNER})",
+    default=None,
+    how={"action": "append"},
+)
+COMMAND = Command(
+    name="compare",
+    summary="given paths and planned routes on a map, side by side",
+    description="Compare paths on a map. With --start and --goal, the lowest-drift route of every --planner and the "
+    "shortest route join in.",
+    run=run,
+    arguments=(
+        shared.MAP,
+        Option("paths", "PATH.csv", "waypoints x,y in metres, one per line", str, how={"nargs": "*"}),
+    ),
+    groups=(
+        Group("planning", (*shared.ends(required=False), shared.START_HEADING, _PLANNERS, *shared.SEARCH[1:])),
+        shared.WORLD,
+        *shared.NOISE,
+    ),
+    files={"png": "draw the map, the routes, their error ellipses and their drift against distance"},
+)

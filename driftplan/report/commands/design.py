@@ -1,0 +1,154 @@
+"""``driftplan design``: beacons and routes chosen together, for trips that are driven again and again."""
+
+from __future__ import annotations
+
+import argparse
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+from driftplan.report.commands import shared
+from driftplan.report.commands.answer import Answer, talk
+from driftplan.report.commands.option import Command, Group, Option
+from driftplan.tables import decimals, table
+
+if TYPE_CHECKING:
+    from driftplan.layouts.co_design.design import CoDesign, Design
+
+
+def run(args: argparse.Namespace) -> Answer:
+    """The design that the arguments ask for."""
+    from driftplan import DriftLimit, Sites, co_design, layout_csv, layout_geojson, load_beacons, load_trips, read_path
+    from driftplan.report.figures.designs import plot_design
+
+    noise, world, trips = shared.noise_from(args), shared.world_from(args), load_trips(args.trips)
+    talk(f"choosing beacons and routes for {len(trips)} trips on {args.map}, at most {args.time_limit:g} s")
+    found = co_design(
+        world,
+        trips,
+        noise,
+        DriftLimit(args.max_drift, redundancy=args.redundancy),
+        Sites(
+            shared.kind_from(args, cost=args.beacon_price),
+            read_path(args.candidates)[:, :2] if args.candidates else None,
+            spacing_m=args.spacing_m,
+            existing=load_beacons(args.existing) if args.existing else (),
+        ),
+        price_per_m=args.price_per_m,
+        min_capture=args.min_capture,
+        max_detour=args.max_detour,
+        start_fix=shared.start_fix_from(args),
+        time_limit=args.time_limit,
+        seed=args.seed,
+        progress=lambda seconds, cost: talk(f"{seconds:.1f} s: a design of cost {cost:.6g}"),
+    )
+    return Answer(
+        payload=lambda: {"map": args.map, "noise": shared.noise_as_json(noise), "design": design_as_json(found)},
+        text=lambda: design_text(found),
+        files={
+            "csv": lambda: layout_csv(found.layout),
+            "geojson": lambda: layout_geojson(found.layout),
+            "png": lambda: plot_design(world, found),
+        },
+    )
+
+
+def design_text(found: CoDesign) -> str:
+    """The trips one by one, what they cost together, and what was gained."""
+    routes = found.routes
+    trips = table(
+        {
+            "trip": range(len(routes)),
+            "weight": [f"{trip.weight:g}" for trip in found.trips],
+            "shortest m": decimals([route.shortest_length for route in routes], 2),
+            "route m": decimals([route.length for route in routes], 2),
+            "worst drift m": decimals([route.worst_drift for route in routes], 3),
+            "beacons": [" ".join(b.id for b in route.beacons) for route in routes],
+        }
+    )
+    gained = ""
+    if found.baseline is not None:
+        share = found.gain / found.baseline.cost
+        gained = f"\nGained: {found.gain:.2f} ({100 * share:.1f} %), after {found.tried} restarts."
+    return f"{trips}\n\n{found}{gained}"
+
+
+def design_as_json(found: CoDesign) -> dict[str, Any]:
+    """All that was found, with the design it is compared with."""
+    routes = [
+        {
+            "start": list(trip.start),
+            "goal": list(trip.goal),
+            "weight": trip.weight,
+            "length_m": route.length,
+            "shortest_length_m": route.shortest_length,
+            "worst_drift_m": route.worst_drift,
+            "worst_if_dead_m": route.worst_if_dead,
+            "beacons": [b.id for b in route.beacons],
+            "least_capture_probability": min((c.probability for c in route.captures), default=None),
+            "waypoints": route.path.tolist(),
+        }
+        for trip, route in zip(found.trips, found.routes, strict=True)
+    ]
+    return {
+        **_costs(found),
+        "routes": routes,
+        "baseline": None if found.baseline is None else _costs(found.baseline),
+        "gain": found.gain if isfinite(found.gain) else None,
+        "status": found.status.name.lower(),
+        "rounds": found.rounds,
+        "restarts": found.tried,
+        "seconds": found.seconds,
+    }
+
+
+def _costs(design: Design) -> dict[str, Any]:
+    return {
+        "cost": design.cost,
+        "beacon_cost": design.beacon_cost,
+        "driving_cost": design.driving_cost,
+        "lengths_m": list(design.lengths),
+        "beacons": [{"id": b.id, "kind": b.kind.name, "x_m": b.x, "y_m": b.y} for b in design.beacons],
+    }
+
+
+# fmt: off
+_WANTED = Group("what is wanted", (
+    Option("max_drift", "M", "limit on the rms drift anywhere, metres", how={"required": True}),
+    Option("beacon_price", "PRICE", "of one beacon, in any unit", default=1.0),
+    Option("price_per_m", "PRICE", "of driving one metre once, in the same unit", how={"required": True}),
+    Option("redundancy", "", "2: hold with any one beacon dead", int, 1, (1, 2)),
+    Option("max_detour", "TIMES", "greatest length of a route, as a multiple of that of the shortest", default=1.5),
+    Option("min_capture", "P", "the limit holds without readings less sure than this probability (0: all in range "
+           "count)", default=0.9),
+    *shared.START_SPREAD,
+    Option("time_limit", "S", "seconds to search", default=120.0),
+    Option("seed", "N", "seed of samples and restarts", int, 0),
+))
+_SITES = Group("where beacons may go", (
+    Option("candidates", "FILE.csv", "sites x,y in metres, one per line; default: a grid", str),
+    Option("spacing_m", "M", "spacing of the grid, metres (default: the range)"),
+    shared.EXISTING,
+))
+COMMAND = Command(
+    name="design",
+    summary="beacons and routes chosen together for trips, at the least cost of both",
+    description="Choose beacons and routes together: every trip gets a route on which the drift stays under the "
+    "limit, and what beacons and driving cost together is least. Compared with shortest routes for which beacons are "
+    "placed afterwards.",
+    run=run,
+    arguments=(
+        shared.MAP,
+        Option(
+            "trips",
+            "TRIPS.csv",
+            "a line per trip: start_x,start_y,goal_x,goal_y and perhaps weight (how often it is driven), metres",
+            str,
+        ),
+    ),
+    groups=(_WANTED, shared.KIND, _SITES, shared.WORLD, *shared.NOISE),
+    files={
+        "geojson": "write the beacons as GeoJSON points in metres; `driftplan plan --beacons` reads it back",
+        "csv": shared.CSV_TABLE,
+        "png": "draw the design and the one it is compared with",
+    },
+)

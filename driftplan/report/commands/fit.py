@@ -1,0 +1,199 @@
+"""``driftplan fit``: the noise of an odometry from recorded drives, checked on others."""
+
+from __future__ import annotations
+
+import argparse
+from math import radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from driftplan.report.commands import shared
+from driftplan.report.commands.answer import Answer, talk
+from driftplan.report.commands.option import Command, Group, Option, metres, names
+from driftplan.tables import counted
+
+if TYPE_CHECKING:
+    from driftplan import NoiseFit, OdometryLog, Trajectory
+    from driftplan.model.calibration.relative_errors import RelativeErrors
+    from driftplan.model.calibration.segment_check import SegmentCheck
+
+    Drive = tuple[OdometryLog, Trajectory]
+
+
+def run(args: argparse.Namespace) -> Answer:
+    """The noise of the drives that the arguments name."""
+    from driftplan.model.calibration.fit import PARAMETERS, fit_noise
+    from driftplan.report.figures.fits import plot_fit
+    from driftplan.world.noise_files import noise_yaml
+
+    drives = list(_recorded(args, args.files).values())
+    checked = {label: [drive] for label, drive in _recorded(args, args.check).items()}
+    if args.check_from is not None:
+        drives, rest = _split(drives, args.check_from)
+        checked = {"the rest of the drives": rest, **checked}
+    options: dict[str, Any] = {
+        "use_heading": False if args.positions_only else None,
+        "time_offset_s": args.time_offset_s,
+        "heading_offset": None if args.heading_offset_deg is None else radians(args.heading_offset_deg),
+        "max_gap_s": args.max_gap_s,
+    }
+    talk(f"fitting {counted(len(drives), 'drive')}")
+    found = fit_noise(
+        [odometry for odometry, _ in drives],
+        [truth for _, truth in drives],
+        parameters=PARAMETERS if args.parameters is None else args.parameters,
+        lengths_m=args.lengths_m,
+        confidence=args.confidence,
+        seed=args.seed,
+        **options,
+    )
+    if not found.check.has_heading:
+        options["use_heading"] = False
+    checks = {
+        label: found.check_on(
+            [odometry for odometry, _ in some], [truth for _, truth in some], lengths_m=args.lengths_m, **options
+        )
+        for label, some in checked.items()
+    }
+    return Answer(
+        payload=lambda: _as_json(found, checks),
+        text=lambda: "\n".join(
+            [
+                str(found),
+                *("\n".join([f"\nchecked on {label}:", str(check), *check.notes]) for label, check in checks.items()),
+            ]
+        ),
+        files={"yaml": lambda: noise_yaml(found), "png": lambda: plot_fit(found, checks)},
+    )
+
+
+def _recorded(args: argparse.Namespace, files: list[str]) -> dict[str, Drive]:
+    """Drives by the name of their odometry's file, as short as tells them apart."""
+    from driftplan import read_odometry, read_truth
+
+    if len(files) % 2:
+        raise ValueError(f"expected files in pairs, ODOM TRUTH ODOM TRUTH ..., got {len(files)}: {' '.join(files)}")
+    short = [Path(odometry).name for odometry in files[::2]]
+    names = short if len(set(short)) == len(short) else files[::2]
+    return {
+        name: (
+            read_odometry(
+                odometry,
+                kind=args.odometry_kind,
+                columns=args.odometry_columns,
+                variable=args.odometry_variable,
+                rate_hz=args.rate_hz,
+            ),
+            read_truth(truth, columns=args.truth_columns, variable=args.truth_variable, rate_hz=args.rate_hz),
+        )
+        for name, odometry, truth in zip(names, files[::2], files[1::2], strict=True)
+    }
+
+
+def _split(drives: list[Drive], share: float) -> tuple[list[Drive], list[Drive]]:
+    """The first part of every drive, and the rest."""
+    if not 0 < share < 1:
+        raise ValueError(f"expected --check-from in (0, 1), got {share}")
+    first, rest = [], []
+    for odometry, truth in drives:
+        begin, end = float(odometry.times[0]), float(odometry.times[-1])
+        border = begin + share * (end - begin)
+        first.append((odometry.between(begin, border), truth))
+        rest.append((odometry.between(border, end), truth))
+    return first, rest
+
+
+def _as_json(found: NoiseFit, checks: dict[str, SegmentCheck]) -> dict[str, Any]:
+    counts = found.counts
+    return {
+        "noise": shared.noise_as_json(found.noise),
+        "confidence": found.confidence,
+        "intervals": {name: list(interval) for name, interval in found.intervals.items()},
+        "std_errors": found.std_errors,
+        "truth_position_std_m": found.truth_position_std_m,
+        "truth_heading_std_rad": found.truth_heading_std,
+        "time_offsets_s": list(found.time_offsets_s),
+        "heading_offsets_rad": list(found.heading_offsets),
+        "recordings": {name: getattr(counts, name) for name in counts.__dataclass_fields__},
+        "fit": _check_as_json(found.check),
+        "held_out": _check_as_json(found.held_out),
+        "relative_errors": None if found.relative_errors is None else _relative_as_json(found.relative_errors),
+        "checks": {label: _check_as_json(check) for label, check in checks.items()},
+        "notes": list(found.notes),
+    }
+
+
+def _check_as_json(check: SegmentCheck) -> dict[str, Any]:
+    return {"lengths": [row._asdict() for row in check.lengths], "notes": list(check.notes)}
+
+
+def _relative_as_json(errors: RelativeErrors) -> dict[str, Any]:
+    return {
+        "lengths": [row._asdict() for row in errors.lengths],
+        "translation_percent": errors.translation_percent,
+        "rotation_deg_per_m": errors.rotation_deg_per_m,
+    }
+
+
+# fmt: off
+_DRIVES = (
+    Option("check", "FILE", "drives to check the fit on, ODOM TRUTH ODOM TRUTH ..., that are not fitted", str, [],
+           how={"nargs": "+"}),
+    Option("check_from", "SHARE", "fit the drives up to this share of their time (0 to 1), check on the rest"),
+)
+_READING = Group(
+    "what the files hold",
+    (
+        Option(
+            "odometry_kind",
+            "",
+            "increments: time, distance, turn; velocities: time, forward speed, turn rate; poses (default: as the "
+            "columns' names or number say)",
+            str,
+            choices=("increments", "velocities", "poses"),
+        ),
+        *(
+            option
+            for which in ("odometry", "truth")
+            for option in (
+                Option(
+                    f"{which}_columns",
+                    "NAME,NAME,...",
+                    f"columns of the {which}: time, distance, turn, speed, turn_rate, x, y, heading, qx, qy, qz, qw; "
+                    "any other name is skipped",
+                    names,
+                ),
+                Option(f"{which}_variable", "NAME", f"variable of a MATLAB file with the {which}", str),
+            )
+        ),
+        Option("rate_hz", "HZ", "poses per second of KITTI files", default=10.0),
+    ),
+)
+_FITTING = Group("fitting", (
+    Option("lengths_m", "M,M,...", "lengths of the segments compared, metres (default: five)", metres),
+    Option("positions_only", "", "do not use the truth's headings (default: if they are measured)"),
+    Option("parameters", "NAME,NAME,...", "rates to fit, by the names of OdometryNoise (default: eight)", names),
+    Option("time_offset_s", "S", "truth clock minus odometry clock, seconds (default: estimated)"),
+    Option("heading_offset_deg", "DEG", "measured true heading minus the robot's, by mounting, degrees (default: "
+           "estimated)"),
+    Option("max_gap_s", "S", "longest gap of the truth to bridge, seconds"),
+    Option("confidence", "P", "confidence of the intervals", default=0.95),
+    Option("seed", "N", "seed of the bootstrap", int, 0),
+))
+COMMAND = Command(
+    name="fit",
+    summary="the noise of an odometry from recorded drives and their truth",
+    description="Fit the systematic and the random errors of an odometry to recorded drives whose truth is known, "
+    "with intervals, and say how well the fit predicts. Files: TUM, KITTI, MR.CLAM, CSV with named columns, MATLAB "
+    "5; gzipped if they end in .gz.",
+    run=run,
+    arguments=(
+        Option("files", "ODOM TRUTH", "odometry and truth of each drive, in turn: ODOM TRUTH ODOM TRUTH ...", str,
+               how={"nargs": "+"}),
+    ),
+    groups=(Group("", _DRIVES), _READING, _FITTING),
+    files={
+        "yaml": "write the fitted noise, with its intervals",
+        "png": "draw errors against length, measured and predicted",
+    },
+)

@@ -1,0 +1,235 @@
+"""``driftplan place``: the fewest beacons that keep the drift of routes under a limit, and files for installers."""
+
+from __future__ import annotations
+
+import argparse
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from driftplan.report.commands import shared
+from driftplan.report.commands.answer import Answer, talk
+from driftplan.report.commands.option import Command, Group, Option
+from driftplan.tables import NONE, counted, decimals, table, yes_no
+
+if TYPE_CHECKING:
+    from driftplan import Layout, OdometryNoise, World
+    from driftplan.arrays import Floats
+
+_TALK_EVERY_S = 1.0
+_MAX_ROUTES = 50  # more are not listed on the screen; --json has them all
+_MAX_NUMBERS = 6  # of routes that a beacon serves, on the screen
+
+
+def run(args: argparse.Namespace) -> Answer:
+    """The layout, or the trade-off curve, that the arguments ask for."""
+    from driftplan import DriftLimit, Sites, beacon_tradeoff, load_beacons, place_beacons, read_path
+
+    noise, world = shared.noise_from(args), shared.world_from(args)
+    routes = [read_path(file)[:, :2] for file in args.paths]
+    sites = Sites(
+        **_points(args, world, routes),
+        existing=load_beacons(args.existing) if args.existing else (),
+        min_spacing_m=args.min_spacing_m,
+    )
+    limit = DriftLimit(args.max_drift, redundancy=args.redundancy, confidence=args.confidence)
+    free = [bool(world.segments_free(route[:-1], route[1:]).all()) for route in routes]
+    for file, is_free in zip(args.paths, free, strict=True):
+        if not is_free:
+            talk(f"{file}: not free of collisions for a robot of radius {world.robot_radius:g} m; taken as it is")
+    talk(f"placing beacons for {counted(len(routes), 'route')} on {args.map}, at most {args.time_limit:g} s")
+    effort = {"budget": args.budget, "time_limit": args.time_limit}
+    if args.tradeoff is None:
+        asked = {"max_beacons": args.max_beacons, "progress": _Progress(), **effort}
+        return _layout_answer(args, noise, place_beacons(world, routes, noise, limit, sites, **asked), free)
+    for name in ("max_drift", "max_beacons", "csv", "geojson"):
+        if getattr(args, name) is not None:
+            raise ValueError(f"expected --tradeoff or --{name.replace('_', '-')}, got both")
+    asked = {"max_beacons": args.tradeoff, "redundancy": args.redundancy, "confidence": args.confidence, **effort}
+    return _tradeoff_answer(noise, beacon_tradeoff(world, routes, noise, sites, **asked))
+
+
+def _points(args: argparse.Namespace, world: World, routes: list[Floats]) -> dict[str, Any]:
+    """What `Sites` is told about kinds and points."""
+    from driftplan import load_beacons, read_path, route_sites, wall_sites
+
+    if args.candidates:
+        if args.sites or args.spacing_m is not None:
+            raise ValueError("expected --candidates, or --sites and --spacing-m to generate them, got both")
+        if Path(args.candidates).suffix.lower() in (".geojson", ".json"):
+            return {"points": load_beacons(args.candidates)}
+        return {"points": read_path(args.candidates)[:, :2], "kind": shared.kind_from(args)}
+    spacing = args.range_m if args.spacing_m is None else args.spacing_m
+    if args.sites == "walls":
+        return {"points": wall_sites(world, spacing), "kind": shared.kind_from(args)}
+    if args.sites == "routes":
+        return {"points": route_sites(routes, spacing), "kind": shared.kind_from(args)}
+    return {"spacing_m": spacing, "kind": shared.kind_from(args)}
+
+
+def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layout, free: list[bool]) -> Answer:
+    from driftplan import installer_table, layout_csv, layout_geojson
+    from driftplan.report.figures.layouts import layout_figure
+
+    def payload() -> dict[str, Any]:
+        numbers = zip(args.paths, layout.drifts, layout.worst_drifts, layout.max_drift, free, strict=True)
+        routes = [
+            {
+                "file": file,
+                "length_m": float(drift.length),
+                "worst_drift_m": worst,
+                "limit_m": limit,
+                "collision_free": is_free,
+            }
+            for file, drift, worst, limit, is_free in numbers
+        ]
+        found = {
+            "beacons": [row._asdict() for row in installer_table(layout)],
+            "cost": layout.cost,
+            "lower_bound": layout.lower_bound,
+            "proven": layout.proven,
+            "status": layout.status.name.lower(),
+            "drift_bound_m": layout.drift_bound,
+            "worst_drift_m": layout.worst_drift,
+            "seconds": layout.seconds,
+            "routes": routes,
+        }
+        return {"noise": shared.noise_as_json(noise), "layout": found}
+
+    return Answer(
+        payload=payload,
+        text=lambda: _layout_text(args, layout),
+        files={
+            "csv": lambda: layout_csv(layout),
+            "geojson": lambda: layout_geojson(layout),
+            "png": lambda: layout_figure(layout),
+        },
+    )
+
+
+def _layout_text(args: argparse.Namespace, layout: Layout) -> str:
+    from driftplan import installer_table
+
+    what = "drift" if args.confidence is None else f"{100 * args.confidence:g} % radius"
+    rows, parts = installer_table(layout), []
+    if len(args.paths) <= _MAX_ROUTES:
+        columns: dict[str, Any] = {
+            "route": range(len(args.paths)),
+            "file": args.paths,
+            "length m": decimals([float(drift.length) for drift in layout.drifts], 2),
+            f"worst {what} m": decimals(layout.worst_drifts, 3),
+        }
+        parts.append(table(columns))
+    if rows:
+        columns = {
+            "id": [row.id for row in rows],
+            "kind": [row.kind if row.new else f"{row.kind} (existing)" for row in rows],
+            "x m": decimals([row.x_m for row in rows], 2),
+            "y m": decimals([row.y_m for row in rows], 2),
+            "nearest wall m": decimals([row.nearest_wall_m for row in rows], 2),
+            "routes served": [_numbers(row.routes) for row in rows],
+            f"{what} if dead m": decimals([row.worst_drift_if_dead_m for row in rows], 3),
+            "on route": [NONE if row.worst_route_if_dead < 0 else row.worst_route_if_dead for row in rows],
+        }
+        parts.append(table(columns))
+    hurts = ""
+    if rows and rows[0].routes:
+        hurts = f"The failure that hurts most is that of {rows[0].id}: {rows[0].worst_drift_if_dead_m:.3g} m. "
+    parts.append(
+        f"{counted(len(layout.beacons), 'new beacon')} of cost {layout.cost:g}; worst {what} "
+        f"{layout.worst_drift:.3g} m. {hurts}{_proof(layout)}"
+    )
+    return "\n\n".join(parts)
+
+
+def _numbers(routes: tuple[int, ...]) -> str:
+    """Numbers of routes, the first few of many."""
+    text = ", ".join(map(str, routes[:_MAX_NUMBERS]))
+    return f"{text}, … ({len(routes)})" if len(routes) > _MAX_NUMBERS else text or NONE
+
+
+def _proof(layout: Layout) -> str:
+    if layout.drift_bound > 0:
+        return f"{layout.status.value} No layout within the budget stays below {layout.drift_bound:.3g} m."
+    return f"{layout.status.value} No layout costs less than {layout.lower_bound:g}."
+
+
+def _tradeoff_answer(noise: OdometryNoise, curve: tuple[Layout, ...]) -> Answer:
+    from driftplan.report.figures.layouts import tradeoff_figure
+
+    def payload() -> dict[str, Any]:
+        points = [
+            {
+                "beacons": len(x.beacons),
+                "worst_drift_m": x.worst_drift,
+                "drift_bound_m": x.drift_bound,
+                "proven": x.proven,
+                "ids": [b.id for b in x.beacons],
+            }
+            for x in curve
+        ]
+        return {"noise": shared.noise_as_json(noise), "tradeoff": points}
+
+    def text() -> str:
+        return table(
+            {
+                "beacons": [len(x.beacons) for x in curve],
+                "worst drift m": decimals([x.worst_drift for x in curve], 3),
+                "not below m": decimals([x.drift_bound for x in curve], 3),
+                "proven": yes_no(x.proven for x in curve),
+            }
+        )
+
+    return Answer(payload=payload, text=text, files={"png": lambda: tradeoff_figure(curve)})
+
+
+class _Progress:
+    """Progress on stderr, not more often than a person can read."""
+
+    def __init__(self) -> None:
+        self.last = 0.0
+
+    def __call__(self, seconds: float, cost: float, bound: float) -> None:
+        if seconds - self.last >= _TALK_EVERY_S:
+            self.last = seconds
+            best = f"cost {cost:g}" if isfinite(cost) else "no layout yet"
+            talk(f"{seconds:.0f} s: {best}, at least {bound:g} needed")
+
+
+# fmt: off
+_WANTED = Group("what is wanted", (
+    Option("max_drift", "M", "limit on the rms drift, metres"),
+    Option("confidence", "P", "the limit is on the radius that holds the estimate with this probability (0.75 to "
+           "1), instead of the rms"),
+    Option("redundancy", "K", "hold with any K-1 beacons dead", int, 1),
+    Option("max_beacons", "N", "at most so many new beacons", int),
+    Option("budget", "COST", "new beacons cost at most this"),
+    Option("tradeoff", "N", "instead of one layout: the least worst drift for every number of beacons up to N", int),
+    Option("time_limit", "S", "seconds to search", default=60.0),
+))
+_SITES = Group("where beacons may go", (
+    Option("candidates", "FILE", "sites: x,y in metres, one per line (.csv), or beacons with their kinds "
+           "(.geojson); default: a grid", str),
+    Option("sites", "", "sites to generate instead of --candidates (default: grid)", str,
+           choices=("grid", "walls", "routes")),
+    Option("spacing_m", "M", "spacing of generated sites, metres (default: the range)"),
+    Option("min_spacing_m", "M", "least distance between beacons, metres", default=0.0),
+    shared.EXISTING,
+))
+COMMAND = Command(
+    name="place",
+    summary="the fewest beacons that keep the drift of routes under a limit",
+    description="Place beacons so that the drift stays under a limit everywhere on every route: the fewest, or the "
+    "cheapest, with a proof. With --max-beacons or --budget and no --max-drift: the least worst drift within them.",
+    run=run,
+    arguments=(
+        shared.MAP,
+        Option("paths", "PATH.csv", "routes: waypoints x,y in metres, one per line", str, how={"nargs": "+"}),
+    ),
+    groups=(_WANTED, shared.KIND, _SITES, shared.WORLD, *shared.NOISE),
+    files={
+        "csv": shared.CSV_TABLE,
+        "geojson": "write the beacons as GeoJSON points in metres, to be read back with --existing",
+        "png": "draw the layout on the map, drift against distance and what each failure does (or the trade-off)",
+    },
+)

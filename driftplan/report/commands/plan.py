@@ -1,0 +1,166 @@
+"""``driftplan plan``: the lowest-drift route between two points of a map, among beacons or not."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from driftplan.report.commands import shared
+from driftplan.report.commands.answer import Answer, talk
+from driftplan.report.commands.compare import NAMES, compared, rows_of
+from driftplan.report.commands.option import Command, Group, Option
+from driftplan.tables import decimals, table, yes_no
+
+if TYPE_CHECKING:
+    from driftplan import Itinerary, OdometryNoise, Route, World
+
+
+def run(args: argparse.Namespace) -> Answer:
+    """One route."""
+    from driftplan import Itinerary
+    from driftplan.report.figures.comparison import plot_comparison
+    from driftplan.report.figures.itinerary import plot_itinerary
+    from driftplan.report.records import drift_as_json, drift_geojson, drift_table, path_csv
+
+    noise, world = shared.noise_from(args), shared.world_from(args)
+    talk(f"planning on {args.map} with {args.planner}{shared.search_effort(args)}")
+    route = planned_route(args, world, noise)
+    among_beacons = route if isinstance(route, Itinerary) else None
+    named = {NAMES[route.minimise]: route}
+
+    def summary() -> dict[str, Any]:
+        (row,) = rows_of(named, world)
+        return row | (itinerary_as_json(among_beacons) if among_beacons else {})
+
+    def text() -> str:
+        words = [str(compared(named, world)), bound_in_words(route)]
+        words += ["", itinerary_text(among_beacons)] if among_beacons else []
+        return "\n".join([*words, "", drift_table(route.drift)])
+
+    return Answer(
+        payload=lambda: {
+            "map": args.map,
+            "noise": shared.noise_as_json(noise),
+            "route": {**summary(), "waypoints": drift_as_json(route.drift)},
+        },
+        text=text,
+        files={
+            "csv": lambda: path_csv(route.drift),
+            "geojson": lambda: drift_geojson(route.drift, {"noise": shared.noise_as_json(noise), **summary()}),
+            "png": lambda: plot_itinerary(world, among_beacons) if among_beacons else plot_comparison(world, named),
+        },
+    )
+
+
+def planned_route(args: argparse.Namespace, world: World, noise: OdometryNoise) -> Route:
+    """The route that the options ask for: an `Itinerary` when beacons or a limit are among them."""
+    from driftplan import load_beacons, plan_route
+
+    among_beacons = {
+        "redundancy": args.redundancy,
+        "min_capture": args.min_capture,
+        "initial": shared.start_fix_from(args),
+    }
+    return plan_route(
+        world,
+        args.start,
+        args.goal,
+        noise,
+        beacons=load_beacons(args.beacons) if args.beacons else (),
+        minimise=args.minimise,
+        max_drift=args.max_drift,
+        max_detour=args.max_detour,
+        planner=args.planner,
+        start_heading=shared.start_heading_from(args),
+        time_limit=args.time_limit,
+        iterations=args.iterations,
+        seed=args.seed,
+        **{name: value for name, value in among_beacons.items() if value is not None},
+    )
+
+
+def bound_in_words(route: Route) -> str:
+    """Why the search ended, and what cannot be had."""
+    which = "path of its roadmap" if route.bound_covers == "roadmap" else "route"
+    what = {"drift": "rms", "length": "length", "worst_drift": "worst rms"}[route.minimise]
+    return f"{route.planner}: {route.status.value} No {which} has less than {route.bound:#.4g} m of {what}."
+
+
+def itinerary_as_json(route: Itinerary) -> dict[str, Any]:
+    """What an itinerary says beyond a route."""
+    return {
+        "max_drift_m": route.max_drift,
+        "worst_drift_m": route.worst_drift,
+        "worst_if_dead_m": route.worst_if_dead,
+        "shortest_length_m": route.shortest_length,
+        "passes": [
+            {
+                "beacon": capture.beacon.id,
+                "x_m": capture.beacon.x,
+                "y_m": capture.beacon.y,
+                "kind": capture.beacon.kind.name,
+                "enter_m": capture.enter_m,
+                "leave_m": capture.leave_m,
+                "probability": capture.probability,
+                "counted_on": any(capture.beacon is beacon for beacon in route.beacons),
+            }
+            for capture in route.captures
+        ],
+    }
+
+
+def itinerary_text(route: Itinerary) -> str:
+    """The same for people: the worst drift, what it is held against, and a line per pass."""
+    limit = "" if route.max_drift is None else f" (limit {route.max_drift:g} m)"
+    lines = [f"worst drift on the way: {route.worst_drift:.3f} m{limit}"]
+    if route.worst_if_dead > route.worst_drift:
+        lines.append(f"with any one beacon dead: {route.worst_if_dead:.3f} m")
+    lines.append(f"length: {route.length:.2f} m; the shortest route has {route.shortest_length:.2f} m")
+    passes = itinerary_as_json(route)["passes"]
+    if passes:
+        columns = {
+            "beacon": [row["beacon"] or f"({row['x_m']:g}, {row['y_m']:g})" for row in passes],
+            "kind": [row["kind"] for row in passes],
+            "enter m": decimals([row["enter_m"] for row in passes], 2),
+            "leave m": decimals([row["leave_m"] for row in passes], 2),
+            "captured": decimals([row["probability"] for row in passes], 2),
+            "counted on": yes_no(row["counted_on"] for row in passes),
+        }
+        lines += ["", table(columns)]
+    return "\n".join(lines)
+
+
+# fmt: off
+_GOALS = (
+    Option("minimise", "", "rms drift at the goal, length, or the greatest rms drift anywhere on the way", str,
+           "drift", ("drift", "length", "worst_drift")),
+    Option("max_detour", "TIMES", "greatest length, as a multiple of that of the shortest route (default: any)"),
+)
+_BEACONS = Group("beacons on the way", (
+    Option("beacons", "FILE", "beacons to use, as GeoJSON (written by `driftplan place --geojson`); routes are then "
+           "at most 1.5 times as long as the shortest, unless --max-detour or --minimise length says otherwise", str),
+    Option("max_drift", "M", "greatest rms drift anywhere on the way, metres (default: any)"),
+    Option("redundancy", "", "2: the limit holds with any one beacon dead (default: 1, all are alive)", int,
+           choices=(1, 2)),
+    Option("min_capture", "P", "passes of beacons that the drifting robot makes with less than this probability (a "
+           "ratio) do not count (default: 0.9)"),
+    *shared.START_SPREAD,
+))
+COMMAND = Command(
+    name="plan",
+    summary="the lowest-drift route between two points of a map",
+    description="Plan the route from start to goal on which odometry gets lost least.",
+    run=run,
+    arguments=(shared.MAP,),
+    groups=(
+        Group("planning", (*shared.ends(required=True), *_GOALS, shared.START_HEADING, *shared.SEARCH)),
+        shared.WORLD,
+        _BEACONS,
+        *shared.NOISE,
+    ),
+    files={
+        "csv": "write the waypoints x,y as CSV, metres; `driftplan predict` and `compare` read it back",
+        "geojson": "write the route and the drift along it as a GeoJSON LineString, coordinates in metres",
+        "png": "draw the map, the route, its error ellipses and its drift against distance",
+    },
+)

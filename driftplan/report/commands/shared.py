@@ -1,0 +1,187 @@
+"""Options that several subcommands share, and the objects that they stand for."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from dataclasses import fields, replace
+from math import radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from driftplan.report.commands.option import Group, Option, point
+
+if TYPE_CHECKING:
+    from driftplan import BeaconKind, Fix, OdometryNoise, World
+
+PLANNERS = ("roadmap", "rrtstar", "informed_rrtstar", "sorrtstar", "bitstar")  # here too, so that --help loads none
+DEFAULT_PLANNER = "roadmap"
+
+# fmt: off
+MAP = Option("map", "MAP", "map file, or the name of a map that comes along", str)
+WORLD = Group("map and robot", (
+    Option("robot_radius", "M", "radius of the robot, metres", default=0.3),
+    Option("unknown_is_free", "", "take unknown cells of a ROS map for free (default: they are obstacles)"),
+    Option("cell_size_m", "M", "cell size of a MovingAI map, metres (default: 1)"),
+    Option("zones", "FILE", "floors with odometry of their own: .geojson, or a .yaml that says what the greys of a "
+           "picture mean", str),
+))
+DEFAULT_SPREAD = {"heading_deg": 1.0, "distance_m": 0.05, "after_m": 10.0, "heading_deg_per_full_turn": 0.0}
+_SPREADS = tuple(
+    Option(name, unit, f"{said} (default: {DEFAULT_SPREAD[name]:g})")
+    for name, unit, said in (
+        ("heading_deg", "DEG", "standard deviation of the heading error after --after-m metres, degrees"),
+        ("distance_m", "M", "standard deviation of the distance error after --after-m metres, metres"),
+        ("after_m", "M", "length of the drives that --heading-deg and --distance-m are about, metres"),
+        ("heading_deg_per_full_turn", "DEG", "standard deviation of the heading error after one full turn, degrees"),
+    )
+)
+_RATES = (
+    Option("heading_var_per_m", "RAD2/M", "heading variance per metre, rad^2/m"),
+    Option("distance_var_per_m", "M2/M", "variance of the distance per metre, m^2/m"),
+    Option("lateral_var_per_m", "M2/M", "variance across the direction of travel per metre, m^2/m"),
+    Option("heading_var_per_rad", "RAD2/RAD", "heading variance per radian turned, rad^2/rad"),
+    Option("distance_var_per_rad", "M2/RAD", "variance of the distance per radian turned, m^2/rad"),
+    Option("heading_var_per_step", "RAD2", "heading variance per step, rad^2 (needs --step-m)"),
+    Option("distance_var_per_step", "M2", "variance of the distance per step, m^2 (needs --step-m)"),
+    Option("lateral_var_per_step", "M2", "variance across the direction of travel per step, m^2 (needs --step-m)"),
+    Option("step_m", "M", "length of a step, metres (default: errors are continuous along the path)"),
+)
+_SYSTEMATIC = (
+    Option("heading_bias_per_m", "RAD/M", "systematic heading error per metre, rad/m"),
+    Option("heading_bias_per_rad", "RATIO", "systematic relative error of measured turns"),
+    Option("distance_scale_error", "RATIO", "systematic relative error of measured distances"),
+)
+_KEPT = Option("noise", "FILE", "all of it from a file, such as driftplan fit --yaml writes, or from the preset of "
+               "this name", str)
+NOISE = (
+    Group("odometry noise, as measured over straight drives (the default)", _SPREADS),
+    Group("odometry noise, as rates (instead of the above; those that are not given are 0, like systematic errors)",
+          (*_RATES, *_SYSTEMATIC, _KEPT)),
+)
+START_HEADING = Option("start_heading_deg", "DEG", "heading at the start, degrees from +x to the left; then the "
+                       "first turn counts too (default: the robot already faces its first leg)")
+START_SPREAD = (
+    Option("start_position_std_m", "M", "uncertainty of the position at the start, per axis, metres (default: 0, it "
+           "is known)"),
+    Option("start_heading_std_deg", "DEG", "uncertainty of the heading at the start, degrees (default: 0, it is "
+           "known)"),
+)
+SEARCH = (
+    Option("planner", "NAME", ", ".join(PLANNERS), str, DEFAULT_PLANNER),
+    Option("time_limit", "S", "planning time per route, seconds (default: 1; 5 with beacons or a limit; none with "
+           "--iterations)"),
+    Option("iterations", "N", "end after N batches of the roadmap, or iterations of another planner: the same seed "
+           "then gives the same route (default: the time decides)", int),
+    Option("seed", "N", "seed of the planner's samples", int, 0),
+)
+KIND = Group("the beacons", (
+    Option("kind", "", "what they measure: position, position and heading, or heading", str, "rfid",
+           ("rfid", "landmark", "heading")),
+    Option("range_m", "M", "range, metres", default=1.5),
+    Option("position_std_m", "M", "accuracy of a position per axis, metres", default=0.1),
+    Option("heading_std_deg", "DEG", "accuracy of a heading, degrees", default=1.0),
+    Option("detection_probability", "P", "probability that a pass is noticed", default=1.0),
+    Option("through_walls", "", "landmarks are seen through walls"),
+))
+EXISTING = Option("existing", "FILE.geojson", "beacons that are there already", str)
+CSV_TABLE = "write the installers' table: id, place, nearest wall, routes, which failure hurts most"
+# fmt: on
+
+
+def ends(*, required: bool) -> tuple[Option, ...]:
+    """From where to where."""
+    return tuple(
+        Option(name, "X,Y", f"{name} of the route, metres", point, how={"required": required})
+        for name in ("start", "goal")
+    )
+
+
+def noise_from(args: argparse.Namespace) -> OdometryNoise:
+    """The noise that the options describe: spreads, rates, or a file or preset; systematic errors go with each."""
+    from driftplan import OdometryNoise
+
+    spread, rates, systematic, kept = (_given(args, table) for table in (_SPREADS, _RATES, _SYSTEMATIC, (_KEPT,)))
+    ways = [next(option.flag for option in _NOISE if option.name in way) for way in (spread, rates, kept) if way]
+    if len(ways) > 1:
+        raise ValueError(f"expected the noise as spreads, as rates or from a file, got {' and '.join(ways)}")
+    if rates.keys() == {"step_m"}:  # without a variance the odometry would silently be perfect
+        raise ValueError("expected --step-m together with a variance, such as --heading-var-per-step, got it alone")
+    if kept:
+        noise = _noise_called(args.noise)
+    else:
+        noise = OdometryNoise(**rates) if rates else OdometryNoise.from_std(**{**DEFAULT_SPREAD, **spread})
+    return replace(noise, **systematic)
+
+
+_NOISE = tuple(option for group in NOISE for option in group.options)
+
+
+def _noise_called(name: str) -> OdometryNoise:
+    """The noise of a file, or the preset of that name."""
+    from driftplan import PRESETS, load_noise
+
+    if name in PRESETS:
+        return PRESETS[name].noise
+    if not Path(name).exists():
+        raise ValueError(f"expected --noise a noise file or a preset, one of {', '.join(PRESETS)}; got {name!r}")
+    return load_noise(name)
+
+
+def noise_as_json(noise: OdometryNoise) -> dict[str, Any]:
+    """The rates of a noise that are not the default, by the names of `OdometryNoise`."""
+    return {f.name: getattr(noise, f.name) for f in fields(noise) if getattr(noise, f.name) != f.default}
+
+
+def world_from(args: argparse.Namespace) -> World:
+    """The world of ``args.map``: a file, or the name of a map that comes with driftplan."""
+    from driftplan import bundled_map, bundled_maps, load_world
+
+    if args.map in bundled_maps():
+        path = bundled_map(args.map)
+    elif Path(args.map).suffix:
+        path = Path(args.map)
+    else:
+        raise ValueError(f"expected a map file or one of {', '.join(bundled_maps())}, got {args.map!r}")
+    return load_world(path, **{option.name: getattr(args, option.name) for option in WORLD.options})
+
+
+def start_heading_from(args: argparse.Namespace) -> float | None:
+    """Radians, or None where the robot already faces its first leg."""
+    return None if args.start_heading_deg is None else radians(args.start_heading_deg)
+
+
+def start_fix_from(args: argparse.Namespace) -> Fix | None:
+    """The uncertainty at the start that the options describe; None where it is known."""
+    from driftplan import Fix
+
+    if args.start_position_std_m is None and args.start_heading_std_deg is None:
+        return None
+    position, heading = args.start_position_std_m or 0.0, args.start_heading_std_deg or 0.0
+    return Fix.full(0.0, position_std_m=position, heading_std=radians(heading))
+
+
+def kind_from(args: argparse.Namespace, **common: Any) -> BeaconKind:
+    """The kind of beacon that the options describe."""
+    from driftplan import BeaconKind
+
+    common["detection_probability"] = args.detection_probability
+    heading_std = radians(args.heading_std_deg)
+    if args.kind == "rfid":
+        return BeaconKind.rfid(args.range_m, args.position_std_m, **common)
+    if args.kind == "heading":
+        return BeaconKind.heading(args.range_m, heading_std, **common)
+    return BeaconKind.landmark(
+        args.range_m, args.position_std_m, heading_std, line_of_sight=not args.through_walls, **common
+    )
+
+
+def search_effort(args: argparse.Namespace) -> str:
+    """How long a search may take, in words, if that was said."""
+    words = [] if args.time_limit is None else [f"at most {args.time_limit:g} s"]
+    words += [] if args.iterations is None else [f"{args.iterations} iterations"]
+    return "".join(f", {part}" for part in words)
+
+
+def _given(args: argparse.Namespace, options: Iterable[Option]) -> dict[str, Any]:
+    return {option.name: getattr(args, option.name) for option in options if getattr(args, option.name) is not None}

@@ -1,0 +1,12 @@
+"""Figures: maps, routes, beacons and drift, drawn on the Axes or the Figure you hand in.
+
+Numbers are computed apart from drawing, artists are returned, nothing is shown or saved, and no global setting of
+matplotlib is touched.
+
+style                           colours, markers and line styles, once; panels, legends
+ellipses                        error ellipses: shape, places, magnification
+maps                            worlds, routes with their ellipses, beacons with their ranges
+drift                           drift against distance
+comparison, itinerary, layouts, designs, fits
+                                whole figures
+"""

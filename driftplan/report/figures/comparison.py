@@ -1,0 +1,71 @@
+"""The figure of routes side by side: on the map, and their drift against distance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import cycle
+from math import floor, log10
+from typing import TYPE_CHECKING, Any
+
+from driftplan.report.figures.drift import plot_drift
+from driftplan.report.figures.ellipses import magnification
+from driftplan.report.figures.maps import (
+    RouteArtists,
+    WorldArtists,
+    box_around,
+    diagonal,
+    drift_of,
+    mark_spacing_of,
+    plot_route,
+    plot_world,
+)
+from driftplan.report.figures.style import ROUTE_STYLES, legend_below, map_and_curve
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from driftplan.model.drift import Drift
+    from driftplan.planning.routes import Route
+    from driftplan.world.world import World
+
+
+def plot_comparison(
+    world: World | None, routes: Mapping[str, Route | Drift], *, figure: Figure | None = None, confidence: float = 0.95
+) -> Figure:
+    """Routes on the map with their error ellipses, and beside it their rms drift against the distance driven.
+
+    Parameters
+    ----------
+    world : World or None
+        None: no map is drawn, the view is that of the routes.
+    routes : mapping of label to Route or Drift
+    figure : Figure, optional
+        An empty figure to draw into, such as ``pyplot.figure(layout="constrained")``; default: a new one that knows
+        nothing of pyplot.
+    confidence : float
+        Of the error ellipses.
+    """
+    if not routes:
+        raise ValueError("expected at least one route to draw, got none")
+    drifts = {label: drift_of(route) for label, route in routes.items()}
+    spacing = mark_spacing_of(list(drifts.values()), None)
+    box = box_around(*(d.profile().xy for d in drifts.values())) if world is None else world.bounds
+    magnify = magnification(list(drifts.values()), diagonal(box), confidence)
+    figure, on_map, on_drift = map_and_curve(figure, box)
+    drawn_world = plot_world(world, ax=on_map) if world is not None else WorldArtists(None, [])
+    drawn: list[RouteArtists] = []
+    handles: list[Any] = []
+    for (label, drift), style in zip(drifts.items(), cycle(ROUTE_STYLES)):
+        drawn.append(plot_route(drift, ax=on_map, magnify=magnify, spacing_m=spacing, confidence=confidence, **style))
+        said = f"{label}: {_metric(float(drift.length))} m, rms {_metric(float(drift.end.rms))} m at the end"
+        handles += plot_drift(drift, ax=on_drift, label=said, spacing_m=spacing, **style)
+    handles += [drawn[0].start, drawn[0].goal, drawn[0].ellipses[0]]
+    handles += [patch for patch in (drawn_world.obstacles, *drawn_world.zones[:1]) if patch is not None]
+    legend_below(figure, handles)
+    return figure
+
+
+def _metric(value_m: float) -> str:
+    """Three significant digits, and no more than millimetres need."""
+    digits = 2 - floor(log10(abs(value_m))) if value_m else 0
+    return f"{value_m:.{min(max(digits, 0), 4)}f}"

@@ -1,0 +1,63 @@
+"""Drift against the distance driven."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from driftplan.report.figures.maps import drift_of, mark_spacing_of, marked_profile
+from driftplan.report.figures.style import current_axes, quiet_grid
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
+
+    from driftplan.model.drift import Drift
+    from driftplan.planning.routes import Route
+
+
+def plot_drift(
+    route: Route | Drift,
+    *,
+    ax: Axes | None = None,
+    label: str | None = None,
+    spacing_m: float | None = None,
+    radius_at: float | None = None,
+    **line_kwargs: Any,
+) -> list[Line2D]:
+    """Draw the rms drift against the distance driven, marked where `plot_route` draws its ellipses.
+
+    Parameters
+    ----------
+    route : Route or Drift
+    ax : Axes, optional
+        Default: pyplot's current Axes.
+    label : str, optional
+    spacing_m : float, optional
+        Metres between marks; default as in `plot_route`.
+    radius_at : float, optional
+        Draw, thin, the radius that holds the estimate with this confidence too.
+    **line_kwargs
+        Go to the rms line untouched.
+
+    Returns
+    -------
+    list of Line2D
+        The rms, and the radius if asked for.
+    """
+    ax = current_axes(ax)
+    drift = drift_of(route)
+    profile, marks = marked_profile(drift, mark_spacing_of([drift], spacing_m))
+    look = {"linewidth": 1.8, "markersize": 4, "label": label, **line_kwargs}
+    lines = ax.plot(profile.distance, profile.rms, markevery=marks, **look)
+    if radius_at is not None:
+        said = f"{100 * radius_at:g} % within this radius"
+        thin: dict[str, Any] = {"color": lines[0].get_color(), "linestyle": (0, (1, 1.5)), "linewidth": 1.2}
+        lines += ax.plot(profile.distance, profile.radius(radius_at), label=said, **thin)
+    ax.set(xlabel="distance driven (m)", ylabel="rms drift (m)" if radius_at is None else "drift (m)")
+    ax.update_datalim([(0.0, 0.0)])
+    for line in lines:  # no margin below zero; limits stay automatic, for whatever is drawn next
+        line.sticky_edges.x.append(0.0)
+        line.sticky_edges.y.append(0.0)
+    ax.autoscale_view()
+    quiet_grid(ax)
+    return list(lines)

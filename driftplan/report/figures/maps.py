@@ -1,0 +1,245 @@
+"""What is seen from above: worlds, routes with their error ellipses, beacons with their ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import hypot
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from driftplan.arrays import Floats
+from driftplan.model.drift import Drift, PointDrift
+from driftplan.report.figures.ellipses import error_ellipse, magnification, mark_distances, mark_spacing
+from driftplan.report.figures.style import (
+    BEACON,
+    GOAL,
+    OBSTACLE,
+    OTHER_BEACON,
+    OTHER_RANGE,
+    RANGE,
+    START,
+    ZONE,
+    current_axes,
+    in_metres,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    from driftplan.beacons.beacon import Beacon
+    from driftplan.planning.routes import Route
+    from driftplan.world.world import World
+
+_SAMPLES_PER_MARK = 20  # points of a drift curve between two marks: smooth, and every mark is one of them
+_MAX_IDS = 40  # with more beacons on a map their names would cover each other
+
+
+class WorldArtists(NamedTuple):
+    """What `plot_world` drew."""
+
+    obstacles: Patch | None
+    zones: list[Patch]
+
+
+class RouteArtists(NamedTuple):
+    """What `plot_route` drew."""
+
+    line: Line2D
+    ellipses: list[Patch]
+    start: Line2D
+    goal: Line2D
+
+
+def plot_world(world: World, *, ax: Axes | None = None, **obstacle_kwargs: Any) -> WorldArtists:
+    """Draw a map: obstacles as drawn (not inflated), zones hatched, axes in metres and of equal scale.
+
+    Parameters
+    ----------
+    world : World
+    ax : Axes, optional
+        Default: pyplot's current Axes.
+    **obstacle_kwargs
+        Go to the obstacles' patch untouched.
+    """
+    from shapely.plotting import patch_from_polygon
+
+    ax = current_axes(ax)
+    obstacles = None
+    if not world.obstacles.is_empty:
+        look = {**OBSTACLE, "label": "obstacle", "zorder": 1, **obstacle_kwargs}
+        obstacles = ax.add_patch(patch_from_polygon(world.obstacles, **look))
+    zones = []
+    for i, zone in enumerate(world.zones):
+        label = "zone with odometry of its own" if i == 0 else "_nolegend_"
+        zones.append(ax.add_patch(patch_from_polygon(zone.polygon, **ZONE, label=label, zorder=0.9)))
+    xmin, ymin, xmax, ymax = world.bounds
+    ax.set(xlim=(xmin, xmax), ylim=(ymin, ymax))
+    in_metres(ax)
+    return WorldArtists(obstacles, zones)
+
+
+def plot_route(
+    route: Route | Drift,
+    *,
+    ax: Axes | None = None,
+    label: str | None = None,
+    confidence: float = 0.95,
+    spacing_m: float | None = None,
+    magnify: float | None = None,
+    **line_kwargs: Any,
+) -> RouteArtists:
+    """Draw a route, its start and goal, and at regular distances the ellipse in which the robot will think it is.
+
+    An ellipse holds the estimated position with the given confidence (Gaussian approximation). It is centred on the
+    true position plus the bias; enlarged by ``magnify``, so is the bias.
+
+    Parameters
+    ----------
+    route : Route or Drift
+    ax : Axes, optional
+        Default: pyplot's current Axes.
+    label : str, optional
+        Of the line in a legend.
+    confidence : float
+    spacing_m : float, optional
+        Metres between ellipses; default: a round number that gives about 8. The end always has one.
+    magnify : float, optional
+        Enlargement of the ellipses, told in the legend; default: as much as it takes to see them (`magnification`).
+    **line_kwargs
+        Go to the line untouched; ellipses take its colour.
+    """
+    from matplotlib.patches import Ellipse
+
+    ax = current_axes(ax)
+    drift = drift_of(route)
+    spacing = mark_spacing_of([drift], spacing_m)
+    profile, marks = marked_profile(drift, spacing)
+    if magnify is None:
+        magnify = magnification([drift], diagonal(box_around(profile.xy)), confidence)
+    if not magnify > 0:
+        raise ValueError(f"expected magnify > 0, got {magnify!r}")
+    look = {"linewidth": 1.8, "markersize": 4, "zorder": 3, "label": label, **line_kwargs}
+    (line,) = ax.plot(profile.xy[:, 0], profile.xy[:, 1], markevery=marks, **look)
+    at = PointDrift(profile.distance[marks], profile.moments[np.asarray(marks)])
+    centre = at.xy + magnify * at.bias
+    said = _ellipse_label(confidence, spacing, magnify)
+    ellipses = [
+        ax.add_patch(
+            Ellipse(
+                (x, y),
+                magnify * width,
+                magnify * height,
+                angle=angle,
+                facecolor=(*_rgb(line), 0.12),
+                edgecolor=(*_rgb(line), 0.9),
+                linestyle=line.get_linestyle() if "linestyle" in line_kwargs else "-",
+                linewidth=0.9,
+                label=said if i == 0 else "_nolegend_",
+                zorder=2,
+            )
+        )
+        for i, (x, y, width, height, angle) in enumerate(
+            zip(*centre.T, *error_ellipse(at.cov, confidence), strict=True)
+        )
+    ]
+    ends: dict[str, Any] = {"linestyle": "none", "zorder": 4}
+    (start,) = ax.plot(*profile.xy[0], **START, **ends, label="start")
+    (goal,) = ax.plot(*profile.xy[-1], **GOAL, **ends, label="goal")
+    in_metres(ax)
+    return RouteArtists(line, ellipses, start, goal)
+
+
+class BeaconArtists(NamedTuple):
+    """What `plot_beacons` drew: the others first, then those ``used``, on top."""
+
+    ranges: list[Patch]
+    marks: list[Line2D]
+
+
+def plot_beacons(
+    beacons: Sequence[Beacon],
+    *,
+    ax: Axes | None = None,
+    used: Sequence[Beacon] = (),
+    labels: tuple[str, str] = ("beacon counted on", "other beacon"),
+) -> BeaconArtists:
+    """Draw beacons with their ranges and, if they are few, their ids: filled ranges and triangles for those ``used``,
+    dotted ranges and squares for the others.
+
+    Parameters
+    ----------
+    beacons : sequence of Beacon
+        All there are; those ``used`` may be among them.
+    ax : Axes, optional
+        Default: pyplot's current Axes.
+    used : sequence of Beacon
+    labels : (str, str)
+        In a legend: of the used ones, of the others.
+    """
+    from matplotlib.patches import Circle
+
+    ax = current_axes(ax)
+    counted = {id(beacon) for beacon in used}
+    others = [beacon for beacon in beacons if id(beacon) not in counted]
+    ranges: list[Patch] = []
+    marks: list[Line2D] = []
+    for group, label, range_look, mark_look in (
+        (others, labels[1], OTHER_RANGE, OTHER_BEACON),
+        (list(used), labels[0], RANGE, BEACON),
+    ):
+        for beacon in group:
+            ranges.append(ax.add_patch(Circle((beacon.x, beacon.y), beacon.kind.range_m, zorder=1.5, **range_look)))
+            if len(others) + len(used) <= _MAX_IDS:
+                ax.annotate(beacon.id, (beacon.x, beacon.y), (4, 4), textcoords="offset points", fontsize=7, zorder=5)
+        if group:
+            dots: dict[str, Any] = {"linestyle": "none", "zorder": 4, "markeredgecolor": "white", **mark_look}
+            marks += ax.plot(*np.transpose([beacon.xy for beacon in group]), label=label, **dots)
+    return BeaconArtists(ranges, marks)
+
+
+def drift_of(route: Route | Drift) -> Drift:
+    return route if isinstance(route, Drift) else route.drift
+
+
+def mark_spacing_of(drifts: Sequence[Drift], spacing_m: float | None) -> float:
+    if spacing_m is None:
+        return mark_spacing(max(float(drift.length) for drift in drifts))
+    if not spacing_m > 0:
+        raise ValueError(f"expected spacing_m > 0, got {spacing_m!r}")
+    return spacing_m
+
+
+def marked_profile(drift: Drift, spacing_m: float) -> tuple[PointDrift, list[int]]:
+    """The drift in small steps, and which of them are the marks."""
+    profile = drift.profile(spacing_m / _SAMPLES_PER_MARK)
+    marks = mark_distances(float(drift.length), spacing_m)
+    return profile, [int(np.searchsorted(profile.distance, s * (1 + 1e-9), side="right")) - 1 for s in marks]
+
+
+def box_around(*lines: Floats) -> tuple[float, float, float, float]:
+    """Bounds of polylines with a margin of a tenth, and never thinner than a fifth of their greater side."""
+    xy = np.concatenate(lines)
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    side = float((high - low).max()) or 1.0
+    half = np.maximum((high - low) / 2 + 0.1 * side, 0.2 * side)
+    middle = (low + high) / 2
+    (xmin, ymin), (xmax, ymax) = (middle - half).tolist(), (middle + half).tolist()
+    return xmin, ymin, xmax, ymax
+
+
+def diagonal(box: Sequence[float]) -> float:
+    return hypot(box[2] - box[0], box[3] - box[1])
+
+
+def _ellipse_label(confidence: float, spacing_m: float, magnify: float) -> str:
+    scale = "" if magnify == 1 else f", drawn {magnify:g} × its size"
+    return f"{100 * confidence:g} % error ellipse every {spacing_m:g} m{scale}"
+
+
+def _rgb(line: Line2D) -> tuple[float, float, float]:
+    from matplotlib.colors import to_rgb
+
+    return to_rgb(line.get_color())

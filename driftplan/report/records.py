@@ -1,0 +1,93 @@
+"""What is printed and written about the drift along a path: named columns with units, as table, JSON, CSV and GeoJSON.
+
+Lengths are metres, angles radians; only tables for people have degrees.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from math import degrees, isfinite
+from typing import TYPE_CHECKING, Any
+
+from driftplan.tables import decimals, digits, table
+
+if TYPE_CHECKING:
+    from driftplan.arrays import Floats
+    from driftplan.model.drift import Drift, PointDrift
+
+CONFIDENCE = 0.95  # of the radii in tables and JSON, and of the ellipses in figures
+
+
+def drift_columns(drift: PointDrift) -> dict[str, Floats]:
+    """Drift at points, shape (k,), as named columns with units."""
+    xy, bias, cov = drift.xy, drift.bias, drift.cov
+    return {
+        "distance_m": drift.distance,
+        "x_m": xy[..., 0],
+        "y_m": xy[..., 1],
+        "rms_m": drift.rms,
+        "bias_x_m": bias[..., 0],
+        "bias_y_m": bias[..., 1],
+        "cov_xx_m2": cov[..., 0, 0],
+        "cov_xy_m2": cov[..., 0, 1],
+        "cov_yy_m2": cov[..., 1, 1],
+        "radius95_m": drift.radius(CONFIDENCE),
+        "heading_std_rad": drift.heading_std,
+    }
+
+
+def drift_as_json(drift: PointDrift) -> list[dict[str, float]]:
+    """One object per point."""
+    columns = drift_columns(drift)
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return [dict(zip(columns, row, strict=True)) for row in rows]
+
+
+def drift_table(drift: PointDrift) -> str:
+    """Drift at points as a table for people."""
+    rms, bias, radius = digits(drift.rms, drift.bias_norm, drift.radius(CONFIDENCE))
+    (heading,) = digits([degrees(std) for std in drift.heading_std], count=3)
+    return table(
+        {
+            "distance m": decimals(drift.distance, 2),
+            "x m": decimals(drift.xy[..., 0], 2),
+            "y m": decimals(drift.xy[..., 1], 2),
+            "rms m": rms,
+            "bias m": bias,
+            "95 % radius m": radius,
+            "heading std deg": heading,
+        }
+    )
+
+
+def path_csv(drift: Drift) -> bytes:
+    """The waypoints as CSV that ``driftplan predict`` and ``compare`` read back."""
+    lines = ["x_m,y_m", *(f"{x!r},{y!r}" for x, y in drift.xy.tolist())]  # repr of a float: nothing is rounded
+    return ("\n".join(lines) + "\n").encode()
+
+
+def drift_geojson(drift: Drift, properties: Mapping[str, Any]) -> bytes:
+    """The path as a LineString in metres of the map's frame (not longitude and latitude), with its drift."""
+    columns = {name: values.tolist() for name, values in drift_columns(drift).items() if name not in ("x_m", "y_m")}
+    feature = {
+        "type": "Feature",
+        "geometry": {"type": "LineString", "coordinates": drift.xy.tolist()},
+        "properties": {"kind": "route", **properties, **columns},
+    }
+    return (json_text({"type": "FeatureCollection", "features": [feature]}) + "\n").encode()
+
+
+def json_text(value: Any) -> str:
+    """JSON that any parser reads: what is not finite becomes null."""
+    return json.dumps(_finite_or_null(value), indent=2, allow_nan=False)
+
+
+def _finite_or_null(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite_or_null(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite_or_null(item) for item in value]
+    if isinstance(value, float) and not isfinite(value):
+        return None
+    return value
