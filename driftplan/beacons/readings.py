@@ -27,8 +27,8 @@ from driftplan.arrays import Bools, Floats, Ints
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.passes import Passes, passes_of
 from driftplan.model.drift import Drift, PointDrift, predict_drift
-from driftplan.model.noise import Noises, OdometryNoise
-from driftplan.model.readings import Fix, Readings
+from driftplan.model.noise import NO_SPREAD, Noises, OdometryNoise, SystematicSpread
+from driftplan.model.readings import Estimator, Fix, Readings
 from driftplan.world.world import World
 
 _POINT_M = 1e-6  # a pass shorter than this is one reading
@@ -91,6 +91,8 @@ def drift_with_beacons(
     world: World | None = None,
     *,
     fixes: Sequence[Fix] = (),
+    estimator: Estimator = "reset",
+    spread: SystematicSpread = NO_SPREAD,
 ) -> Drift:
     """Drift along a path of a robot that reads ``beacons`` on its way; exact under the model of this module.
 
@@ -119,7 +121,7 @@ def drift_with_beacons(
     xy = waypoints_of(path)
     readings = Readings.of(fixes) + readings_on(xy, BeaconColumns.of(beacons), world)
     xy, noises = floor_of(xy, noise, world)
-    return predict_drift(xy, noises, fixes=readings)
+    return predict_drift(xy, noises, fixes=readings, estimator=estimator, spread=spread)
 
 
 def waypoints_of(path: Any) -> Floats:

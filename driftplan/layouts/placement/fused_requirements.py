@@ -24,8 +24,10 @@ import numpy as np
 from driftplan.arrays import Bools
 from driftplan.layouts.placement.cut_pool import Cut
 from driftplan.layouts.placement.fused_routes import NEVER, FusedRoute
+from driftplan.model.filter_state import FilterState
 
 _CUTS_PER_ROUTE = 8  # at a time
+_ROUNDING = 1e-9  # relative, of tr P
 
 
 class FusedRequirements:
@@ -34,13 +36,17 @@ class FusedRequirements:
     Parameters
     ----------
     routes : sequence of FusedRoute
+    limits_m : sequence of float
+        On the rms, one per route.
     redundancy : int
         1: all beacons live; k: any k - 1 of them may be dead.
     seed : int
     """
 
-    def __init__(self, routes: Sequence[FusedRoute], redundancy: int = 1, seed: int = 0):
+    def __init__(self, routes: Sequence[FusedRoute], limits_m: Sequence[float], redundancy: int = 1, seed: int = 0):
         self.routes, self.redundancy = tuple(routes), redundancy
+        self.limits_m = tuple(limits_m)
+        self.most = [float(limit) ** 2 * (1 + _ROUNDING) for limit in limits_m]  # of tr P
         self.random = np.random.default_rng(seed)
         self.known: dict[tuple[int, frozenset[int]], int] = {}
         self.routes_meeting: dict[int, list[int]] = {}
@@ -52,7 +58,7 @@ class FusedRequirements:
         """Cuts that are known before any layout is judged."""
         found = []
         for r, route in enumerate(self.routes):
-            stretches = route.unread()
+            stretches = route.unread(self.most[r])
             sets = [self._read_between(route, first, last) for first, last in stretches]
             bits = [sum(1 << site for site in sites) for sites in sets]
             for mine, sites, (_, last) in zip(bits, sets, stretches, strict=True):
@@ -79,6 +85,14 @@ class FusedRequirements:
         """Whether the layout keeps the limits."""
         return not self.cuts(chosen)
 
+    def excess(self, chosen: Bools) -> float:
+        """The greatest drift over its limit, on any route, with the beacons dead that may be."""
+        everyone, worst = set(np.flatnonzero(chosen).tolist()), 0.0
+        for r, route in enumerate(self.routes):
+            drift = max(route.worst(alive) for alive in self._survivors(r, everyone))
+            worst = max(worst, drift / self.limits_m[r])
+        return worst
+
     def _survivors(self, r: int, everyone: set[int]) -> Iterator[frozenset[int]]:
         """Sites of a route that live, for every set that may be dead: as many as may, fewer fail only if these do."""
         here = self.routes[r].sites & everyone
@@ -88,29 +102,34 @@ class FusedRequirements:
     def _breach(self, r: int, alive: frozenset[int]) -> int:
         key = r, alive
         if key not in self.known:
-            self.known[key] = self.routes[r].breach(alive)
+            self.known[key] = self.routes[r].breach(alive, self.most[r])
         return self.known[key]
 
     def _repaired(self, r: int, alive: set[int], border: int) -> list[Cut]:
         """Cuts for a route that fails, while it is repaired by adding a site of each cut."""
         found: list[Cut] = []
         while border != NEVER and len(found) < _CUTS_PER_ROUTE:
-            needed = self._outside(self.routes[r], alive, border)
+            needed = self._outside(r, alive, border)
             found.append(self._at_least(needed, (r, border)))
             if not needed:
                 break
             alive.add(sorted(needed)[int(self.random.integers(len(needed)))])
-            border = self.routes[r].breach(alive)
+            border = self.routes[r].breach(alive, self.most[r])
         return found
 
-    def _outside(self, route: FusedRoute, alive: set[int], border: int) -> set[int]:
+    def _outside(self, r: int, alive: set[int], border: int) -> set[int]:
         """Sites outside a largest set, ``alive`` among it, that fails at a border."""
-        if border == 0 or route.fails_at(route.best[border - 1], border - 1, border, alive):
+        route = self.routes[r]
+
+        def fails(state: FilterState, first: int, living: set[int]) -> bool:
+            return bool(route.arriving(state, first, border, living).trace > self.most[r])
+
+        if fails(route.best[border - 1], border - 1, alive):
             return set()
         low, high = -1, border - 1  # the best state at low fails (-1: the start, with nothing else read), at high not
         while high - low > 1:
             middle = (low + high) // 2
-            if route.fails_at(route.best[middle], middle, border, alive):
+            if fails(route.best[middle], middle, alive):
                 low = middle
             else:
                 high = middle
@@ -121,7 +140,7 @@ class FusedRequirements:
                 if site not in inside and site not in outside:
                     arriving = route.driven(state, here, stop) if stop > here else state
                     with_it = inside | {site}
-                    if route.fails_at(route.read(arriving, stop, with_it), stop, border, with_it):
+                    if fails(route.read(arriving, stop, with_it), stop, with_it):
                         inside = with_it
                     else:
                         outside.add(site)

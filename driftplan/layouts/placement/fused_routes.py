@@ -1,8 +1,10 @@
 """Routes as a fusing robot drives them: legs and possible readings in order, and where a set of living sites fails.
 
-A route is cut where anything can be read and where it turns. Along a straight run tr P is a convex function of the
-metres driven (its second derivative is 2 P_θθ + 2 q_h s), and it only grows in a turn on the spot: its maximum lies at
-an end of a leg. A limit that holds on arrival at every border, before the readings there, holds everywhere.
+A route is cut where anything can be read, where it turns, and between a turn and the run after it; before all there is
+a leg of no length, so that what is read at the start counts before the limit does. Along a straight run tr P is a
+convex function of the metres driven (its second derivative is 2 P_θθ + 2 q_h s), and it only grows in a turn on the
+spot: its maximum lies at an end of a leg. A limit that holds on arrival at every border, before the readings there,
+holds everywhere.
 """
 
 from __future__ import annotations
@@ -16,13 +18,15 @@ import numpy as np
 
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
-from driftplan.layouts.placement.tracks import Tracks
+from driftplan.beacons.readings import BeaconColumns, floor_of, readings_on
+from driftplan.layouts.scenario import Scenario
 from driftplan.model.covariance import Legs, legs
-from driftplan.model.filter_state import FilterState, LegColumns, Row, heading_row, position_rows
-from driftplan.model.fixes import Fix
+from driftplan.model.filter_state import FilterState, LegColumns, Row
+from driftplan.model.noise import Noises, noise_of_legs
+from driftplan.model.paths import read_path
+from driftplan.model.readings import Fix, Readings
 
 NEVER = -1  # stands for a border at which a limit fails where none does
-_ROUNDING = 1e-9  # relative, of tr P
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,15 +48,12 @@ class FusedRoute:
     legs : Legs, shape (m,)
     readings : for every border, m + 1 of them, the readings there in order
     distance : (m + 1,), metres driven
-    most : float
-        The limit on tr P, m².
     """
 
     start: FilterState
     legs: Legs
     readings: tuple[tuple[FusedReading, ...], ...]
     distance: Floats
-    most: float
 
     @cached_property
     def sites(self) -> frozenset[int]:
@@ -126,28 +127,30 @@ class FusedRoute:
             found.append(state)
         return found
 
-    def breach(self, alive: AbstractSet[int]) -> int:
-        """The first border at which the limit fails with these sites alive, or `NEVER`."""
-        if self.start.trace > self.most:
-            return 0
+    def breach(self, alive: AbstractSet[int], limit: float) -> int:
+        """The first border at which tr P exceeds ``limit`` (m²) with these sites alive, or `NEVER`."""
         state, here = self.read(self.start, 0, alive), 0
         for stop in [*self.stops(alive, 0, self.end), self.end]:
-            over = np.flatnonzero(self._traces(state, here, stop) > self.most)
+            over = np.flatnonzero(self._traces(state, here, stop) > limit)
             if len(over):
                 return here + 1 + int(over[0])
             state, here = self.read(self.driven(state, here, stop), stop, alive), stop
         return NEVER
 
-    def fails_at(self, state: FilterState, first: int, last: int, alive: AbstractSet[int]) -> bool:
-        """Whether the limit fails at ``last``, from ``state`` after the readings at ``first``, whatever is between."""
+    def arriving(self, state: FilterState, first: int, last: int, alive: AbstractSet[int]) -> FilterState:
+        """On arrival at ``last``, from ``state`` after the readings at ``first``, with these sites alive."""
         here = first
         for stop in self.stops(alive, first, last):
             state, here = self.read(self.driven(state, here, stop), stop, alive), stop
-        return bool(self.driven(state, here, last).trace > self.most)
+        return self.driven(state, here, last)
+
+    def square_at(self, border: int, alive: AbstractSet[int]) -> float:
+        """E|e|² on arrival at a border with these sites alive, m²."""
+        return float(self.arriving(self.read(self.start, 0, alive), 0, border, alive).trace)
 
     def worst(self, alive: AbstractSet[int]) -> float:
         """Greatest rms anywhere, metres."""
-        square, state, here = float(self.start.trace), self.read(self.start, 0, alive), 0
+        square, state, here = 0.0, self.read(self.start, 0, alive), 0
         for stop in [*self.stops(alive, 0, self.end), self.end]:
             square = max(square, float(self._traces(state, here, stop).max(initial=0.0)))
             state, here = self.read(self.driven(state, here, stop), stop, alive), stop
@@ -160,7 +163,7 @@ class FusedRoute:
         turned = 2 * (Dxt * x + Dyt * y) + Dtt * (x * x + y * y)
         return np.asarray(self._unaided_trace[first + 1 : last + 1] + (Dxx + Dyy) + turned)
 
-    def unread(self) -> list[tuple[int, int]]:
+    def unread(self, limit: float) -> list[tuple[int, int]]:
         """Stretches that fail in the best of cases when nothing is read inside them, as short as they come.
 
         Returns
@@ -168,56 +171,67 @@ class FusedRoute:
         list of first, last : int
             Borders: something has to be read at one of first … last - 1, or the limit fails at last.
         """
-        starts = [(self.start, 0), *((state, border) for border, state in enumerate(self.best[:-1]))]
-        until = [0] if self.start.trace > self.most else []
-        for state, border in starts[len(until) :]:
-            over = np.flatnonzero(self._traces(state, border, self.end) > self.most)
+        until = []
+        for state, border in [(self.start, 0), *((state, border) for border, state in enumerate(self.best[:-1]))]:
+            over = np.flatnonzero(self._traces(state, border, self.end) > limit)
             until.append(border + 1 + int(over[0]) if len(over) else NEVER)
         later = [*until[1:], NEVER]
-        return [(first, last) for first, (last, next_) in enumerate(zip(until, later, strict=True)) if last not in (NEVER, next_)]
+        return [
+            (first, last)
+            for first, (last, next_) in enumerate(zip(until, later, strict=True))
+            if last not in (NEVER, next_)
+        ]
 
 
-def fused_routes(
-    tracks: Tracks, sites: Sequence[Beacon], start_fix: Fix | None, headings: Floats, limits_m: Sequence[float]
-) -> tuple[FusedRoute, ...]:
-    """The routes of ``tracks``; ``headings`` at their starts, rad, ``limits_m`` on their rms."""
-    rows = [_rows_of(beacon) for beacon in sites]
+def fused_routes(scenario: Scenario, sites: Sequence[Beacon]) -> tuple[FusedRoute, ...]:
+    """The routes of a scenario with the readings of all ``sites``.
+
+    Raises
+    ------
+    ValueError
+        For odometry with a known systematic error: a filter does not correct it, and then more beacons may be worse.
+    """
+    columns, start = BeaconColumns.of(sites), _state_of(scenario.start_fix)
     found = []
-    for r, limit in enumerate(limits_m):
-        pieces, events = tracks.pieces_of(r), tracks.events_of(r)
-        turns = np.angle(tracks.pieces.u[pieces])
-        before = headings[r] + np.cumsum(turns) - turns
-        length = tracks.length[pieces]
-        at: list[list[FusedReading]] = [[] for _ in range(len(length) + 1)]
-        for border, site, chance in zip(
-            *(x[events].tolist() for x in (tracks.border, tracks.site, tracks.chance)), strict=True
-        ):
-            at[border].append(FusedReading(site, rows[site], None if chance == 1 else chance))
-        found.append(
-            FusedRoute(
-                start=_start(start_fix),
-                legs=legs(before, turns, length, np.zeros(len(length)), tracks.noises, tracks.noise_of[pieces]),
-                readings=tuple(tuple(here) for here in at),
-                distance=tracks.distances_of(r),
-                most=float(limit) ** 2 * (1 + _ROUNDING),
+    for path in scenario.routes:
+        readings = readings_on(path, columns, scenario.world)
+        route = _route(*floor_of(path, scenario.noise, scenario.world), readings, start)
+        if route.legs.shift.any():
+            raise ValueError(
+                "expected odometry without a known systematic error (heading_bias_per_m, heading_bias_per_rad, "
+                "distance_scale_error) for estimator='filter': calibrate it away, or place with estimator='reset'"
             )
-        )
+        found.append(route)
     return tuple(found)
 
 
-def _rows_of(beacon: Beacon) -> tuple[Row, ...]:
-    kind = beacon.kind
-    rows: tuple[Row, ...] = ()
-    if kind.position_std_m is not None:
-        rows += position_rows(kind.position_std_m**2 * np.eye(2))
-    if kind.heading_std is not None:
-        rows += (heading_row(kind.heading_std**2),)
-    return rows
+def _route(path: Floats, noise: Noises, readings: Readings, start: FilterState) -> FusedRoute:
+    runs = read_path(path)
+    noises, which = noise_of_legs(noise, len(runs.lengths), 1)
+    runs, at, old = runs.cut(readings.s_m)
+    turns = runs.turns != 0
+    parts = 1 + turns  # of a leg: its turn, its run
+    first = 1 + np.concatenate([[0], np.cumsum(parts)])  # of a leg's parts, and the border where it begins
+    turned, lengths = np.zeros(first[-1]), np.append(0.0, np.repeat(runs.lengths, parts))
+    turned[first[:-1][turns]], lengths[first[:-1][turns]] = runs.turns[turns], 0.0
+    headings = float(runs.heading) + np.cumsum(turned) - turned
+    which = np.append(which[:1], np.repeat(np.repeat(which, np.diff(old)), parts))
+    driven = legs(headings, turned, lengths, np.zeros(first[-1]), noises, which)
+    positions = np.concatenate([[0.0], np.cumsum(driven.moves)]) + complex(runs.start)
+    here: list[list[FusedReading]] = [[] for _ in positions]
+    for k in np.lexsort((readings.source, readings.rank, at)).tolist():
+        border = int(first[at[k]]) if at[k] else 0
+        here[border].append(FusedReading(int(readings.source[k]), *readings.rows(k, complex(positions[border]))))
+    distance = np.concatenate([[0.0], np.cumsum(lengths)])
+    return FusedRoute(start, driven, tuple(tuple(some) for some in here), distance)
 
 
-def _start(fix: Fix | None) -> FilterState:
+def _state_of(start_fix: Fix | None) -> FilterState:
     pose = np.zeros((3, 3))
-    if fix is not None:
-        pose[:2, :2] = 0.0 if fix.position_cov is None else fix.position_cov
-        pose[2, 2] = 0.0 if fix.heading_std is None else fix.heading_std**2
+    if start_fix is not None:
+        chance = start_fix.detection_probability
+        if start_fix.position_cov is not None:
+            pose[:2, :2] = chance * start_fix.position_cov
+        if start_fix.heading_std is not None:
+            pose[2, 2] = -2 * np.log1p(chance * np.expm1(-(start_fix.heading_std**2) / 2))
     return FilterState.at_start(pose)
