@@ -46,6 +46,18 @@ def decimals(values: Iterable[float], places: int) -> list[str]:
     return [f"{value:.{places}f}" if isfinite(value) else NONE for value in values]
 
 
+def numbers(rows: Iterable[Mapping[str, float]], places: int, *keys: str) -> dict[str, list[str]]:
+    """Columns of a table from rows: ``length_m`` is headed "length m".
+
+    Examples
+    --------
+    >>> numbers([{"length_m": 2.0}], 1, "length_m")
+    {'length m': ['2.0']}
+    """
+    known = list(rows)
+    return {key.replace("_", " "): decimals([row[key] for row in known], places) for key in keys}
+
+
 def digits(*columns: Iterable[float], count: int = 4) -> list[list[str]]:
     """Columns of one unit with as many decimals as the greatest number needs to show ``count`` digits, at least two.
 

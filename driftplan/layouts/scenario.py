@@ -10,7 +10,6 @@ import numpy as np
 
 from driftplan.arrays import Floats, keywords_checked, whole
 from driftplan.beacons.beacon import Beacon
-from driftplan.beacons.passes import passes_of
 from driftplan.beacons.readings import BeaconColumns, drift_with_beacons, waypoints_of
 from driftplan.model.drift import Drift, PointDrift
 from driftplan.model.noise import OdometryNoise
@@ -151,7 +150,7 @@ class Scenario:
 def beacons_in_range(world: World | None, path: Floats, beacons: Sequence[Beacon]) -> list[Beacon]:
     """Those of the beacons that a path comes within range of, and in sight where they must be seen."""
     columns = BeaconColumns.of(beacons)
-    found = passes_of(path, columns.xy, columns.range_m, columns.must_see, world)
+    found = columns.passes(path, world)
     return [beacons[i] for i in np.unique(found.beacon)]
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from math import hypot
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -26,6 +27,11 @@ from driftplan.model.heading_laws import law_moments
 from driftplan.model.moments import Moments, identity
 
 Estimator = Literal["reset", "filter"]
+NEEDS_FILTER = (
+    "a range or a bearing tells neither position nor heading by itself, "
+    "a robot that replaces what it reads cannot use it"
+)
+_NEAREST_ANCHOR_M = 0.01  # a range or bearing from nearer is left out: no direction, and nothing linear about it
 
 
 def checked_estimator(estimator: str) -> None:
@@ -231,10 +237,7 @@ class Readings:
             For a range or a bearing: they need a filter.
         """
         if not (np.isnan(self.range_var) & np.isnan(self.bearing_var)).all():
-            raise ValueError(
-                "a range or a bearing tells neither position nor heading by itself: a robot that replaces what it "
-                "reads cannot use it; expected estimator='filter'"
-            )
+            raise ValueError(f"{NEEDS_FILTER}; expected estimator='filter'")
         places, turns = self.read_position, self.read_heading
         law = law_moments("gaussian", np.where(turns, self.heading_var, 0.0))
         placed, turned = self.chance * places, self.chance * turns
@@ -260,10 +263,11 @@ class Readings:
         if not np.isnan(self.heading_var[k]):
             rows.append(heading_row(float(self.heading_var[k])))
         towards = complex(self.anchor[k]) - position
-        if not np.isnan(self.range_var[k]):
-            rows.append(range_row(as_plane(towards), float(self.range_var[k])))
-        if not np.isnan(self.bearing_var[k]):
-            rows.append(bearing_row(as_plane(towards), float(self.bearing_var[k])))
+        if hypot(towards.real, towards.imag) > _NEAREST_ANCHOR_M:  # NaN, hence not, where there is no anchor
+            if not np.isnan(self.range_var[k]):
+                rows.append(range_row(as_plane(towards), float(self.range_var[k])))
+            if not np.isnan(self.bearing_var[k]):
+                rows.append(bearing_row(as_plane(towards), float(self.bearing_var[k])))
         chance = float(self.chance[k])
         return tuple(rows), None if chance == 1 else chance
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from enum import Enum
 from math import degrees, isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -78,16 +79,31 @@ def drift_geojson(drift: Drift, properties: Mapping[str, Any]) -> bytes:
     return (json_text({"type": "FeatureCollection", "features": [feature]}) + "\n").encode()
 
 
+def record(thing: object, *keys: str) -> dict[str, Any]:
+    """Attributes by names that carry their unit: ``length_m`` is the attribute of that name, or else ``length``.
+
+    Examples
+    --------
+    >>> record(1 + 2j, "real", "imag_m")
+    {'real': 1.0, 'imag_m': 2.0}
+    """
+    return {key: getattr(thing, key if hasattr(thing, key) else key.rpartition("_")[0]) for key in keys}
+
+
 def json_text(value: Any) -> str:
-    """JSON that any parser reads: what is not finite becomes null."""
-    return json.dumps(_finite_or_null(value), indent=2, allow_nan=False)
+    """JSON that any parser reads: named tuples are objects, and what is not finite becomes null."""
+    return json.dumps(_plain(value), indent=2, allow_nan=False)
 
 
-def _finite_or_null(value: Any) -> Any:
+def _plain(value: Any) -> Any:
+    if isinstance(value, Enum):
+        return value.name.lower()
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
     if isinstance(value, Mapping):
-        return {key: _finite_or_null(item) for key, item in value.items()}
+        return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite_or_null(item) for item in value]
+        return [_plain(item) for item in value]
     if isinstance(value, float) and not isfinite(value):
         return None
     return value

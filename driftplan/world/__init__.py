@@ -6,7 +6,8 @@ zones, zone_grid, zone_files    floors with odometry of their own, quick to find
 mapfiles                        load_world, save_world, and the formats: ros_map, movingai_map, geojson_map
 cells, cell_pictures            from cells to polygons and back; a YAML file and the picture it names
 trajectories                    paths and trajectories in files
-odometry_logs, log_tables       recordings: TUM, KITTI, MR.CLAM, CSV, MATLAB
+odometry_logs, log_tables       recordings: TUM, KITTI, MR.CLAM, ROS, CSV, MATLAB
+log_order, log_plausibility     rows in the order of their times; do headings follow the way driven
 noise_files                     a noise as YAML
 shapes                          polygons as public functions accept them
 """

@@ -12,33 +12,72 @@ from typing import NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Bools, Floats, Ints
 from driftplan.errors import TrajectoryError
 
-_MOST_BYTES = 128 << 20  # of text, unpacked: a million steps take half of it
-_BLOCK = 20_000  # lines
-_MOST_NUMBERS = 200_000_000
-_UNITS = {
-    "ns": 1e-9,
-    "us": 1e-6,
-    "ms": 1e-3,
-    "cm": 1e-2,
-    "mm": 1e-3,
-    "km": 1e3,
-    "deg": np.pi / 180,
-    "deg/s": np.pi / 180,
+_MAX_BYTES = 256 << 20  # of text, unpacked: a million steps take a quarter of it
+_MAX_NUMBERS = 200_000_000
+_SAID_SHARE = 0.01  # of the rows: as many unusable ones are told,
+MAX_DROPPED_SHARE = 0.2  # and more than so many refused
+_UNITS_BY_SIZE: Mapping[float, Sequence[str]] = {
+    1.0: ("", "-", "1", "s", "sec", "secs", "second", "seconds", "m", "metre", "metres", "meter", "meters"),
+    60.0: ("min",),
+    1e-3: ("ms", "msec", "mm"),
+    1e-6: ("us", "usec", "µs", "um"),
+    1e-9: ("ns", "nsec"),
+    1e-2: ("cm",),
+    1e3: ("km",),
+    0.0254: ("in", "inch"),
+    0.3048: ("ft", "feet"),
+    np.pi / 180: ("deg", "degree", "degrees", "°"),
+    2 * np.pi: ("rev", "turns"),
+}
+_LENGTHS_AND_ANGLES = {unit: size for size, units in _UNITS_BY_SIZE.items() for unit in units}
+UNITS = {
+    **_LENGTHS_AND_ANGLES,
+    **dict.fromkeys(("rad", "radian", "radians", "m/s", "rad/s", "mps"), 1.0),
+    **{f"{unit}/s": _LENGTHS_AND_ANGLES[unit] for unit in ("mm", "cm", "km", "ft", "in", "deg", "degrees", "°", "rev")},
+    "mrad": 1e-3,
+    "mrad/s": 1e-3,
+    "km/h": 1 / 3.6,
+    "kmh": 1 / 3.6,
+    "kph": 1 / 3.6,
+    "mph": 0.44704,
+    "rpm": 2 * np.pi / 60,
 }
 
 
 class Table(NamedTuple):
-    """Values (n, k) in SI units, and what the columns are called where the file says so."""
+    """What a file holds.
+
+    Attributes
+    ----------
+    values : array, shape (n, k)
+        In the file's units, see `named`.
+    names, units : tuples of str, or None
+        What the columns are called and measured in, where the file says so.
+    names_are_a_comment : bool
+        And so, perhaps, not names at all.
+    lines : array of int, shape (n,)
+        Which line of the file each row stands in, from 1.
+    notes : tuple of str
+        What was left out.
+    text : tuple of int
+        Which columns of the file hold no numbers, and were left out.
+    """
 
     values: Floats
     names: tuple[str, ...] | None
-    names_are_a_comment: bool = False  # and so, perhaps, not names at all
+    units: tuple[str, ...] | None = None
+    names_are_a_comment: bool = False
+    lines: Ints = np.zeros(0, dtype=int)
+    notes: tuple[str, ...] = ()
+    text: tuple[int, ...] = ()
 
 
-def read_table(path: str | os.PathLike[str], variable: str | None = None) -> Table:
+def read_table(
+    path: str | os.PathLike[str], variable: str | None = None, *, min_rows: int = 2, recording: bool = False
+) -> Table:
     """The numbers of one file.
 
     Parameters
@@ -47,9 +86,13 @@ def read_table(path: str | os.PathLike[str], variable: str | None = None) -> Tab
         ``.mat`` (MATLAB up to 7.2) or text: columns separated by blanks, tabs, commas or semicolons; gzipped if it ends
         in ``.gz``. Lines that begin with ``#`` or ``%`` are comments. Names of columns are taken from a first line that
         is not numbers, or from the last comment before the numbers if it names as many columns, as in
-        ``# Time [s]  x [m]  y [m]``. Units ns, us, ms, mm, cm, km, deg, deg/s in brackets are converted to SI.
+        ``# Time [s]  x [m]  y [m]``. Units stand in brackets.
     variable : str, optional
         Name of the array in a MATLAB file.
+    min_rows : int
+    recording : bool
+        Whether columns of text are left out, and up to a fifth of the rows where a value is missing or not finite, as
+        exports of recordings have them. Otherwise these are refused.
 
     Raises
     ------
@@ -57,23 +100,59 @@ def read_table(path: str | os.PathLike[str], variable: str | None = None) -> Tab
         If the file cannot be read: the message names it, and the line or variable.
     """
     file = Path(path)
+    if file.exists() and not file.is_file():  # a pipe would wait for ever
+        raise TrajectoryError(f"{file}: expected a file of numbers, got something else")
     try:
         if file.suffix.lower() == ".mat":
-            return Table(_matlab(file, variable), None)
-        return _text(file)
+            values = _matlab(file, variable)
+            table = Table(values, None, lines=np.arange(1, len(values) + 1))
+        else:
+            table = _text(file, recording)
     except OSError as err:
         reason = err.strerror or err
         raise TrajectoryError(f"{file}: {reason}") from err
+    if not np.isfinite(table.values).all():
+        raise TrajectoryError(f"{file}: expected finite numbers, got {table.values[~np.isfinite(table.values)][0]}")
+    if len(table.values) < min_rows:
+        raise TrajectoryError(f"{file}: expected at least {min_rows} rows of numbers, got {len(table.values)}")
+    return table
 
 
-def named(table: Table, aliases: Mapping[str, Sequence[str]]) -> dict[str, Floats]:
-    """Columns by the names in ``aliases`` under which the file's names for them are listed."""
-    found: dict[str, Floats] = {}
-    for k, name in enumerate(table.names or ()):
-        for wanted, others in aliases.items():
-            if wanted not in found and (name == wanted or name in others):
-                found[wanted] = table.values[:, k]
+def named(file: Path, table: Table, aliases: Mapping[str, Sequence[str]]) -> dict[str, Floats]:
+    """Columns in SI units by the names in ``aliases`` under which the file's names for them are listed: as they are,
+    else by their last words, as in ``pose.pose.position.x``.
+
+    Raises
+    ------
+    TrajectoryError
+        Where a column has a unit that is not in `UNITS`: it lists them.
+    """
+    return {
+        name: table.values[:, k] * unit_size(file, table, k)
+        for name, k in columns_of(table.names or (), aliases).items()
+    }
+
+
+def columns_of(names: Sequence[str], aliases: Mapping[str, Sequence[str]]) -> dict[str, int]:
+    """Which column each of the ``aliases`` stands for; the first where several do."""
+    found: dict[str, int] = {}
+    for wanted, others in aliases.items():
+        exact = [k for k, name in enumerate(names) if name == wanted or name in others]
+        # one word says too little: `covariance_x` is no x
+        tails = tuple(f"_{other}" for other in others if "_" in other or other in ("stamp", "yaw"))
+        candidates = [*exact, *(k for k, name in enumerate(names) if name.endswith(tails))]
+        if candidates:
+            found[wanted] = candidates[0]
     return found
+
+
+def unit_size(file: Path, table: Table, column: int) -> float:
+    """One of the column's unit in SI units; 1 where none is named."""
+    unit = "" if table.units is None else table.units[column]
+    if unit not in UNITS:
+        name = "" if table.names is None else f" of column {table.names[column]!r}"
+        raise TrajectoryError(f"{file}: unknown unit [{unit}]{name}; known: {', '.join(filter(None, UNITS))}")
+    return UNITS[unit]
 
 
 def _matlab(file: Path, variable: str | None) -> Floats:
@@ -91,7 +170,7 @@ def _matlab(file: Path, variable: str | None) -> Floats:
             raise TrajectoryError(
                 f"{file}: expected variable {variable!r} to be a matrix of numbers, got {kind} {shape}"
             )
-        if int(np.prod(shape)) > _MOST_NUMBERS:
+        if int(np.prod(shape)) > _MAX_NUMBERS:
             raise TrajectoryError(f"{file}: variable {variable!r} claims {shape} numbers, more than any recording")
         values = np.asarray(loadmat(file, variable_names=[variable])[variable], dtype=float)
     except NotImplementedError:
@@ -100,70 +179,122 @@ def _matlab(file: Path, variable: str | None) -> Floats:
         raise
     except Exception as err:  # scipy raises whatever a broken file leads it into
         raise TrajectoryError(f"{file}: not a readable MATLAB file ({type(err).__name__}: {err})") from err
-    _check_rows(file, values)
     return values
 
 
-def _text(file: Path) -> Table:
+def _text(file: Path, recording: bool) -> Table:
     lines = _lines(file)
     first = next((k for k, line in enumerate(lines) if not _is_comment(line)), None)
     if first is None:
         raise TrajectoryError(f"{file}: expected lines of numbers, found none")
     header = None
-    if not _are_numbers(_fields(lines[first])):
+    cells = _fields(lines[first])
+    if not any(map(_is_number, cells)) if recording else not all(map(_is_number, cells)):
         header, first = lines[first], first + 1
-    values = _numbers(file, lines, first)
-    _check_rows(file, values)
-    if header is not None:
-        names = _names(header, values.shape[1])
-        if names is None:
-            raise TrajectoryError(f"{file}: expected a header of {values.shape[1]} names, got {header.strip()[:80]!r}")
-    else:
-        comments = [line for line in lines[:first] if line.strip()]
-        names = _names(comments[-1].strip().lstrip("#% "), values.shape[1]) if comments else None
-    if names is None:
-        return Table(values, None)
-    scale = np.array([_UNITS.get(unit, 1.0) for _, unit in names])
-    return Table(values * scale, tuple(name for name, _ in names), names_are_a_comment=header is None)
-
-
-def _numbers(file: Path, lines: list[str], first: int) -> Floats:
-    """The numbers of all lines from ``first`` on, (n, width); block by block, since text takes much room."""
-    parts: list[Floats] = []
-    width = 0
-    for begin in range(first, len(lines), _BLOCK):
-        block = [
-            (k, line) for k, line in enumerate(lines[begin : begin + _BLOCK], start=begin + 1) if not _is_comment(line)
-        ]
-        rows = [_fields(line) for _, line in block]
-        width = width or (len(rows[0]) if rows else 0)
-        for (number, _), row in zip(block, rows, strict=True):
-            if len(row) != width:
-                raise TrajectoryError(f"{file}, line {number}: expected {width} columns, got {len(row)}")
-        try:
-            values = np.array(rows, dtype=float).reshape(-1, width)
-        except ValueError:
-            number, row = next((n, row) for (n, _), row in zip(block, rows, strict=True) if not _are_numbers(row))
-            raise TrajectoryError(f"{file}, line {number}: expected numbers, got {' '.join(row)[:60]!r}") from None
-        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
-        if bad.size:
-            number = block[bad[0]][0]
-            raise TrajectoryError(f"{file}, line {number}: expected finite numbers, got {values[bad[0]].tolist()}")
-        parts.append(values)
-    if not sum(map(len, parts)):
+    rows = [k for k in range(first, len(lines)) if not _is_comment(lines[k])]
+    if not rows:
         raise TrajectoryError(f"{file}: expected lines of numbers, found none after the header")
-    return np.concatenate(parts)
+    cells = _fields(lines[rows[0]], all_cells=True)
+    all_cells = recording and header is not None and len(cells) == len(_fields(header, all_cells=True))
+    if not all_cells:
+        cells = _fields(lines[rows[0]])
+    width = len(cells)
+    kept = [k for k, cell in enumerate(cells) if not recording or not cell or _is_number(cell)]
+    values = _numbers(file, lines, rows, width, kept, recording, all_cells)
+    if header is not None:
+        names = _names(header, width, all_cells=all_cells)
+        if names is None:
+            raise TrajectoryError(f"{file}: expected a header of {width} names, got {header.strip()[:80]!r}")
+    else:
+        comments = [line for line in lines[: rows[0]] if line.strip()]
+        names = _names(comments[-1].strip().lstrip("#% "), width) if comments else None
+    table = Table(
+        values,
+        None if names is None else tuple(names[k][0] for k in kept),
+        None if names is None else tuple(names[k][1] for k in kept),
+        names is not None and header is None,
+        np.array(rows) + 1,
+        text=tuple(sorted(set(range(width)) - set(kept))),
+    )
+    return _without_missing(file, table) if recording else table
+
+
+def _without_missing(file: Path, table: Table) -> Table:
+    """The table without columns that are mostly empty (where names say which are left), and without rows in which a
+    value is missing."""
+    missing = ~np.isfinite(table.values)
+    if table.names is not None and missing.any():
+        full = np.flatnonzero(missing.mean(axis=0) <= MAX_DROPPED_SHARE)
+        names, units = (tuple(words[k] for k in full) for words in (table.names, table.units or table.names))
+        table = table._replace(values=table.values[:, full], names=names, units=units)
+        missing = missing[:, full]
+    bad: Bools = np.asarray(missing.any(axis=1))
+    if not bad.any():
+        return table
+    line = int(table.lines[bad][0])
+    if bad.mean() > MAX_DROPPED_SHARE:
+        row = table.values[bad][0].tolist()
+        raise TrajectoryError(
+            f"{file}, line {line}: expected finite numbers, got {row}, and in {bad.sum()} lines in all"
+        )
+    told = f"{bad.sum()} of {len(bad)} rows, the first in line {line}, miss a number, and were left out"
+    notes = (*table.notes, told) if bad.mean() > _SAID_SHARE else table.notes
+    return table._replace(values=table.values[~bad], lines=table.lines[~bad], notes=notes)
+
+
+def _numbers(
+    file: Path, lines: list[str], rows: list[int], width: int, kept: list[int], recording: bool, all_cells: bool
+) -> Floats:
+    """The numbers of some columns of some lines, (n, k): fast where all lines are alike, else line by line."""
+    separator = next((mark for mark in ",;" if mark in lines[rows[0]]), None)
+    if _all_as_wide(lines, rows, separator, width):
+        try:
+            values = np.loadtxt((lines[k] for k in rows), float, None, separator, usecols=kept, ndmin=2)
+        except ValueError:
+            values = np.full((1, 1), np.nan)
+        if np.isfinite(values).all():
+            return values
+    return _numbers_by_line(file, lines, rows, width, kept, recording, all_cells)
+
+
+def _all_as_wide(lines: list[str], rows: list[int], separator: str | None, width: int) -> bool:
+    """Whether all lines have as many columns: loadtxt takes no notice of those that it was not asked for."""
+    if separator is None:
+        return all(len(lines[k].split()) == width for k in rows)
+    return all(lines[k].count(separator) == width - 1 for k in rows)
+
+
+def _numbers_by_line(
+    file: Path, lines: list[str], rows: list[int], width: int, kept: list[int], recording: bool, all_cells: bool
+) -> Floats:
+    values = np.empty((len(rows), len(kept)))
+    for row, k in enumerate(rows):
+        cells = _fields(lines[k], all_cells=all_cells)
+        if len(cells) != width:
+            raise TrajectoryError(f"{file}, line {k + 1}: expected {width} columns, got {len(cells)}")
+        if "," in lines[k] and ";" in lines[k]:
+            raise TrajectoryError(
+                f"{file}, line {k + 1}: comma and semicolon in one line can be read in two ways, got "
+                f"{lines[k].strip()[:60]!r}: write decimal points, and one kind of separator"
+            )
+        try:
+            values[row] = [float(cells[c]) if cells[c] or not recording else np.nan for c in kept]
+        except ValueError:
+            raise TrajectoryError(f"{file}, line {k + 1}: expected numbers, got {' '.join(cells)[:60]!r}") from None
+        if not recording and not np.isfinite(values[row]).all():
+            raise TrajectoryError(f"{file}, line {k + 1}: expected finite numbers, got {values[row].tolist()}")
+    return values
 
 
 def _lines(file: Path) -> list[str]:
     with file.open("rb") as stream:
         try:
             text = gzip.GzipFile(fileobj=stream) if file.suffix.lower() == ".gz" else stream
-            raw = text.read(_MOST_BYTES + 1)
+            raw = text.read(_MAX_BYTES + 1)
         except (gzip.BadGzipFile, zlib.error, EOFError) as err:
             raise TrajectoryError(f"{file}: broken gzip file ({err})") from err
-    if len(raw) > _MOST_BYTES:
-        raise TrajectoryError(f"{file}: more than {_MOST_BYTES >> 20} MB of text, more than any recording")
+    if len(raw) > _MAX_BYTES:
+        raise TrajectoryError(f"{file}: more than {_MAX_BYTES >> 20} MB of text, more than any recording")
     if b"\x00" in raw[:4096]:
         raise TrajectoryError(f"{file}: expected text, found binary data")
     try:
@@ -172,46 +303,44 @@ def _lines(file: Path) -> list[str]:
         raise TrajectoryError(f"{file}: expected text, found binary data at byte {err.start}") from None
 
 
-def _fields(line: str) -> list[str]:
+def _fields(line: str, *, all_cells: bool = False) -> list[str]:
+    """The cells of a line, without empty ones at its end unless all are wanted."""
     if "," in line or ";" in line:
-        return [field.strip() for field in re.split("[,;]", line.strip().rstrip(",;"))]
+        return [field.strip() for field in re.split("[,;]", line.strip() if all_cells else line.strip().rstrip(",;"))]
     return line.split()
 
 
-def _names(header: str, width: int) -> list[tuple[str, str]] | None:
+def _names(header: str, width: int, *, all_cells: bool = False) -> list[tuple[str, str]] | None:
     """(name, unit) of every column, if the header has as many."""
     pairs = re.findall(r"([A-Za-z_][^\[\],;]*?)\s*\[([^\]]*)\]", header)
     if len(pairs) != width:
-        fields = _fields(header.lstrip("#% "))
-        if len(fields) != width or _are_numbers(fields):
+        fields = _fields(header.lstrip("#% "), all_cells=all_cells)
+        if len(fields) != width or all(map(_is_number, fields)):
             return None
-        pairs = [_name_and_unit(field) for field in fields]
-    return [
-        (re.sub(r"\W+", "_", name.strip().strip("\"'").lower()).strip("_"), unit.strip().lower())
-        for name, unit in pairs
-    ]
+        return [name_and_unit(field) for field in fields]
+    return [name_and_unit(f"{name}[{unit}]") for name, unit in pairs]
 
 
-def _name_and_unit(field: str) -> tuple[str, str]:
-    match = re.fullmatch(r"(.*?)\s*\[([^\]]*)\]", field)
-    return (match[1], match[2]) if match else (field, "")
+def name_and_unit(field: str) -> tuple[str, str]:
+    """Name and unit of a column, in small letters.
+
+    Examples
+    --------
+    >>> name_and_unit("Pose.Position.X [mm]")
+    ('pose_position_x', 'mm')
+    """
+    match = re.fullmatch(r"(.*?)\s*\[([^\]]*)\]", field.strip().strip("\"'"))
+    name, unit = (match[1], match[2]) if match else (field, "")
+    return re.sub(r"\W+", "_", name.strip().strip("\"'").lower()).strip("_"), unit.strip().lower()
 
 
 def _is_comment(line: str) -> bool:
     return not line.strip() or line.lstrip().startswith(("#", "%"))
 
 
-def _are_numbers(fields: list[str]) -> bool:
+def _is_number(cell: str) -> bool:
     try:
-        for field in fields:
-            float(field)
+        float(cell)
     except ValueError:
         return False
     return True
-
-
-def _check_rows(file: Path, values: Floats) -> None:
-    if not np.isfinite(values).all():
-        raise TrajectoryError(f"{file}: expected finite numbers, got {values[~np.isfinite(values)][0]}")
-    if len(values) < 2:
-        raise TrajectoryError(f"{file}: expected at least 2 rows of numbers, got {len(values)}")

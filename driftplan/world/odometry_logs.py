@@ -13,8 +13,16 @@ columns as truth or poses                                as odometry
 12      KITTI: 3x4 pose matrix row by row, no time       the same
 ======= ================================================ =========================================
 
-SI units and rad, unless the header names a unit in brackets. The plane is x-y; KITTI's is that of its camera, driving
-along z with x to the right, and its poses are ``1/rate_hz`` apart.
+13      the same after a time or the number of the frame the same
+======= ================================================ =========================================
+
+SI units and rad, unless the header names a unit in brackets (`driftplan.world.log_tables.UNITS`); times since 1970 in
+nanoseconds, microseconds or milliseconds are recognised by their size. ROS messages keep their field names, of which
+the last words count (``pose.pose.position.x``); columns of text are skipped, and ``ros2 topic echo --csv``, which has
+no header, is told by the number of its columns. The plane is x-y; KITTI's is that of its camera, driving along z with x
+to the right, and its poses are ``1/rate_hz`` apart. What is not as it seems (degrees, other axes, w first) is refused
+where another reading fits the way driven and this one does not; what was sorted, cut or left out is in the recording's
+notes.
 """
 
 from __future__ import annotations
@@ -22,40 +30,63 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
 from driftplan.arrays import Floats
 from driftplan.errors import TrajectoryError
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
-from driftplan.world.log_tables import Table, named, read_table
+from driftplan.world.log_order import in_order, seconds
+from driftplan.world.log_plausibility import misread
+from driftplan.world.log_tables import Table, columns_of, name_and_unit, read_table, unit_size
 
 Kind = Literal["increments", "velocities", "poses"]
 
 _ALIASES: Mapping[str, Sequence[str]] = {
-    "time": ("t", "times", "timestamp", "stamp", "time_s", "secs", "seconds"),
-    "x": ("tx", "px", "pos_x", "position_x", "p_rs_r_x", "x_m"),
-    "y": ("ty", "py", "pos_y", "position_y", "p_rs_r_y", "y_m"),
-    "heading": ("yaw", "theta", "orientation", "heading_rad", "yaw_rad"),
-    "qx": ("q_x", "q_rs_x", "orientation_x"),
-    "qy": ("q_y", "q_rs_y", "orientation_y"),
-    "qz": ("q_z", "q_rs_z", "orientation_z"),
-    "qw": ("q_w", "q_rs_w", "orientation_w"),
+    "time": ("t", "times", "timestamp", "stamp", "time_s", "secs", "seconds", "header_stamp", "rosbagtimestamp"),
+    "sec": ("stamp_sec", "stamp_secs"),
+    "nanosec": ("nsecs", "stamp_nanosec", "stamp_nsecs", "stamp_nsec"),
+    "x": ("tx", "px", "pos_x", "position_x", "p_rs_r_x", "x_m", "translation_x", "pose_x"),
+    "y": ("ty", "py", "pos_y", "position_y", "p_rs_r_y", "y_m", "translation_y", "pose_y"),
+    "heading": ("yaw", "theta", "orientation", "heading_rad", "yaw_rad", "pose_theta"),
+    "qx": ("q_x", "q_rs_x", "orientation_x", "rotation_x"),
+    "qy": ("q_y", "q_rs_y", "orientation_y", "rotation_y"),
+    "qz": ("q_z", "q_rs_z", "orientation_z", "rotation_z"),
+    "qw": ("q_w", "q_rs_w", "orientation_w", "rotation_w"),
     "distance": ("ds", "dist", "delta_s", "distance_m"),
     "turn": ("dtheta", "delta_theta", "turn_rad", "dyaw"),
     "speed": ("v", "velocity", "forward_velocity", "linear_x", "speed_m_per_s"),
     "turn_rate": ("w", "omega", "angular_velocity", "angular_z", "yaw_rate", "turn_rate_rad_per_s"),
 }
-_NAMELESS = {
-    "increments": ("time", "distance", "turn"),
-    "velocities": ("time", "speed", "turn_rate"),
+_QUATERNION = ("qx", "qy", "qz", "qw")
+_POSE = ("x", "y", "z", *_QUATERNION)
+_NAMELESS: Mapping[int, Sequence[str]] = {
     3: ("time", "x", "y"),
     4: ("time", "x", "y", "heading"),
-    8: ("time", "x", "y", "z", "qx", "qy", "qz", "qw"),
+    8: ("time", *_POSE),
+}
+_NAMELESS_STEPS: Mapping[str, Sequence[str]] = {
+    "increments": ("time", "distance", "turn"),
+    "velocities": ("time", "speed", "turn_rate"),
+}
+# `ros2 topic echo --csv`: columns in all and those of text, and what the first numbers are
+_ROS2_ECHO: Mapping[tuple[int, tuple[int, ...]], Sequence[str]] = {
+    (89, (2, 3)): ("sec", "nanosec", *_POSE),  # nav_msgs/Odometry
+    (10, (2,)): ("sec", "nanosec", *_POSE),  # geometry_msgs/PoseStamped
+    (11, (2, 3)): ("sec", "nanosec", *_POSE),  # geometry_msgs/TransformStamped
+    (9, (2,)): ("sec", "nanosec", "speed", "vy", "vz", "wx", "wy", "turn_rate"),  # geometry_msgs/TwistStamped
 }
 _KITTI_COLUMNS = 12
+_FLAT = 0.05  # of the extent along y, below which z is the height
 _LEVEL = 0.9  # mean horizontal length of the body axis that heading is taken from
+
+
+class _Recording(NamedTuple):
+    """Columns in SI units, in the order of their times, and what is to be said about them."""
+
+    found: dict[str, Floats]
+    notes: tuple[str, ...]
 
 
 def read_odometry(
@@ -76,7 +107,8 @@ def read_odometry(
         What the log holds; needed where three nameless columns do not say.
     columns : sequence of str, optional
         Names of the columns, in place of the file's: ``time``, ``distance``, ``turn``; ``speed``, ``turn_rate``; ``x``,
-        ``y``, ``heading``; ``qx``, ``qy``, ``qz``, ``qw``; any other name is skipped. Increments may lack ``time``.
+        ``y``, ``heading``; ``qx``, ``qy``, ``qz``, ``qw``; any other name is skipped. A unit may follow, as in
+        ``time[ns]`` or ``heading[deg]``. Increments may lack ``time``.
     variable : str, optional
         Name of the array in a MATLAB file.
     rate_hz : float
@@ -102,32 +134,30 @@ def read_odometry(
     if kind is not None and kind not in get_args(Kind):
         raise ValueError(f"expected kind one of {get_args(Kind)}, got {kind!r}")
     file = Path(path)
-    table = read_table(file, variable)
-    if columns is None and table.names is None and kind in _NAMELESS and table.values.shape[1] == 3:
-        columns = _NAMELESS[kind]
-    if kind in (None, "poses") and _is_kitti(table, columns):
-        times, xy, heading = _kitti(table, rate_hz)
-        return OdometryLog.from_poses(np.column_stack([xy, heading]), times)
+    table = read_table(file, variable, recording=True)
     if columns is None and table.names is None and table.values.shape[1] == 3:
-        raise TrajectoryError(
-            f"{file}: three nameless columns can be increments (time, distance, turn) or velocities (time, speed, turn "
-            "rate): say which by kind"
-        )
-    found = _columns(file, table, columns)
+        if kind is None or kind == "poses":
+            raise TrajectoryError(
+                f"{file}: three nameless columns can be increments (time, distance, turn) or velocities (time, speed, "
+                "turn rate): say which by kind"
+            )
+        columns = _NAMELESS_STEPS[kind]
     try:
-        if kind == "increments" or (kind is None and {"distance", "turn"} <= found.keys()):
+        found, notes = _recording(file, table, columns, rate_hz)
+        if kind is None:
+            kind = _kind_of(file, table, found)
+        if kind == "increments":
             _need(file, found, "distance", "turn")
-            return OdometryLog.from_increments(found["distance"], found["turn"], found.get("time"))
-        if kind == "velocities" or (kind is None and {"speed", "turn_rate"} <= found.keys()):
+            return OdometryLog.from_increments(found["distance"], found["turn"], found.get("time"), notes=notes)
+        if kind == "velocities":
             _need(file, found, "time", "speed", "turn_rate")
-            return OdometryLog.from_velocities(found["time"], found["speed"], found["turn_rate"])
-        _need(file, found, "time", "x", "y")
-        pose_heading = _heading(file, found)
-        if pose_heading is None:
+            return OdometryLog.from_velocities(found["time"], found["speed"], found["turn_rate"], notes=notes)
+        truth = _trajectory(file, found, notes)
+        if truth.heading is None:
             raise TrajectoryError(
                 f"{file}: expected poses with a heading (heading, or qx qy qz qw), got {sorted(found)}"
             )
-        return OdometryLog.from_poses(np.column_stack([found["x"], found["y"], pose_heading]), found["time"])
+        return OdometryLog.from_poses(np.column_stack([truth.xy, truth.heading]), truth.times, notes=notes)
     except TrajectoryError:
         raise
     except ValueError as err:
@@ -146,35 +176,98 @@ def read_truth(
     Parameters and errors are those of `read_odometry`.
     """
     file = Path(path)
-    table = read_table(file, variable)
-    if _is_kitti(table, columns):
-        times, xy, heading = _kitti(table, rate_hz)
-        return Trajectory(times, xy, heading)
-    found = _columns(file, table, columns)
-    _need(file, found, "time", "x", "y")
     try:
-        return Trajectory(found["time"], np.column_stack([found["x"], found["y"]]), _heading(file, found))
+        return _trajectory(file, *_recording(file, read_table(file, variable, recording=True), columns, rate_hz))
     except TrajectoryError:
         raise
     except ValueError as err:
         raise TrajectoryError(f"{file}: {err}") from err
 
 
-def _columns(file: Path, table: Table, columns: Sequence[str] | None) -> dict[str, Floats]:
+def _recording(file: Path, table: Table, columns: Sequence[str] | None, rate_hz: float) -> _Recording:
+    """The columns that the caller, the file or their number name."""
+    table = _with_names(file, table, columns, rate_hz)
+    where = columns_of(table.names or (), _ALIASES)
+    found = {name: table.values[:, k] * unit_size(file, table, k) for name, k in where.items()}
+    notes = list(table.notes)
+    if {"sec", "nanosec"} <= found.keys():
+        found["time"] = found["sec"] + 1e-9 * found["nanosec"]
+    elif "time" in found and not (table.units and table.units[where["time"]]):
+        found["time"], said = seconds(found["time"])
+        notes += [said] if said else []
+    if "time" in found:
+        try:
+            order, more = in_order(found["time"])
+        except ValueError as err:
+            raise TrajectoryError(f"{file}: {err}") from err
+        found = {name: values[order] for name, values in found.items()}
+        notes += more
+    _check_headings(file, found)
+    return _Recording(found, tuple(f"{file.name}: {note}" for note in notes))
+
+
+def _with_names(file: Path, table: Table, columns: Sequence[str] | None, rate_hz: float) -> Table:
+    """The table with a name for every column; for KITTI's matrices, with columns that have names."""
     width = table.values.shape[1]
     if columns is not None:
         if len(columns) != width:
             raise TrajectoryError(f"{file}: expected {len(columns)} columns, {' '.join(columns)}, got {width}")
-        return named(table._replace(names=tuple(columns)), _ALIASES)
-    if table.names is not None:
-        found = named(table, _ALIASES)
-        if found:
-            return found
-    if width not in _NAMELESS:
-        known = "3, 4, 8 (TUM) or 12 (KITTI)"
-        names = f" named {' '.join(table.names)}" if table.names else ""
-        raise TrajectoryError(f"{file}: {width} columns{names} do not say what they are (known: {known}): name them")
-    return named(table._replace(names=_NAMELESS[width]), _ALIASES)
+        pairs = [name_and_unit(column) for column in columns]
+        return table._replace(names=tuple(name for name, _ in pairs), units=tuple(unit for _, unit in pairs))
+    if table.names is not None and columns_of(table.names, _ALIASES):
+        return table
+    if table.names is None and width in (_KITTI_COLUMNS, _KITTI_COLUMNS + 1):
+        return _kitti(file, table, rate_hz)
+    names = _ROS2_ECHO.get((width + len(table.text), table.text)) or _NAMELESS.get(width)
+    if names is None:
+        known = "3, 4, 8 (TUM), 12 or 13 (KITTI)"
+        called = f" named {' '.join(table.names)}" if table.names else ""
+        raise TrajectoryError(f"{file}: {width} columns{called} do not say what they are (known: {known}): name them")
+    rest = tuple(f"unnamed_{k}" for k in range(width - len(names)))
+    return table._replace(names=(*names, *rest), units=None)
+
+
+def _kind_of(file: Path, table: Table, found: Mapping[str, Floats]) -> Kind:
+    """What the columns' names say; poses and commands side by side say nothing, but in a ROS message."""
+    held: list[Kind] = []
+    if {"distance", "turn"} <= found.keys():
+        held.append("increments")
+    if {"speed", "turn_rate"} <= found.keys():
+        held.append("velocities")
+    if {"x", "y"} <= found.keys() and ("heading" in found or found.keys() & set(_QUATERNION)):
+        held.append("poses")
+    message = any("pose_pose" in name for name in table.names or ())
+    if len(held) > 1 and not (message and "poses" in held):
+        raise TrajectoryError(f"{file}: holds {' and '.join(held)}: say by kind which of them the odometry is")
+    return "poses" if not held or message else held[0]
+
+
+def _trajectory(file: Path, found: Mapping[str, Floats], notes: tuple[str, ...]) -> Trajectory:
+    _need(file, found, "time", "x", "y")
+    return Trajectory(found["time"], np.column_stack([found["x"], found["y"]]), _heading(file, found), notes=notes)
+
+
+def _check_headings(file: Path, found: Mapping[str, Floats]) -> None:
+    """Refuse poses whose headings belong to the way driven by another reading of the columns only."""
+    if not {"x", "y"} <= found.keys():
+        return
+    heading = _heading(file, found)
+    if heading is None:
+        return
+    x, y = found["x"], found["y"]
+    readings: dict[str, tuple[Floats, Floats | None]] = {
+        "headings in degrees, heading[deg],": (np.column_stack([x, y]), np.radians(heading)),
+        "clockwise headings": (np.column_stack([x, y]), -heading),
+        "x and y the other way round, y to the right of x,": (np.column_stack([y, x]), heading),
+        "headings from the y axis, clockwise,": (np.column_stack([x, y]), np.pi / 2 - heading),
+    }
+    if found.keys() >= set(_QUATERNION):
+        qx, qy, qz, qw = (found[name] for name in _QUATERNION)
+        w_first = dict(zip(_QUATERNION, (qy, qz, qw, qx), strict=True))
+        readings["w first, qw qx qy qz,"] = (np.column_stack([x, y]), _heading(file, w_first))
+    other = misread(np.column_stack([x, y]), heading, readings)
+    if other:
+        raise TrajectoryError(f"{file}: the headings do not follow the way driven; {other} would fit: name the columns")
 
 
 def _need(file: Path, found: Mapping[str, Floats], *names: str) -> None:
@@ -213,15 +306,23 @@ def _heading(file: Path, found: Mapping[str, Floats]) -> Floats | None:
     return np.asarray(np.unwrap(np.arctan2(axes[axis, 1], axes[axis, 0])))
 
 
-def _is_kitti(table: Table, columns: Sequence[str] | None) -> bool:
-    return columns is None and table.names is None and table.values.shape[1] == _KITTI_COLUMNS
-
-
-def _kitti(table: Table, rate_hz: float) -> tuple[Floats, Floats, Floats]:
+def _kitti(file: Path, table: Table, rate_hz: float) -> Table:
     """Times, x-y and heading: forward is the camera's z, left its -x."""
     if not rate_hz > 0:
         raise ValueError(f"expected rate_hz > 0, got {rate_hz!r}")
-    pose = table.values.reshape(-1, 3, 4)
-    xy = np.stack([pose[:, 2, 3], -pose[:, 0, 3]], axis=-1)
+    rows = table.values
+    number = np.arange(len(rows))
+    times = number / rate_hz
+    if rows.shape[1] > _KITTI_COLUMNS and not (np.diff(rows[:, 0]) == 1).all():
+        times = rows[:, 0]
+    pose = rows[:, -_KITTI_COLUMNS:].reshape(-1, 3, 4)
+    right, down, ahead = np.ptp(pose[:, :, 3], axis=0)
+    if ahead < _FLAT * down and right > 0:
+        raise TrajectoryError(
+            f"{file}: expected KITTI's matrices in the frame of its camera (z ahead, x to the right), got a drive of "
+            f"{right:.3g} m along x and {down:.3g} m along y, {ahead:.3g} m along z: that is a frame with z upwards, "
+            "as a lidar's or a robot's; write time, x, y, heading instead"
+        )
     heading = np.unwrap(np.arctan2(-pose[:, 0, 2], pose[:, 2, 2]))
-    return np.arange(len(pose)) / rate_hz, xy, heading
+    values = np.stack([times, pose[:, 2, 3], -pose[:, 0, 3], heading], axis=-1)
+    return table._replace(values=values, names=tuple(_NAMELESS[4]), units=None)

@@ -6,8 +6,8 @@ import os
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from driftplan.arrays import Complexes, Floats
 from driftplan.errors import TrajectoryError
 from driftplan.model.calibration.recordings import Trajectory
 from driftplan.world.log_tables import named, read_table
@@ -46,7 +46,7 @@ def read_trajectory(path: str | os.PathLike[str], *, rate_hz: float = 10.0) -> T
     return read_truth(path, rate_hz=rate_hz)
 
 
-def read_path(path: str | os.PathLike[str]) -> NDArray[np.float64]:
+def read_path(path: str | os.PathLike[str]) -> Floats:
     """Waypoints ``(n, 2)``, or poses ``(n, 3)`` with headings in radians, of a path to follow.
 
     Parameters
@@ -71,14 +71,29 @@ def read_path(path: str | os.PathLike[str]) -> NDArray[np.float64]:
     [[0.0, 0.0], [5.0, 0.0], [5.0, 3.0]]
     """
     file = Path(path)
-    if file.exists() and not file.is_file():  # a pipe would wait for ever
-        raise TrajectoryError(f"{file}: expected a file of waypoints, got something else")
     table = read_table(file)
     width = table.values.shape[1]
-    found = named(table, _PATH_COLUMNS)
+    found = named(file, table, _PATH_COLUMNS)
     if not found and width in (2, 3) and (table.names is None or table.names_are_a_comment):
         found = dict(zip(_PATH_COLUMNS, table.values.T, strict=False))
     if not {"x", "y"} <= found.keys() or len(found) != width:
         called = f" called {', '.join(table.names)}" if table.names else ""
         raise TrajectoryError(f"{file}: expected the columns x, y and perhaps heading, got {width}{called}")
+    in_rad = any(unit in ("rad", "radians") for unit in table.units or ())
+    if "heading" in found and not in_rad and _fits_in_degrees(found["x"] + 1j * found["y"], found["heading"]):
+        raise TrajectoryError(
+            f"{file}: the headings point along the path if they are degrees, not if they are radians: call the column "
+            "heading [deg], or heading [rad]"
+        )
     return np.stack([found[name] for name in _PATH_COLUMNS if name in found], axis=-1)
+
+
+def _fits_in_degrees(waypoints: Complexes, heading: Floats) -> bool:
+    """Whether headings beyond a full turn follow the legs before or after them better in degrees than in radians."""
+    course = np.angle(np.diff(waypoints))
+
+    def follows(angles: Floats) -> float:
+        return max(float(np.mean(np.cos(course - angles[:-1]))), float(np.mean(np.cos(course - angles[1:]))))
+
+    beyond = float(np.abs(heading).max()) > 2 * np.pi + 0.1
+    return beyond and follows(np.radians(heading)) > max(0.9, follows(heading) + 0.1)

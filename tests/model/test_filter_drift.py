@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan import Fix, OdometryNoise, Run, predict_drift
+from driftplan import Beacon, BeaconKind, Fix, OdometryNoise, Run, drift_with_beacons, predict_drift
+from driftplan.model import filter_state
 from driftplan.model.covariance import path_legs
 from driftplan.model.filter_state import FilterState, position_rows
 from driftplan.model.noise import SystematicSpread
@@ -61,6 +62,16 @@ def test_everywhere_it_is_as_if_the_path_ended_there(options):
         cut = filtered([*corners, xy], **{**options, "fixes": [fix for fix in TAGS if fix.s_m <= s]})
         assert drift.at(s).rms == pytest.approx(cut.end.rms, rel=1e-9)
         np.testing.assert_allclose(drift.at(s).cov, cut.end.cov, atol=1e-12)
+
+
+def test_one_place_says_what_a_reading_does(monkeypatch):
+    nothing_read = filtered(fixes=()).rms
+    monkeypatch.setattr(filter_state, "_read_row", lambda P, mean, row: None)
+    np.testing.assert_allclose(filtered().rms, nothing_read, rtol=1e-12)
+    beacons = [Beacon(BeaconKind.rfid(range_m=1.5, position_std_m=0.1), x=8.0, y=0.0)]
+    np.testing.assert_allclose(
+        drift_with_beacons(PATH, NOISE, beacons, estimator="filter").rms, nothing_read, rtol=1e-12
+    )
 
 
 def test_both_sides_of_a_fix_and_profiles():

@@ -34,9 +34,16 @@ def true_path():
     return np.concatenate([[2 - 1j], 2 - 1j + np.cumsum(moves)]), headings
 
 
+def along_chords(driven, estimate, estimate_heading, truth, truth_heading, turns):
+    """A drive whose robot faces along the chords between knots."""
+    angles, chords = np.abs(turns), np.diff(truth)
+    square = (chords / np.abs(chords)) ** 2
+    axes = (square * np.diff(driven), square * angles)
+    return ResampledDrive(driven, estimate, estimate_heading, truth, truth_heading, turns, angles, *axes)
+
+
 def drive(estimate, estimate_heading, truth, truth_heading):
-    driven = LENGTH * np.arange(KNOTS)
-    return ResampledDrive(driven, estimate, estimate_heading, truth, truth_heading, TURNS, np.abs(TURNS))
+    return along_chords(LENGTH * np.arange(KNOTS), estimate, estimate_heading, truth, truth_heading, TURNS)
 
 
 def simulated(runs, rng, position_std, heading_std, known_heading):
@@ -106,7 +113,7 @@ def test_a_straight_segment_drifts_as_predict_drift_says(heading, per_rad, along
     )
     n = 64
     line = np.arange(n + 1.0) / 8
-    straight = ResampledDrive(line, line + 0j, 0 * line, line + 0j, 0 * line, np.zeros(n), np.zeros(n))
+    straight = along_chords(line, line + 0j, 0 * line, line + 0j, 0 * line, np.zeros(n))
     seen = observe(straight, n, 1)
     mean, cov = expect(straight, seen, windows_of(straight, noise, [n]), n, TruthNoise(0.0, 0.0))
     drift = predict_drift([(0, 0), (line[-1], 0)], noise).end
@@ -127,7 +134,7 @@ def test_chords_align_rightly_where_heading_noise_outweighs_distance_noise():
     theta = np.cumsum(np.sqrt(noise.heading_var_per_m * 0.25) * rng.standard_normal((runs, 2 * knots)), axis=1)
     step = 0.5 + np.sqrt(noise.distance_var_per_m * 0.5) * rng.standard_normal((runs, knots - 1))
     paths = np.cumsum(np.insert(step * np.exp(1j * theta[:, 0 : 2 * knots - 2 : 2]), 0, 0, axis=1), axis=1)
-    straight = ResampledDrive(line.real, line, 0 * line.real, line, None, np.zeros(knots - 1), np.zeros(knots - 1))
+    straight = along_chords(line.real, line, 0 * line.real, line, None, np.zeros(knots - 1))
     seen = observe(straight, steps, 1)
     mean, cov = expect(straight, seen, windows_of(straight, noise, [steps]), steps, TruthNoise(0.0, 0.0))
     values = np.array([observe(straight._replace(estimate=path), steps, 1).values[0] for path in paths])
@@ -145,7 +152,7 @@ def test_a_curved_segment_drifts_as_predict_drift_says():
     headings = np.concatenate([[0.0], np.cumsum(turns)])
     truth = np.concatenate([[0.0], np.cumsum(lengths * np.exp(1j * headings[1:]))])
     driven = np.concatenate([[0.0], np.cumsum(lengths)])
-    curve = ResampledDrive(driven, truth, headings, truth, headings, turns, np.abs(turns))
+    curve = along_chords(driven, truth, headings, truth, headings, turns)
     seen = observe(curve, n, 1)
     mean, cov = expect(curve, seen, windows_of(curve, NOISE, [n]), n, TruthNoise(0.0, 0.0))
     drift = predict_drift(Runs.from_odometry(lengths, turns), NOISE).end
@@ -194,6 +201,6 @@ def test_segments_whose_chord_says_nothing_are_not_aligned_by_it():
     circle = np.concatenate([np.exp(1j * angle), 1 + np.arange(1, 20)])  # once round, then straight ahead
     driven = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(circle)))])
     n = len(circle)
-    loop = ResampledDrive(driven, circle, np.zeros(n), circle, None, np.zeros(n - 1), np.zeros(n - 1))
+    loop = along_chords(driven, circle, np.zeros(n), circle, None, np.zeros(n - 1))
     assert 0 not in observe(loop, 16, 1).starts
     assert 16 in observe(loop, 8, 1).starts

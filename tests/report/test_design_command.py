@@ -129,14 +129,14 @@ def test_what_cannot_be_done_is_said_and_nothing_written(refused, tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("1,2,3\n", "line 1: expected start_x, .* got 3 columns"),
-        ("x,y,goal_x,goal_y\n1,2,3,4\n", "line 1: expected the columns start_x, .* got x, y"),
-        ("start_x,start_y,goal_x,goal_y,goal_y\n1,2,3,4,5\n", "line 1: expected the columns"),
+        ("1,2,3\n", "line 1: expected the columns start_x, .* got 3 columns"),
+        ("x,y,goal_x,goal_y\n1,2,3,4\n", "line 2: expected the columns start_x, .* got x, y"),
+        ("start_x,start_y,goal_x,goal_y,goal_y\n1,2,3,4,5\n", "line 2: expected the columns"),
         ("start_x,start_y,goal_x,goal_y,weight\n1,2,3,4,0\n", "line 2: expected weight > 0"),
-        ("start_x,start_y,goal_x,goal_y,weight\n1,2,3,4\n", "line 2: expected start_x, .* got 4 columns"),
-        ("1,2,3,4\n\n1,2,three,4\n", "line 3: could not convert"),
+        ("start_x,start_y,goal_x,goal_y,weight\n1,2,3,4\n", "expected a header of 4 names, got 'start_x,.*weight"),
+        ("1,2,3,4\n\n1,2,three,4\n", "line 3: expected numbers, got '1 2 three 4"),
         ("1,2,3,nan\n", "line 1: .*finite"),
-        ("# nothing yet\n", "at least one trip"),
+        ("# nothing yet\n", "found none"),
     ],
 )
 def test_trips_that_make_no_sense_are_refused_by_file_and_line(tmp_path, text, said):
@@ -154,6 +154,8 @@ def test_trips_are_read_with_and_without_header_in_any_order(tmp_path):
     file = tmp_path / "trips.csv"
     file.write_text("# from the floor manager\n1 2 3 4\n5 6 7 8\n")
     assert load_trips(file) == (Trip((1, 2), (3, 4)), Trip((5, 6), (7, 8)))
+    file.write_bytes(b"\xef\xbb\xbfstart_x,start_y,goal_x,goal_y\n1,1,5,5\n")  # as spreadsheets write it
+    assert load_trips(file) == (Trip((1, 1), (5, 5)),)
     file.write_text("weight;goal_x;goal_y;start_x;start_y\n9;3;4;1;2\n")
     assert load_trips(file) == (Trip((1, 2), (3, 4), 9),)
 

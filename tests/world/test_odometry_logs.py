@@ -192,7 +192,7 @@ def test_a_missing_file_is_a_trajectory_error(tmp_path):
 
 
 def test_a_gzip_bomb_is_refused_in_bounded_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr("driftplan.world.log_tables._MOST_BYTES", 1 << 20)
+    monkeypatch.setattr("driftplan.world.log_tables._MAX_BYTES", 1 << 20)
     (tmp_path / "bomb.gz").write_bytes(gzip.compress(b"0 " * (1 << 22)))
     with pytest.raises(TrajectoryError, match="more than 1 MB of text"):
         read_truth(tmp_path / "bomb.gz")
@@ -271,3 +271,174 @@ def test_the_recorded_drives_are_read_whole():
     assert np.hypot(*np.diff(car.xy, axis=0).T).sum() == pytest.approx(3722.3, abs=0.1)
     course = np.unwrap(np.angle(np.diff(car.positions)))
     assert np.abs(np.angle(np.exp(1j * (course - car.heading[:-1])))).mean() < 0.05  # the car drives where it faces
+
+
+def driven(rows=300, seed=0):
+    """Times, positions and headings of a drive that winds, at 10 Hz, with errors of its own."""
+    rng = np.random.default_rng(seed)
+    turn = 0.08 * np.sin(np.arange(rows - 1) / 9) + 0.02 + 1e-3 * rng.standard_normal(rows - 1)
+    heading = 0.4 + np.concatenate([[0.0], np.cumsum(turn)])
+    z = np.concatenate([[0.0], np.cumsum(0.06 * np.exp(1j * (heading[:-1] + turn / 2)))])
+    return 1.7e9 + 0.1 * np.arange(rows), np.column_stack([z.real, z.imag]), heading
+
+
+def test_times_since_1970_are_recognised_by_their_size_and_it_is_said(tmp_path):
+    times, xy, heading = driven()
+    for power, word in ((9, "nanoseconds"), (6, "microseconds"), (3, "milliseconds")):
+        rows = [f"{round(t * 10**power)},{x},{y},{h}" for t, (x, y), h in zip(times, xy, heading, strict=True)]
+        (tmp_path / "log.csv").write_text("\n".join(["timestamp,x,y,heading", *rows]))
+        log = read_odometry(tmp_path / "log.csv")
+        np.testing.assert_allclose(log.times, times, atol=1e-5)
+        assert word in log.notes[0]
+    named = read_odometry(tmp_path / "log.csv", columns=("time[ms]", "x[mm]", "y[mm]", "heading[deg]"))
+    np.testing.assert_allclose(np.abs(named.moves), 1e-3 * np.abs(np.diff(xy[:, 0] + 1j * xy[:, 1])), atol=1e-12)
+    assert named.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("header", "scale"), [("speed [km/h]", 3.6), ("speed [mm/s]", 1e3), ("speed[ft/s]", 1 / 0.3048), ("speed", 1.0)]
+)
+def test_units_in_brackets_are_known_or_refused_with_those_that_are(tmp_path, header, scale):
+    rows = [f"{k},{scale * 0.5},0.1" for k in range(5)]
+    (tmp_path / "v.csv").write_text("\n".join([f"time,{header},turn_rate [rad/s]", *rows]))
+    assert read_odometry(tmp_path / "v.csv").travelled[-1] == pytest.approx(2.0, rel=1e-3)
+    (tmp_path / "v.csv").write_text("\n".join(["time,speed [furlongs],turn_rate", *rows]))
+    with pytest.raises(TrajectoryError, match=r"unknown unit \[furlongs\] of column 'speed'; known: .*km/h"):
+        read_odometry(tmp_path / "v.csv")
+
+
+def test_poses_and_commands_side_by_side_need_a_kind_but_for_a_ros_message(tmp_path):
+    times, xy, heading = driven()
+    rows = np.column_stack([times, xy, heading, np.full(len(times), 0.6), np.zeros(len(times))])
+    file = write(tmp_path / "both.csv", rows, "time,x,y,theta,v,w\n", ",")
+    with pytest.raises(TrajectoryError, match="holds velocities and poses: say by kind"):
+        read_odometry(file)
+    np.testing.assert_allclose(np.diff(heading), read_odometry(file, kind="poses").turns, atol=1e-9)
+    assert read_odometry(file, kind="velocities").holds_velocity
+
+
+def ros_rows():
+    times, xy, heading = driven()
+    pose = np.column_stack([xy, 0 * heading, 0 * heading, 0 * heading, np.sin(heading / 2), np.cos(heading / 2)])
+    return times, pose, heading
+
+
+def test_ros_messages_are_read_by_their_field_names_from_whatever_wrote_them(tmp_path):
+    times, pose, heading = ros_rows()
+    stamps = [round(1e9 * t) for t in times]
+    fields = [f"position.{a}" for a in "xyz"] + [f"orientation.{a}" for a in "xyzw"]
+    echo = ",".join(
+        ["%time", "field.header.frame_id", *(f"field.pose.pose.{f}" for f in fields), "field.twist.twist.linear.x"]
+    )
+    juggler = ",".join(
+        ["__time", *(f"/odom/pose/pose/{f.replace('.', '/')}" for f in fields), "/odom/twist/twist/linear/x"]
+    )
+    split = ",".join(["header.stamp.sec", "header.stamp.nanosec", "child_frame_id", *(f"pose.{f}" for f in fields)])
+    ends = [",".join(map(str, row)) for row in pose]
+    covariance = ",".join(["0.1"] * 36)
+    texts = {
+        "echo.csv": [",".join(echo), *(f"{s},odom,{e},0.6" for s, e in zip(stamps, ends, strict=True))],
+        "juggler.csv": [",".join(juggler), *(f"{t},{e},0.6" for t, e in zip(times, ends, strict=True))],
+        "split.csv": [split, *(f"{s // 10**9},{s % 10**9},base,{e}" for s, e in zip(stamps, ends, strict=True))],
+        "ros2.csv": [
+            f"{s // 10**9},{s % 10**9},odom,base,{e},{covariance},0.6,0,0,0,0,0.1,{covariance}"
+            for s, e in zip(stamps, ends, strict=True)
+        ],
+    }
+    for name, lines in texts.items():
+        (tmp_path / name).write_text("\n".join(lines))
+        log = read_odometry(tmp_path / name)
+        np.testing.assert_allclose(log.times, times, atol=1e-5)
+        np.testing.assert_allclose(log.turns, np.diff(heading), atol=1e-9)
+        np.testing.assert_allclose(read_truth(tmp_path / name).xy, pose[:, :2], atol=1e-12)
+
+
+def test_rows_out_of_order_are_sorted_bad_stamps_dropped_and_restarts_cut(tmp_path):
+    times, xy, heading = driven()
+    rows = np.column_stack([times - 1.7e9, xy, heading])
+    shuffled = rows[np.argsort(np.arange(len(rows)) + np.random.default_rng(0).uniform(0, 4, len(rows)))]
+    log = read_odometry(write(tmp_path / "shuffled.txt", shuffled))
+    np.testing.assert_allclose(log.turns, np.diff(heading), atol=1e-12)
+    assert "were not in the order of their times, and were sorted" in log.notes[0]
+    bad = rows.copy()
+    bad[[40, 90, 91 + 50], 0] = [0.0, 1e4, 3.0]
+    log = read_odometry(write(tmp_path / "bad.txt", bad))
+    assert len(log.times) == len(rows) - 3
+    assert log.positions[-1] == pytest.approx((xy[-1] - xy[0]) @ [1, 1j] * np.exp(-1j * heading[0]), abs=1e-9)
+    restarted = rows.copy()
+    restarted[180:, 0] -= 15.0
+    log = read_odometry(write(tmp_path / "restarted.txt", restarted))
+    assert log.times.tolist() == rows[:180, 0].tolist()
+    assert "the clock is set back by 14.9 s in row 181: the log is cut there, and rows 1 to 180 of 300" in log.notes[0]
+    with pytest.raises(TrajectoryError, match=r"times fall in \d+ of 300 rows: is the first column no time"):
+        read_truth(
+            write(tmp_path / "no_time.txt", np.column_stack([5 * np.sin(np.arange(300) / 40), xy[:, 0], heading]))
+        )
+
+
+def test_rows_with_missing_numbers_are_left_out_and_said_or_refused(tmp_path):
+    times, xy, heading = driven()
+    rows = zip(times, xy, heading, strict=True)
+    lines = ["time,x,y,heading,battery", *(f"{t},{x},{y},{h}," for t, (x, y), h in rows)]
+    lines[5:10] = [f"{t},,,," for t in times[4:9]]
+    (tmp_path / "gaps.csv").write_text("\n".join(lines))
+    truth = read_truth(tmp_path / "gaps.csv")
+    assert len(truth.times) == len(times) - 5
+    assert "5 of 300 rows, the first in line 6, miss a number" in truth.notes[0]
+    lines[5:105] = [f"{t},,,nan," for t in times[4:104]]
+    (tmp_path / "gaps.csv").write_text("\n".join(lines))
+    with pytest.raises(TrajectoryError, match="expected columns time x y"):
+        read_truth(tmp_path / "gaps.csv")
+
+
+def test_headings_that_do_not_follow_the_way_are_refused_if_another_reading_does(tmp_path):
+    times, xy, heading = driven()
+    for name, rows, words in (
+        ("deg.txt", np.column_stack([times, xy, np.degrees(heading)]), "headings in degrees"),
+        ("cw.txt", np.column_stack([times, xy, -heading]), "clockwise headings"),
+        ("yx.txt", np.column_stack([times, xy[:, ::-1], heading]), "x and y the other way round|from the y axis"),
+    ):
+        with pytest.raises(TrajectoryError, match=f"do not follow the way driven; ({words}).* would fit"):
+            read_truth(write(tmp_path / name, rows))
+    w_first = np.column_stack([times, xy, 0 * times, np.cos(heading / 2), 0 * times, 0 * times, np.sin(heading / 2)])
+    with pytest.raises(TrajectoryError, match="w first, qw qx qy qz, would fit: name the columns"):
+        read_truth(write(tmp_path / "w.txt", w_first))
+    named = read_truth(tmp_path / "w.txt", columns=["time", "x", "y", "z", "qw", "qx", "qy", "qz"])
+    np.testing.assert_allclose(named.heading, heading, atol=1e-9)
+    drone = np.column_stack([times, xy, 3 * np.sin(times)])  # looks about, whatever the way
+    np.testing.assert_allclose(read_truth(write(tmp_path / "drone.txt", drone)).heading, drone[:, 3], atol=1e-9)
+
+
+def test_a_kitti_file_that_moves_in_x_and_y_is_no_cameras(tmp_path):
+    _, xy, heading = driven()
+    c, s, zero, one = np.cos(heading), np.sin(heading), 0 * heading, 1 + 0 * heading
+    lidar = np.column_stack([c, -s, zero, xy[:, 0], s, c, zero, xy[:, 1], zero, zero, one, zero])
+    with pytest.raises(TrajectoryError, match="a frame with z upwards, as a lidar's or a robot's"):
+        read_odometry(write(tmp_path / "lidar.txt", lidar))
+    numbered = np.column_stack([np.arange(6), kitti_rows()])
+    assert_same_drive(read_odometry(write(tmp_path / "numbered.txt", numbered), rate_hz=2.0))
+    timed = np.column_stack([3 * TIMES, kitti_rows()])
+    np.testing.assert_allclose(read_truth(write(tmp_path / "timed.txt", timed)).times, 3 * TIMES)
+
+
+CASES = DATA.parent / "cases" / "logs"
+
+
+@pytest.mark.skipif(not CASES.is_dir(), reason="the cases are not here")
+@pytest.mark.parametrize(
+    "name",
+    [
+        "odometry",
+        "odometry_clock_back",
+        "odometry_degrees",
+        "ros_echo",
+        "velocities",
+        "velocities_kmh",
+        "velocities_ns",
+        "velocities_out_of_order",
+    ],
+)
+def test_logs_that_people_have_hold_the_same_drive(name):
+    log, whole = read_odometry(CASES / f"{name}.csv"), read_odometry(CASES / "odometry.csv")
+    np.testing.assert_allclose(log.positions, whole.positions[: len(log.times)], atol=0.05)
+    assert bool(log.notes) == (name in {"odometry_clock_back", "ros_echo", "velocities_ns", "velocities_out_of_order"})

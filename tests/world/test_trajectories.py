@@ -81,11 +81,29 @@ def test_a_bad_path_is_named_by_file_and_line(tmp_path, text, message):
         read_path(file)
 
 
+def test_headings_that_only_make_sense_in_degrees_are_refused(tmp_path):
+    file = tmp_path / "square.csv"
+    file.write_text("x,y,yaw\n0,0,0\n10,0,90\n10,10,180\n0,10,270\n0,0,0\n")
+    with pytest.raises(TrajectoryError, match=r"if they are degrees, not if they are radians: .* heading \[deg\]"):
+        read_path(file)
+    file.write_text("x,y,yaw [deg]\n0,0,0\n10,0,90\n10,10,180\n0,10,270\n0,0,0\n")
+    assert read_path(file)[3, 2] == pytest.approx(1.5 * np.pi)
+    file.write_text("x,y,yaw [rad]\n0,0,0\n10,0,90\n10,10,180\n0,10,270\n0,0,0\n")
+    assert read_path(file)[3, 2] == 270
+
+
+def test_decimal_commas_are_refused(tmp_path):
+    file = tmp_path / "path.csv"
+    file.write_text("1,5;2\n3,5;2\n")
+    with pytest.raises(TrajectoryError, match="line 1: comma and semicolon in one line can be read in two ways"):
+        read_path(file)
+
+
 def test_a_missing_path_and_a_pipe_are_refused(tmp_path):
     with pytest.raises(TrajectoryError, match=r"gone\.csv: No such file"):
         read_path(tmp_path / "gone.csv")
     os.mkfifo(tmp_path / "pipe.csv")
-    with pytest.raises(TrajectoryError, match="expected a file of waypoints"):
+    with pytest.raises(TrajectoryError, match="expected a file of numbers"):
         read_path(tmp_path / "pipe.csv")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 
 from driftplan.arrays import positive
 from driftplan.errors import TrajectoryError
+from driftplan.world.log_tables import read_table
 
 _COLUMNS = ("start_x", "start_y", "goal_x", "goal_y", "weight")
 _NAMED = "start_x, start_y, goal_x, goal_y and perhaps weight"
@@ -63,31 +63,22 @@ def load_trips(path: str | os.PathLike[str]) -> tuple[Trip, ...]:
     (Trip(start=(2.0, 5.0), goal=(58.0, 5.0), weight=20.0, name=''),)
     """
     file = Path(path)
-    if file.exists() and not file.is_file():  # a pipe would wait for ever
-        raise TrajectoryError(f"{file}: expected a file of trips, got something else")
-    try:
-        text = file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as err:
-        raise TrajectoryError(f"{file}: expected a text of trips: {err}") from err
-    columns: tuple[str, ...] = _COLUMNS
-    trips: list[Trip] = []
-    rows = ((n, re.split(r"[\s,;]+", line.strip())) for n, line in enumerate(text.splitlines(), start=1))
-    for number, fields in ((n, fields) for n, fields in rows if fields != [""] and not fields[0].startswith("#")):
-        if columns is _COLUMNS and not trips and set(fields) & set(_COLUMNS):
-            columns = tuple(fields)
-            if len(set(columns)) < len(columns) or not set(_COLUMNS[:4]) <= set(columns) <= set(_COLUMNS):
-                raise TrajectoryError(f"{file}, line {number}: expected the columns {_NAMED}, got {', '.join(columns)}")
-            continue
-        if len(fields) != len(columns) and not (columns is _COLUMNS and len(fields) == len(_COLUMNS) - 1):
-            raise TrajectoryError(f"{file}, line {number}: expected {_NAMED}, got {len(fields)} columns")
+    table = read_table(file, min_rows=1)
+    width = table.values.shape[1]
+    names = table.names if table.names is not None and set(table.names) & set(_COLUMNS) else _COLUMNS[:width]
+    if table.names is not None and not table.names_are_a_comment:
+        names = table.names
+    if len(names) != width or len(set(names)) < width or not set(_COLUMNS[:4]) <= set(names) <= set(_COLUMNS):
+        got = ", ".join(table.names) if table.names else f"{width} columns"
+        raise TrajectoryError(f"{file}, line {table.lines[0]}: expected the columns {_NAMED}, got {got}")
+    trips = []
+    for line, row in zip(table.lines.tolist(), table.values.tolist(), strict=True):
+        value = dict(zip(names, row, strict=True))
         try:
-            value = {name: float(field) for name, field in zip(columns, fields, strict=False)}
             ends = (value["start_x"], value["start_y"]), (value["goal_x"], value["goal_y"])
             trips.append(Trip(*ends, value.get("weight", 1.0)))
         except ValueError as err:
-            raise TrajectoryError(f"{file}, line {number}: {err}") from None
-    if not trips:
-        raise TrajectoryError(f"{file}: expected at least one trip, a line of {_NAMED}; got none")
+            raise TrajectoryError(f"{file}, line {line}: {err}") from None
     return tuple(trips)
 
 

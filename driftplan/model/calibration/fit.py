@@ -17,7 +17,14 @@ from numpy.typing import ArrayLike
 from driftplan.arrays import Floats
 from driftplan.model.calibration.matched_drive import MatchCounts
 from driftplan.model.calibration.noise_check import Estimate, Truth, checked
-from driftplan.model.calibration.notes import drive_notes, judged, mounting_notes, reference_notes
+from driftplan.model.calibration.notes import (
+    drive_notes,
+    fault_notes,
+    judged,
+    mounting_notes,
+    reference_notes,
+    swap_notes,
+)
 from driftplan.model.calibration.quasi_likelihood import (
     DRIVES_TO_HOLD_OUT,
     RANDOM,
@@ -80,8 +87,10 @@ class NoiseFit:
     heading_offsets : tuple of float
         True heading as measured minus the robot's, of every drive, rad: how marker or sensor are mounted. 0 where true
         headings are not used, or the angle is too small to be sure of.
+    faults : tuple of str
+        Why the numbers are not to be used: the fit did not converge, sits on a bound, or its truth is another drive's.
     notes : tuple of str
-        What to know before using the numbers: parameters left out, drives that differ, a model that does not fit.
+        The faults, and what to know before using the numbers: parameters left out, drives that differ, a wrong model.
     """
 
     noise: OdometryNoise
@@ -99,6 +108,7 @@ class NoiseFit:
     heading_offsets: tuple[float, ...]
     _solution: Solution = field(repr=False)
     _replicates: Floats = field(repr=False)
+    faults: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     def check_on(
@@ -258,12 +268,12 @@ def fit_noise(
     low, high = intervals(solution, replicates, confidence)
     noise, truth = models(solution.names, solution.theta)
     spread = rms_spread(segments, solution, replicates, confidence, segments.position)
-    moments = segments.expected(segments.windows(noise), truth)
-    check = judged(check_segments(segments, *moments, rms_intervals_m=spread.intervals))
+    check = judged(check_segments(segments, noise, truth, rms_intervals_m=spread.intervals))
     relative = heading_rms = None
     if segments.has_heading:
         relative = segment_errors(segments, drives, matches, max_gap_s)
         heading_rms = rms_spread(segments, solution, replicates, confidence, slice(2, 3)).intervals
+    faults = fault_notes(segments, solution, check)
     fitted = [k for k, name in enumerate(solution.names) if name not in TRUTH]
     return NoiseFit(
         noise=noise,
@@ -273,14 +283,18 @@ def fit_noise(
         truth_position_std_m=sqrt(truth.position_var),
         truth_heading_std=sqrt(truth.heading_var),
         check=check,
-        held_out=judged(check_segments(segments, *held_out(segments, solution))),
+        held_out=judged(check_segments(segments, noise, truth, moments=held_out(segments, solution))),
         relative_errors=relative,
         heading_rms_intervals=heading_rms,
         counts=sum((m.counts for m in matches), MatchCounts()),
         time_offsets_s=tuple(m.time_offset_s for m in matches),
         heading_offsets=tuple(m.heading_offset for m in matches),
+        faults=tuple(faults),
         notes=(
+            *faults,
+            *(note for pair in drives for recording in pair for note in recording.notes),
             *notes,
+            *swap_notes(drives),
             *mounting_notes(matches),
             *reference_notes(segments, truth, check),
             *drive_notes(segments, solution, error),
@@ -318,6 +332,4 @@ def _solved(segments: SegmentSet, names: tuple[str, ...]) -> tuple[Solution, lis
                 break
             names, start = tuple(name for name in names if name != worst), None
             notes.append(f"These drives turn evenly: {worst} cannot be told from the rate per metre, and is left out.")
-    if not solution.converged:
-        notes.append("The fit did not converge: its numbers are those of the last step.")
     return solution, notes

@@ -11,7 +11,7 @@ import numpy as np
 from driftplan.arrays import Bools, Floats
 from driftplan.model.calibration import reference_offsets
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
-from driftplan.model.calibration.resampling import ResampledDrive, resample, robust_std, true_motion
+from driftplan.model.calibration.resampling import ResampledDrive, along_travel, resample, robust_std, true_motion
 
 _JUMP_SPREADS = (
     10.0  # a truth sample is an outlier if it is farther from the last good one than the odometry's distance
@@ -125,7 +125,7 @@ def match(
     pieces = _without(first, last, gaps)
     motion = true_motion(odometry, cleaned, travelled, spacing_m)
     found = (resample(odometry, cleaned, motion, begin, end, spacing_m) for begin, end in pieces)
-    resampled = [part for part in found if part is not None]
+    resampled = along_travel([part for part in found if part is not None])
     if heading_offset is None:
         heading_offset = _mounting(resampled)
     counts = MatchCounts(

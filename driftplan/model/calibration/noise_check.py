@@ -69,7 +69,6 @@ def checked(
     spread: RmsSpread | None = None,
 ) -> SegmentCheck:
     """The check of a noise, and what it says of systematic errors; for a fitted one within its standard errors."""
-    moments = segments.expected(segments.windows(noise), truth)
-    found = check_segments(segments, *moments, rms_intervals_m=None if spread is None else spread.intervals)
+    found = check_segments(segments, noise, truth, rms_intervals_m=None if spread is None else spread.intervals)
     shifts = systematic_notes(noise, systematic_errors(segments, noise, truth), std_errors or {})
     return judged(replace(found, notes=tuple(shifts)), None if spread is None else spread.std_errors)

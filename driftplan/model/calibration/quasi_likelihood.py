@@ -47,13 +47,14 @@ DRIVES_TO_HOLD_OUT = 3  # as many as these, and each is predicted from the other
 
 _EVENNESS = 0.2  # share of the average covariance in the weights
 _SLOWEST_SHRINK = 0.1  # a variance falls to no less than this share in one step: it may be needed to explain the rest
-_LEAST_RELATIVE = {"distance_scale_error": -0.9, "heading_bias_per_rad": -0.9}  # at -1 nothing would be measured
+_MIN_RELATIVE = {"distance_scale_error": -0.9, "heading_bias_per_rad": -0.9}  # at -1 nothing would be measured
 _NEGLIGIBLE = 1e-2  # standard errors: a variance below is taken for 0
 _DERIVATIVE_STEP = 1e-3
 _DAMPED_AFTER = 10  # steps are halved, after as many again halved again
 _SETTLED = 1.0  # standard errors: steps below leave the derivatives as they are
 _CONVERGED = 0.01  # standard errors
 _MOST_LOG = 50.0  # of a mean square over its prediction: beyond, nothing is known, and exp would overflow
+_THREE_ERRORS = 0.00135  # chance of a normal value above three standard deviations
 _BLOCK_SPANS = 2  # length of a bootstrap block, in longest segments
 _HELD_OUT_STEPS = 4  # from the estimate of all drives to that of some
 _PARTS = 5  # of the drives, each predicted from the others
@@ -80,6 +81,7 @@ class Solution(NamedTuple):
     score: Floats
     information: Floats
     converged: bool
+    slowest: str
     d_mean: Floats
     d_cov: Floats
 
@@ -87,6 +89,12 @@ class Solution(NamedTuple):
     def bounded(self) -> NDArray[np.bool_]:
         """Which parameters are variances, (k,)."""
         return np.array([name not in SYSTEMATIC for name in self.names])
+
+    @property
+    def at_bounds(self) -> dict[str, float]:
+        """Relative errors as far out as they are let, and their bounds."""
+        values = dict(zip(self.names, self.theta.tolist(), strict=True))
+        return {name: low for name, low in _MIN_RELATIVE.items() if values.get(name, 0.0) <= low + 1e-6}
 
     def estimate_only(self) -> Solution:
         """Without what belongs to single observations."""
@@ -131,7 +139,8 @@ def solve(segments: SegmentSet, names: Sequence[str], most_steps: int, start: Fl
         lowest = np.where(bounded & (model.theta < _NEGLIGIBLE * error), -model.theta, lowest)  # may vanish
         step = bounded_step(total, score.sum(axis=0), lowest)
         step = np.where(bounded, step, np.clip(step, -longest, longest))
-        size = float(np.max(np.abs(step) / error))
+        slowest = int(np.argmax(np.abs(step) / error))
+        size = float(np.abs(step[slowest]) / error[slowest])
         damped = 0.5 ** (k // _DAMPED_AFTER) * step  # weights that follow the estimate can make it swing
         model = _Model(segments, names, _possible(names, model.theta + damped))
         if size < _CONVERGED:
@@ -140,11 +149,12 @@ def solve(segments: SegmentSet, names: Sequence[str], most_steps: int, start: Fl
     model = _Model(segments, names, np.where(vanishing, 0.0, model.theta))
     slopes = model.slopes(scale)
     score, information = _equations(segments, model.mean, model.cov, *slopes)
-    return Solution(names, model.theta, score, information, size < _CONVERGED, *slopes)
+    return Solution(names, model.theta, score, information, size < _CONVERGED, names[slowest], *slopes)
 
 
 def systematic_errors(segments: SegmentSet, noise: OdometryNoise, truth: TruthNoise) -> dict[str, tuple[float, float]]:
-    """What the systematic errors of these drives seem to be, one step from a noise: values and standard errors."""
+    """What the systematic errors of these drives seem to be, one step from a noise: values and a third of the
+    distance that chance exceeds as seldom as three standard errors."""
     names = (*SYSTEMATIC, *RANDOM, *TRUTH)
     theta = np.array([*(getattr(noise, name) for name in (*SYSTEMATIC, *RANDOM)), *truth])
     model = _Model(segments, names, theta)
@@ -154,9 +164,9 @@ def systematic_errors(segments: SegmentSet, noise: OdometryNoise, truth: TruthNo
     score, information = score[:, :few], information[:, :few, :few]
     step = np.linalg.lstsq(information.sum(axis=0), score.sum(axis=0))[0]
     there = score - information @ step
-    here = Solution(SYSTEMATIC, theta[:few] + step, there, information, True, d_mean[:, :few], d_cov[:, :few])
+    here = Solution(SYSTEMATIC, theta[:few] + step, there, information, True, "", d_mean[:, :few], d_cov[:, :few])
     replicates, blocks = bootstrap(segments, here, 400, np.random.default_rng(0))
-    error = standard_errors(replicates, blocks)
+    error = standard_errors(replicates, blocks) * student_allowance(blocks, _THREE_ERRORS)
     return {name: (float(here.theta[k]), float(error[k])) for k, name in enumerate(SYSTEMATIC)}
 
 
@@ -208,11 +218,16 @@ def spread_out(solution: Solution, replicates: Floats, blocks: int, confidence: 
     Blocks drawn anew vary (blocks - 1)/blocks times too little; segments that reach from one block into the next add
     1/(3 spans per block) of the variance that the blocks cannot show; and few blocks ask for Student's quantile.
     """
+    tail = (1 - confidence) / 2
+    student = student_allowance(blocks, tail)
+    return np.asarray(solution.theta + _widened(blocks) * student * (replicates - solution.theta))
+
+
+def student_allowance(blocks: int, tail: float) -> float:
+    """Student's quantile over the normal one, for errors that so many blocks tell."""
     from scipy.special import ndtri, stdtrit
 
-    tail = (1 - confidence) / 2
-    student = float(stdtrit(blocks - 1, 1 - tail) / ndtri(1 - tail))
-    return np.asarray(solution.theta + _widened(blocks) * student * (replicates - solution.theta))
+    return float(stdtrit(blocks - 1, 1 - tail) / ndtri(1 - tail))
 
 
 def intervals(solution: Solution, replicates: Floats, confidence: float) -> tuple[Floats, Floats]:
@@ -285,7 +300,7 @@ def held_out(segments: SegmentSet, solution: Solution) -> tuple[Floats, Floats]:
 
 def _possible(names: Sequence[str], theta: Floats) -> Floats:
     """Parameters no lower than they can be."""
-    return np.maximum(theta, [0.0 if name not in SYSTEMATIC else _LEAST_RELATIVE.get(name, -np.inf) for name in names])
+    return np.maximum(theta, [0.0 if name not in SYSTEMATIC else _MIN_RELATIVE.get(name, -np.inf) for name in names])
 
 
 def _widened(blocks: int) -> float:

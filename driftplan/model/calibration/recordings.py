@@ -6,7 +6,7 @@ its own origin: only its increments mean something.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,6 +37,10 @@ class OdometryLog:
         Samples whose time was not later than the one before: merged (increments) or left out.
     glitches : array, shape (m,)
         When the steps began that `without_glitches` took out, s: what happened in them is unknown.
+    notes : tuple of str
+        What is to be said about the file that it was read from.
+    start : complex
+        Where the first pose was, x + jy in the odometry's own frame, metres: nothing depends on it.
     """
 
     times: Floats
@@ -45,10 +49,17 @@ class OdometryLog:
     holds_velocity: bool = False
     repeated: int = 0
     glitches: Floats = field(default_factory=lambda: np.zeros(0))
+    notes: tuple[str, ...] = ()
+    start: complex = 0j
 
     @classmethod
     def from_increments(
-        cls, distances_m: ArrayLike, turns_rad: ArrayLike, times_s: ArrayLike | None = None
+        cls,
+        distances_m: ArrayLike,
+        turns_rad: ArrayLike,
+        times_s: ArrayLike | None = None,
+        *,
+        notes: tuple[str, ...] = (),
     ) -> OdometryLog:
         """Distance and turn per step; each step is taken for an arc.
 
@@ -83,11 +94,16 @@ class OdometryLog:
             times = np.concatenate([[times[0] - max(step, 1e-9)], times])
         if times.size != n + 1:
             raise ValueError(f"expected times_s of shape ({n + 1},) or ({n},) for {n} steps, got {times.shape}")
-        return _merged(times, distances * _chord(turns), turns)
+        return replace(_merged(times, distances * _chord(turns), turns), notes=notes)
 
     @classmethod
     def from_velocities(
-        cls, times_s: ArrayLike, speeds_m_per_s: ArrayLike, turn_rates_rad_per_s: ArrayLike
+        cls,
+        times_s: ArrayLike,
+        speeds_m_per_s: ArrayLike,
+        turn_rates_rad_per_s: ArrayLike,
+        *,
+        notes: tuple[str, ...] = (),
     ) -> OdometryLog:
         """Forward speed and turn rate, each held until the next sample.
 
@@ -118,10 +134,12 @@ class OdometryLog:
         dt = np.diff(times)
         turns = rates[:-1] * dt
         repeated = int(keep.size - keep.sum())
-        return cls(times, speeds[:-1] * dt * _chord(turns), turns, holds_velocity=True, repeated=repeated)
+        return cls(times, speeds[:-1] * dt * _chord(turns), turns, True, repeated, notes=notes)
 
     @classmethod
-    def from_poses(cls, poses: ArrayLike, times_s: ArrayLike | None = None) -> OdometryLog:
+    def from_poses(
+        cls, poses: ArrayLike, times_s: ArrayLike | None = None, *, notes: tuple[str, ...] = ()
+    ) -> OdometryLog:
         """Poses of a dead reckoner or of a visual odometry, in any frame of its own.
 
         Parameters
@@ -148,7 +166,14 @@ class OdometryLog:
             raise ValueError("expected at least 2 different times_s, got one")
         moves = np.diff(array[:, 0] + 1j * array[:, 1]) * np.exp(-1j * array[:-1, 2])
         repeated = int(keep.size - keep.sum())
-        return cls(times, moves, np.asarray(wrap(np.diff(array[:, 2]))), repeated=repeated)
+        return cls(
+            times,
+            moves,
+            np.asarray(wrap(np.diff(array[:, 2]))),
+            repeated=repeated,
+            notes=notes,
+            start=complex(*array[0, :2]),
+        )
 
     @property
     def headings(self) -> Floats:
@@ -193,7 +218,7 @@ class OdometryLog:
             return self
         glitches = np.union1d(self.glitches, self.times[:-1][wild])
         moves, turns = np.where(wild, 0, self.moves), np.where(wild, 0.0, self.turns)
-        return OdometryLog(self.times, moves, turns, self.holds_velocity, self.repeated, glitches)
+        return replace(self, moves=moves, turns=turns, glitches=glitches)
 
     def between(self, first_s: float, last_s: float) -> OdometryLog:
         """The part recorded from ``first_s`` to ``last_s`` seconds: whole steps only."""
@@ -201,13 +226,13 @@ class OdometryLog:
         if inside.size < 2:
             raise ValueError(f"expected at least 2 samples between {first_s} and {last_s} s, got {inside.size}")
         first, last = int(inside[0]), int(inside[-1])
-        return OdometryLog(
-            self.times[first : last + 1],
-            self.moves[first:last],
-            self.turns[first:last],
-            self.holds_velocity,
-            self.repeated,
-            self.glitches[(self.glitches >= self.times[first]) & (self.glitches < self.times[last])],
+        within = (self.glitches >= self.times[first]) & (self.glitches < self.times[last])
+        return replace(
+            self,
+            times=self.times[first : last + 1],
+            moves=self.moves[first:last],
+            turns=self.turns[first:last],
+            glitches=self.glitches[within],
         )
 
 
@@ -225,6 +250,8 @@ class Trajectory:
         Rad; None when only positions were measured.
     repeated : int
         Samples left out because their time was not later than the one before.
+    notes : tuple of str
+        What is to be said about the file that it was read from.
 
     Raises
     ------
@@ -241,6 +268,7 @@ class Trajectory:
     xy: Floats
     heading: Floats | None = None
     repeated: int = 0
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         times, xy = _series("times", self.times), finite("xy", self.xy)
@@ -267,7 +295,7 @@ class Trajectory:
 
     def without_heading(self) -> Trajectory:
         """The positions alone."""
-        return Trajectory(self.times, self.xy, None, self.repeated)
+        return replace(self, heading=None)
 
     def between(self, first_s: float, last_s: float) -> Trajectory:
         """The samples from ``first_s`` to ``last_s`` seconds."""
@@ -276,7 +304,7 @@ class Trajectory:
     def chosen(self, samples: Bools) -> Trajectory:
         """Some of the samples."""
         heading = None if self.heading is None else self.heading[samples]
-        return Trajectory(self.times[samples], self.xy[samples], heading, self.repeated)
+        return replace(self, times=self.times[samples], xy=self.xy[samples], heading=heading)
 
 
 def _chord(turns: Floats) -> Complexes:

@@ -21,6 +21,7 @@ from driftplan.model.calibration.reference_offsets import interpolated
 
 _PLAY_TRUE = 5.0  # standard deviations of the true heading's jitter within which it may swing without having turned,
 _PLAY_ODOMETRY = 10.0  # and of the odometry's, where the true one is not known: its errors wander
+_KEEPS_COURSE = 0.8  # mean cosine of twice the angle between heading and travel, from which on they go together
 _RULER_KNOTS = 4  # knots per piece on which the true distance is measured
 
 
@@ -38,6 +39,10 @@ class ResampledDrive(NamedTuple):
     turns, angles : arrays, shape (K - 1,)
         True heading change between knots, signed, and the angle truly turned in either direction, rad. Without true
         headings: as far as positions tell.
+    travel_axes, turn_axes : complex arrays, shape (K - 1,)
+        exp(2jθ) of the direction θ in which the robot drives, integrated over the metres and over the angles turned
+        between knots: along which axis errors of distance lie. A robot that turns on the spot counts a distance in all
+        the directions that it sweeps, not along the chord to the next knot.
     """
 
     driven: Floats
@@ -47,25 +52,39 @@ class ResampledDrive(NamedTuple):
     truth_heading: Floats | None
     turns: Floats
     angles: Floats
+    travel_axes: Complexes
+    turn_axes: Complexes
 
 
 class TrueMotion(NamedTuple):
-    """True metres driven until every odometry sample, and at ``times`` the true heading (rad, but for a constant) and
-    the angle turned in either direction until then."""
+    """True metres driven until every odometry sample; at ``times`` the true heading (rad, but for a constant), the
+    angle turned in either direction until then, and the integrals of exp(2jθ) over metres and angles."""
 
     driven: Floats
     times: Floats
     heading: Floats
     turned: Floats
+    travel_axes: Complexes
+    turn_axes: Complexes
 
 
 def true_motion(odometry: OdometryLog, truth: Trajectory, travelled: Floats, spacing_m: float) -> TrueMotion:
     """How the robot moved, for knots ``spacing_m`` apart; ``travelled``: the odometry's metres without standstill."""
     driven = _true_distance(odometry, truth, travelled, _RULER_KNOTS * spacing_m)
     if truth.heading is None:
-        return TrueMotion(driven, *_turning_by_chords(odometry, truth, driven, spacing_m))
-    jitter = robust_std(np.diff(truth.heading - np.interp(truth.times, odometry.times, odometry.headings))) / sqrt(2)
-    return TrueMotion(driven, truth.times, truth.heading, _turned(truth.heading, _PLAY_TRUE * jitter))
+        times, heading, play = _turning_by_chords(odometry, truth, driven, spacing_m)
+    else:
+        times, heading = truth.times, truth.heading
+        jitter = robust_std(np.diff(heading - np.interp(times, odometry.times, odometry.headings))) / sqrt(2)
+        play = _PLAY_TRUE * jitter
+    turned = _turned(heading, play)
+    sweep = np.diff(heading)
+    axis = np.exp(1j * (heading[1:] + heading[:-1])) * np.sinc(sweep / np.pi)  # the mean of exp(2jθ) over the sweep
+    integrals = (
+        np.concatenate([[0.0], np.cumsum(axis * np.diff(along))])
+        for along in (np.interp(times, odometry.times, driven), turned)
+    )
+    return TrueMotion(driven, times, heading, turned, *integrals)
 
 
 def resample(
@@ -94,7 +113,30 @@ def resample(
         None if truth.heading is None else np.interp(at, truth.times, truth.heading),
         np.diff(np.interp(at, motion.times, motion.heading)),
         np.diff(np.interp(at, motion.times, motion.turned)),
+        np.diff(interpolated(at, motion.times, motion.travel_axes)),
+        np.diff(interpolated(at, motion.times, motion.turn_axes)),
     )
+
+
+def along_travel(parts: list[ResampledDrive]) -> list[ResampledDrive]:
+    """The parts of one drive with axes as their chords show them: turned by the angle between heading and travel, where
+    the robot keeps one; where it does not (a drone), errors of the distance lie along the chords."""
+    if not parts:
+        return parts
+    chords = [np.diff(part.truth) for part in parts]
+    lengths = [np.maximum(np.abs(chord), 1e-12) for chord in chords]
+    squares = [chord**2 / length for chord, length in zip(chords, lengths, strict=True)]
+    agreement = sum(
+        complex(np.sum(square * np.conj(part.travel_axes) / np.diff(part.driven)))
+        for square, part in zip(squares, parts, strict=True)
+    ) / float(sum(length.sum() for length in lengths))
+    if abs(agreement) < _KEEPS_COURSE:
+        return [
+            part._replace(travel_axes=np.diff(part.driven) * square / length)
+            for part, square, length in zip(parts, squares, lengths, strict=True)
+        ]
+    turn = agreement / abs(agreement)
+    return [part._replace(travel_axes=part.travel_axes * turn, turn_axes=part.turn_axes * turn) for part in parts]
 
 
 def robust_std(values: Floats) -> float:
@@ -118,9 +160,9 @@ def _true_distance(odometry: OdometryLog, truth: Trajectory, travelled: Floats, 
 
 def _turning_by_chords(
     odometry: OdometryLog, truth: Trajectory, driven: Floats, spacing_m: float
-) -> tuple[Floats, Floats, Floats]:
-    """Times, heading and angle turned: the odometry's heading and what is wrong with it, the angle from its chords to
-    the true ones, whatever way the robot drives along them."""
+) -> tuple[Floats, Floats, float]:
+    """Times, heading and its play: the odometry's heading and what is wrong with it, the angle from its chords to the
+    true ones, whatever way the robot drives along them."""
     marks = np.unique(np.searchsorted(driven, np.arange(driven[0], driven[-1], spacing_m)))
     seen = (odometry.times[marks] >= truth.times[0]) & (odometry.times[marks] <= truth.times[-1])
     marks = marks[seen] if seen.any() else marks[:1]
@@ -137,8 +179,7 @@ def _turning_by_chords(
         wrong = np.interp(odometry.times, odometry.times[marks[telling]], angle)
         jitter = robust_std(np.diff(angle, n=2)) / sqrt(6)
     own = robust_std(np.diff(odometry.headings, n=2)) / sqrt(6)
-    heading = odometry.headings + wrong
-    return odometry.times, heading, _turned(heading, max(_PLAY_ODOMETRY * own, _PLAY_TRUE * jitter))
+    return odometry.times, odometry.headings + wrong, max(_PLAY_ODOMETRY * own, _PLAY_TRUE * jitter)
 
 
 def _turned(headings: Floats, play_rad: float) -> Floats:

@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from driftplan.arrays import Floats
+from driftplan.model.calibration.chance import LEVELS, LIMITS, by_chance, normalised_squares, tail_weight
 from driftplan.model.calibration.segment_sets import SegmentSet
+from driftplan.model.calibration.segments import TruthNoise
+from driftplan.model.noise import OdometryNoise
 from driftplan.tables import decimals, table
-
-LEVELS = (0.5, 0.9, 0.95)
 
 
 class LengthCheck(NamedTuple):
@@ -36,7 +37,7 @@ class LengthCheck(NamedTuple):
     coverage : tuple of float
         Share of the errors inside the regions that should hold 50, 90 and 95 %.
     coverage_error : tuple of float
-        Standard deviations of these shares if the model were right, for as many independent segments.
+        Standard deviations of these shares if the model were right (`driftplan.model.calibration.chance`).
     mean_nees : float
         Mean normalised error squared per degree of freedom: 1 if the model is right, above if it promises too much.
     """
@@ -67,6 +68,11 @@ class SegmentCheck:
         Position errors of all segments, metres, by length.
     has_heading : bool
         Whether segments were aligned by measured headings.
+    heavy_tails : (int, float)
+        Index of the length at which most of the error lies in the fewest segments, and the chance that Gaussian errors
+        look so at some length.
+    clear_errors : (float, float)
+        Standard errors by which measured rms, and shares in the widest region, differ clearly at some length.
     notes : tuple of str
         Plain sentences; empty when the model describes the errors within sampling errors.
     """
@@ -74,6 +80,8 @@ class SegmentCheck:
     lengths: tuple[LengthCheck, ...]
     errors_m: tuple[Floats, ...]
     has_heading: bool
+    heavy_tails: tuple[int, float]
+    clear_errors: tuple[float, float]
     notes: tuple[str, ...]
 
     @property
@@ -102,48 +110,53 @@ class SegmentCheck:
 
 def check_segments(
     segments: SegmentSet,
-    mean: Floats,
-    cov: Floats,
+    noise: OdometryNoise,
+    truth: TruthNoise,
     *,
+    moments: tuple[Floats, Floats] | None = None,
     rms_intervals_m: Floats | None = None,
 ) -> SegmentCheck:
-    """The errors of segments against their predicted moments, from `SegmentSet.expected`;
-    `driftplan.model.calibration.notes.judged` adds the verdict.
+    """The errors of segments against those that a noise predicts; `driftplan.model.calibration.notes.judged` adds the
+    verdict.
 
     Parameters
     ----------
-    mean, cov : arrays, shapes (n, 3), (n, 3, 3)
+    moments : arrays, shapes (n, 3), (n, 3, 3), optional
+        In place of those of the noise: each drive's as the others predict it.
     rms_intervals_m : array, shape (lengths, 2), optional
         Of the predicted rms; told, not judged by.
     """
+    mean, cov = segments.expected(segments.windows(noise), truth) if moments is None else moments
     cov = cov + segments.floor()[segments.bin_of]
     where = segments.position
-    y, m, C = segments.values[:, where], mean[:, where], cov[:, where, where]
-    nees = np.einsum("ni,nij,nj->n", y - m, np.linalg.inv(C), y - m)
-    squares, predicted = (y**2).sum(axis=1), (m**2).sum(axis=1) + np.trace(C, axis1=1, axis2=2)
+    m, C = mean[:, where], cov[:, where, where]
+    nees = normalised_squares(segments, segments.values, mean, cov)
+    squares, predicted = (
+        (segments.values[:, where] ** 2).sum(axis=1),
+        (m**2).sum(axis=1) + np.trace(C, axis1=1, axis2=2),
+    )
     gained, heading = segments.values[:, 2] ** 2, mean[:, 2] ** 2 + cov[:, 2, 2]
-    lengths = []
+    chance = by_chance(segments, noise, truth, mean, cov)
+    relative_error, share_errors = chance.log_rms.std(axis=0), chance.shares.std(axis=0)
+    lengths, tails = [], []
     for k, length in enumerate(segments.bins):
         mine = segments.bin_of == k
-        independent = max(segments.total_m / length.length_m, 1.0)
-        rms = float(np.sqrt(squares[mine].mean()))
-        least_error = 0.5 / np.sqrt(independent)  # of the rms of a round Gaussian error, relative
-        limits = [-2 * np.log1p(-level) for level in LEVELS]  # of χ² with two degrees of freedom
+        rms, predicted_rms = (float(np.sqrt(x[mine].mean())) for x in (squares, predicted))
+        scatter = _mean_error(squares[mine], segments.place_m[mine], length.length_m) / (2 * rms) if rms > 0 else 0.0
+        tails.append(tail_weight(nees[mine]))
         lengths.append(
             LengthCheck(
                 length.length_m,
                 int(mine.sum()),
-                independent,
+                max(segments.total_m / length.length_m, 1.0),
                 rms,
-                float(np.sqrt(predicted[mine].mean())),
-                max(_mean_error(squares[mine], segments.place_m[mine], length.length_m) / (2 * rms), least_error * rms)
-                if rms > 0
-                else 0.0,
-                _interval(rms_intervals_m, k, float(np.sqrt(predicted[mine].mean()))),
+                predicted_rms,
+                max(scatter, float(relative_error[k]) * rms),
+                _interval(rms_intervals_m, k, predicted_rms),
                 float(np.sqrt(gained[mine].mean())) if segments.has_heading else float("nan"),
                 float(np.sqrt(heading[mine].mean())) if segments.has_heading else float("nan"),
-                tuple(float((nees[mine] < limit).mean()) for limit in limits),
-                tuple(float(np.sqrt(level * (1 - level) / independent)) for level in LEVELS),
+                tuple(float((nees[mine] < limit).mean()) for limit in LIMITS),
+                tuple(float(error) for error in share_errors[k]),
                 float(nees[mine].mean() / 2),
             )
         )
@@ -151,6 +164,8 @@ def check_segments(
         lengths=tuple(lengths),
         errors_m=tuple(np.sqrt(squares[segments.bin_of == k]) for k in range(len(lengths))),
         has_heading=segments.has_heading,
+        heavy_tails=chance.heavy_tails(np.array(tails)),
+        clear_errors=(chance.clear_rms_errors, chance.clear_share_errors),
         notes=(),
     )
 

@@ -22,6 +22,8 @@ _LENGTHS = 5  # default lengths, each half the next
 _LONGEST_SHARE = 16  # the longest default segment fits so many times in all drives together,
 _LONGEST_IN_ONE = 4  # and so many times in the shortest drive
 _MIN_KNOTS = 4  # samples in the shortest default segment, or in its half
+_MAX_EXTENTS = 4.0  # the longest default segment, in diagonals of the area driven in: beyond, a room tells no more
+_NO_ERROR = 1e-9  # of the longest segment, or rad: less is no error at all
 _FLOOR = 1e-6  # of the mean square of the observations of a length
 
 
@@ -145,12 +147,25 @@ def segment_set(
     matched = [match(odometry, truth, spacing_m=spacing, **options) for odometry, truth in drives]
     segments = _collect([m.resampled for m in matched], lengths, spacing, parts)
     if segments is None:
-        longest = max(m.counts.driven_m for m in matched)
-        raise ValueError(
-            f"expected uninterrupted drives longer than a segment of {lengths[0]:.3g} m, got drives of at most "
-            f"{longest:.3g} m"
-        )
+        raise ValueError(_why_none(matched, float(lengths[0])))
+    if (np.abs(segments.values).max(axis=0) <= _NO_ERROR * np.array([lengths[-1], lengths[-1], 1.0])).all():
+        raise ValueError("expected odometry that drifts, got no error at all: are odometry and truth the same file?")
     return segments, matched
+
+
+def _why_none(matched: list[MatchedDrive], shortest_m: float) -> str:
+    """Why no drive holds a segment of the shortest length."""
+    longest = max((float(np.ptp(part.driven)) for m in matched for part in m.resampled), default=0.0)
+    if longest < shortest_m:
+        driven = max(m.counts.driven_m for m in matched)
+        return (
+            f"expected uninterrupted drives longer than a segment of {shortest_m:.3g} m, got drives of at most "
+            f"{driven:.3g} m, without a gap or jump of at most {longest:.3g} m"
+        )
+    return (
+        f"expected the first half of a segment of {shortest_m:.3g} m to lead somewhere, since a truth without headings "
+        "aligns it by its chord, got a robot that comes back on itself before: give shorter lengths_m, or true headings"
+    )
 
 
 def _with_or_without_heading(
@@ -213,7 +228,8 @@ def _lengths(drives: list[tuple[OdometryLog, Trajectory]], least: float) -> Floa
     driven = [float(odometry.travelled[-1]) for odometry, _ in drives]
     if min(driven) <= 0:
         raise ValueError("expected drives in which the robot moves, got one without any distance")
-    longest = min(sum(driven) / _LONGEST_SHARE, min(driven) / _LONGEST_IN_ONE)
+    extent = max(float(np.hypot(*np.ptp(truth.xy, axis=0))) for _, truth in drives)
+    longest = min(sum(driven) / _LONGEST_SHARE, min(driven) / _LONGEST_IN_ONE, _MAX_EXTENTS * max(extent, least))
     lengths = longest / 2.0 ** np.arange(_LENGTHS)[::-1]
     enough = lengths >= least
     return np.asarray(lengths[enough] if enough.any() else lengths[-1:])

@@ -22,9 +22,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from driftplan.arrays import Complexes, Floats
+from driftplan.arrays import Complexes, Floats, Ints
 from driftplan.model.calibration.resampling import ResampledDrive
 from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import OdometryNoise
@@ -55,7 +54,7 @@ class Observations(NamedTuple):
         of an alignment error.
     """
 
-    starts: NDArray[np.intp]
+    starts: Ints
     values: Floats
     frame: Complexes
     chord: Complexes
@@ -64,8 +63,58 @@ class Observations(NamedTuple):
 def observe(part: ResampledDrive, steps: int, stride: int) -> Observations:
     """Errors of all segments of ``steps`` pieces (with positions alone: two such parts), every ``stride`` knots."""
     if part.truth_heading is not None:
-        return _observe_with_heading(part, part.truth_heading, steps, stride)
-    return _observe_positions(part, steps, stride)
+        starts = np.arange(0, len(part.truth) - steps, stride)
+        frame = np.exp(1j * part.truth_heading[starts])
+        chord = (part.truth[starts + steps] - part.truth[starts]) / frame
+        return Observations(starts, errors_of(part, starts, steps), frame, chord)
+    starts = np.arange(0, len(part.truth) - 2 * steps, stride)
+    first, estimated = (np.abs(x[starts + steps] - x[starts]) for x in (part.truth, part.estimate))
+    driven = part.driven[starts + steps] - part.driven[starts]
+    starts = starts[np.minimum(first, estimated) >= _SHORTEST_CHORD * driven]
+    chord = part.truth[starts + steps] - part.truth[starts]
+    return Observations(starts, errors_of(part, starts, steps), chord / np.abs(chord), np.abs(chord).astype(complex))
+
+
+def errors_of(part: ResampledDrive, starts: Ints, steps: int) -> Floats:
+    """Observed values (..., n, 3) of the segments that begin at these knots; estimate and truth may be (..., K)."""
+    ends = starts + steps
+    first, estimated = (x[..., ends] - x[..., starts] for x in (part.truth, part.estimate))
+    if part.truth_heading is not None:
+        at_start = part.truth_heading[..., starts]
+        gained = part.estimate_heading[..., ends] - part.estimate_heading[..., starts]
+        gained = gained - (part.truth_heading[..., ends] - at_start)
+        e = estimated * np.exp(-1j * part.estimate_heading[..., starts]) - first * np.exp(-1j * at_start)
+        return np.stack([e.real, e.imag, np.sin(gained)], axis=-1)
+    second, estimated_second = (x[..., ends + steps] - x[..., ends] for x in (part.truth, part.estimate))
+    true_m, estimated_m = np.abs(first), np.abs(estimated)
+    e = estimated_second * np.conj(estimated) / np.maximum(estimated_m, 1e-300) - second * np.conj(first) / true_m
+    return np.stack([estimated_m - true_m, e.real, e.imag], axis=-1)
+
+
+def repeated(
+    part: ResampledDrive, noise: OdometryNoise, truth: TruthNoise, rng: np.random.Generator, runs: int
+) -> ResampledDrive:
+    """The drive ``runs`` times over, with Gaussian errors of the odometry as `pieces` has them, and of the truth:
+    estimate and truth are (runs, K)."""
+    random = _increments(part, noise)
+    shape = (runs, len(part.turns))
+    halves = np.sqrt(random.heading_var / 2) * rng.standard_normal((2, *shape)) + random.heading_mean / 2
+    gained = np.concatenate([np.zeros((runs, 1)), np.cumsum(halves.sum(axis=0), axis=1)], axis=1)
+    # a complex Gaussian with E|z|² = s and E z² = p lies along arg(p)/2, with variances (s ± |p|)/2
+    size = np.abs(random.elongation)
+    major, minor = (np.sqrt(np.maximum(random.square + sign * size, 0.0) / 2) for sign in (1, -1))
+    axis = np.exp(0.5j * np.angle(random.elongation))
+    error = axis * (major * rng.standard_normal(shape) + 1j * minor * rng.standard_normal(shape))
+    moves = ((1 + noise.distance_scale_error) * np.diff(part.truth) + error) * np.exp(1j * (gained[:, :-1] + halves[0]))
+    estimate = part.truth[0] + np.concatenate([np.zeros((runs, 1)), np.cumsum(moves, axis=1)], axis=1)
+    white = rng.standard_normal((2, runs, len(part.truth)))
+    seen = part.truth + np.sqrt(truth.position_var) * (white[0] + 1j * white[1])
+    heading = np.concatenate([[0.0], np.cumsum(part.turns)])
+    seen_heading = part.truth_heading
+    if seen_heading is not None:
+        heading = seen_heading
+        seen_heading = heading + np.sqrt(truth.heading_var) * rng.standard_normal(seen.shape)
+    return part._replace(estimate=estimate, estimate_heading=heading + gained, truth=seen, truth_heading=seen_heading)
 
 
 def expect(
@@ -96,7 +145,12 @@ def windows_of(part: ResampledDrive, noise: OdometryNoise, steps: Sequence[int])
 def _back(part: ResampledDrive, noise: OdometryNoise) -> Moments:
     """Moments of the odometry from knot to knot when the drive is driven back: what `pieces` says of it, inverted."""
     reverse = part._replace(
-        driven=-part.driven[::-1], truth=part.truth[::-1], turns=-part.turns[::-1], angles=part.angles[::-1]
+        driven=-part.driven[::-1],
+        truth=part.truth[::-1],
+        turns=-part.turns[::-1],
+        angles=part.angles[::-1],
+        travel_axes=part.travel_axes[::-1],
+        turn_axes=part.turn_axes[::-1],
     )
     return pieces(reverse, noise, way=-1)
 
@@ -107,16 +161,9 @@ def pieces(part: ResampledDrive, noise: OdometryNoise, way: int = 1) -> Moments:
     The random errors grow with the true distance between knots and the angle turned. Relative error of E|e|² over n
     pieces: 1/(2n²). On the ``way`` back (-1), a heading bias per metre turns the other way.
     """
-    length = np.diff(part.driven)
-    turn, angle = part.turns, part.angles
+    random = _increments(part, noise, way)
+    half = _heading_error(random.heading_var / 2, random.heading_mean / 2)
     move = np.diff(part.truth)
-    spread = noise.heading_var_per_m * length + noise.heading_var_per_rad * angle
-    mean = way * noise.heading_bias_per_m * length + noise.heading_bias_per_rad * turn
-    half = _heading_error(spread / 2, mean / 2)
-    along = noise.distance_var_per_m * length + noise.distance_var_per_rad * angle
-    across = noise.lateral_var_per_m * length
-    reach = np.abs(move)
-    square = np.divide(move, reach, out=np.ones_like(move), where=reach > 0) ** 2
     shift = noise.distance_scale_error * move
     zero = np.zeros(move.shape)
     moved = Moments(
@@ -126,12 +173,32 @@ def pieces(part: ResampledDrive, noise: OdometryNoise, way: int = 1) -> Moments:
         zero,
         zero,
         shift,
-        np.abs(shift) ** 2 + along + across,
-        shift**2 + (along - across) * square,
+        np.abs(shift) ** 2 + random.square,
+        shift**2 + random.elongation,
         zero,
         zero,
     )
     return compose(compose(half, moved), half)
+
+
+class _Increments(NamedTuple):
+    """Errors between knots: variance and mean of the heading's, E|z|² and E z² of the move's random part z."""
+
+    heading_var: Floats
+    heading_mean: Floats
+    square: Floats
+    elongation: Complexes
+
+
+def _increments(part: ResampledDrive, noise: OdometryNoise, way: int = 1) -> _Increments:
+    length, angle = np.diff(part.driven), part.angles
+    along, across = noise.distance_var_per_m, noise.lateral_var_per_m
+    return _Increments(
+        noise.heading_var_per_m * length + noise.heading_var_per_rad * angle,
+        way * noise.heading_bias_per_m * length + noise.heading_bias_per_rad * part.turns,
+        (along + across) * length + noise.distance_var_per_rad * angle,
+        (along - across) * part.travel_axes + noise.distance_var_per_rad * part.turn_axes,
+    )
 
 
 def windows(pieces: Moments, steps: Sequence[int]) -> dict[int, Moments]:
@@ -166,17 +233,6 @@ def _heading_error(variance: Floats, mean: Floats) -> Moments:
     return Moments(np.ones(variance.shape), zero, d1, d2, -2 * d1.real, zero, zero, zero, zero, zero)
 
 
-def _observe_with_heading(part: ResampledDrive, heading: Floats, steps: int, stride: int) -> Observations:
-    starts = np.arange(0, len(part.truth) - steps, stride)
-    ends = starts + steps
-    frame = np.exp(1j * heading[starts])
-    said = (part.estimate[ends] - part.estimate[starts]) * np.exp(-1j * part.estimate_heading[starts])
-    driven = (part.truth[ends] - part.truth[starts]) / frame
-    gained = (part.estimate_heading[ends] - part.estimate_heading[starts]) - (heading[ends] - heading[starts])
-    e = said - driven
-    return Observations(starts, np.stack([e.real, e.imag, np.sin(gained)], axis=-1), frame, driven)
-
-
 def _expect_with_heading(seen: Observations, w: Moments, truth: TruthNoise) -> tuple[Floats, Floats]:
     e1, e2 = w.e1 / seen.frame, w.e2 / seen.frame**2
     sine = w.d1.imag
@@ -194,22 +250,6 @@ def _expect_with_heading(seen: Observations, w: Moments, truth: TruthNoise) -> t
     cov += truth.heading_var * eta[:, :, None] * eta[:, None, :]
     cov += np.diag([2 * truth.position_var, 2 * truth.position_var, truth.heading_var])
     return mean, cov
-
-
-def _observe_positions(part: ResampledDrive, steps: int, stride: int) -> Observations:
-    starts = np.arange(0, len(part.truth) - 2 * steps, stride)
-    middle, ends = starts + steps, starts + 2 * steps
-    first, said_first = (x[middle] - x[starts] for x in (part.truth, part.estimate))
-    usable = np.minimum(np.abs(first), np.abs(said_first)) >= _SHORTEST_CHORD * (
-        part.driven[middle] - part.driven[starts]
-    )
-    starts, middle, ends = starts[usable], middle[usable], ends[usable]
-    first, said_first = first[usable], said_first[usable]
-    second, said_second = (x[ends] - x[middle] for x in (part.truth, part.estimate))
-    frame = first / np.abs(first)
-    e = said_second * np.abs(said_first) / said_first - second / frame
-    values = np.stack([np.abs(said_first) - np.abs(first), e.real, e.imag], axis=-1)
-    return Observations(starts, values, frame, np.abs(first).astype(complex))
 
 
 def _expect_positions(seen: Observations, back: Moments, ahead: Moments, truth: TruthNoise) -> tuple[Floats, Floats]:

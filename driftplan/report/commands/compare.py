@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
 from driftplan.report.commands.option import Command, Group, Option
+from driftplan.report.records import drift_columns, record
 
 if TYPE_CHECKING:
     from driftplan import Comparison, Drift, OdometryNoise, Route, World
@@ -77,8 +78,6 @@ def rows_of(routes: Mapping[str, Route | Drift], world: World) -> list[dict[str,
 
 def at_end(drift: Drift) -> dict[str, float]:
     """Everything about the drift at the end."""
-    from driftplan.report.records import drift_columns
-
     columns = {key: float(value) for key, value in drift_columns(drift.end).items()}
     return {key: value for key, value in columns.items() if key not in ("distance_m", "x_m", "y_m")}
 
@@ -86,12 +85,7 @@ def at_end(drift: Drift) -> dict[str, float]:
 def how_found(route: Route) -> dict[str, Any]:
     """What was searched for, why the search ended, and what it proves."""
     bound = "bound_length_m" if route.minimise == "length" else "bound_rms_m"
-    return {
-        "minimise": route.minimise,
-        "status": route.status.name.lower(),
-        bound: route.bound,
-        "bound_covers": route.bound_covers,
-    }
+    return {**record(route, "minimise", "status", "bound_covers"), bound: route.bound}
 
 
 def _given(world: World, file: str, noise: OdometryNoise, args: argparse.Namespace) -> Drift:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from driftplan.errors import InfeasibleError
+from driftplan.report.records import record
+from driftplan.tables import counted
 
 if TYPE_CHECKING:
     from driftplan import Layout, OdometryNoise, World
@@ -39,7 +41,7 @@ def sentence(layout: Layout) -> str:
     number = len(layout.beacons)
     proof = "no fewer will do" if layout.proven else f"at least {layout.lower_bound:g} are needed"
     return (
-        f"{number} RFID tag{'' if number == 1 else 's'} keep{'s' if number == 1 else ''} the drift of {len(ROUNDS)} "
+        f"{counted(number, 'RFID tag')} keep{'s' * (number == 1)} the drift of {len(ROUNDS)} "
         f"rounds under {LIMIT_M:g} m everywhere ({proof}); without tags it reaches {bare:.2f} m"
     )
 
@@ -47,9 +49,7 @@ def sentence(layout: Layout) -> str:
 def as_json(layout: Layout) -> dict[str, Any]:
     """The layout by the names of ``driftplan place --json``."""
     return {
-        "beacons": [{"id": b.id, "x_m": b.x, "y_m": b.y} for b in layout.beacons],
-        "lower_bound": layout.lower_bound,
-        "proven": layout.proven,
+        "beacons": [record(beacon, "id", "x_m", "y_m") for beacon in layout.beacons],
         "limit_m": LIMIT_M,
-        "worst_drift_m": layout.worst_drift,
+        **record(layout, "lower_bound", "proven", "worst_drift_m"),
     }

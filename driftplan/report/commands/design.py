@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
 from driftplan.report.commands.option import Command, Group, Option
-from driftplan.tables import decimals, table
+from driftplan.report.records import record
+from driftplan.tables import numbers, table
 
 if TYPE_CHECKING:
     from driftplan.layouts.co_design.design import CoDesign, Design
@@ -54,15 +54,14 @@ def run(args: argparse.Namespace) -> Answer:
 
 def design_text(found: CoDesign) -> str:
     """The trips one by one, what they cost together, and what was gained."""
-    routes = found.routes
+    rows = design_as_json(found)["routes"]
     trips = table(
         {
-            "trip": range(len(routes)),
-            "weight": [f"{trip.weight:g}" for trip in found.trips],
-            "shortest m": decimals([route.shortest_length for route in routes], 2),
-            "route m": decimals([route.length for route in routes], 2),
-            "worst drift m": decimals([route.worst_drift for route in routes], 3),
-            "beacons": [" ".join(b.id for b in route.beacons) for route in routes],
+            "trip": range(len(rows)),
+            "weight": [f"{row['weight']:g}" for row in rows],
+            **numbers(rows, 2, "shortest_length_m", "length_m"),
+            **numbers(rows, 3, "worst_drift_m"),
+            "beacons": [" ".join(row["beacons"]) for row in rows],
         }
     )
     gained = ""
@@ -76,13 +75,8 @@ def design_as_json(found: CoDesign) -> dict[str, Any]:
     """All that was found, with the design it is compared with."""
     routes = [
         {
-            "start": list(trip.start),
-            "goal": list(trip.goal),
-            "weight": trip.weight,
-            "length_m": route.length,
-            "shortest_length_m": route.shortest_length,
-            "worst_drift_m": route.worst_drift,
-            "worst_if_dead_m": route.worst_if_dead,
+            **record(trip, "start", "goal", "weight"),
+            **record(route, "length_m", "shortest_length_m", "worst_drift_m", "worst_if_dead_m"),
             "beacons": [b.id for b in route.beacons],
             "least_capture_probability": min((c.probability for c in route.captures), default=None),
             "waypoints": route.path.tolist(),
@@ -93,20 +87,14 @@ def design_as_json(found: CoDesign) -> dict[str, Any]:
         **_costs(found),
         "routes": routes,
         "baseline": None if found.baseline is None else _costs(found.baseline),
-        "gain": found.gain if isfinite(found.gain) else None,
-        "status": found.status.name.lower(),
-        "rounds": found.rounds,
+        **record(found, "gain", "status", "rounds", "seconds"),
         "restarts": found.tried,
-        "seconds": found.seconds,
     }
 
 
 def _costs(design: Design) -> dict[str, Any]:
     return {
-        "cost": design.cost,
-        "beacon_cost": design.beacon_cost,
-        "driving_cost": design.driving_cost,
-        "lengths_m": list(design.lengths),
+        **record(design, "cost", "beacon_cost", "driving_cost", "lengths_m"),
         "beacons": [{"id": b.id, "kind": b.kind.name, "x_m": b.x, "y_m": b.y} for b in design.beacons],
     }
 

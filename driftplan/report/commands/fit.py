@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from itertools import chain
 from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
 from driftplan.report.commands.option import Command, Group, Option, metres, names
+from driftplan.report.records import record
 from driftplan.tables import counted
 
 if TYPE_CHECKING:
     from driftplan import NoiseFit, OdometryLog, Trajectory
-    from driftplan.model.calibration.relative_errors import RelativeErrors
     from driftplan.model.calibration.segment_check import SegmentCheck
 
     Drive = tuple[OdometryLog, Trajectory]
@@ -55,14 +56,10 @@ def run(args: argparse.Namespace) -> Answer:
         )
         for label, some in checked.items()
     }
+    checked_on = [[f"\nchecked on {label}:", str(check), *check.notes] for label, check in checks.items()]
     return Answer(
         payload=lambda: _as_json(found, checks),
-        text=lambda: "\n".join(
-            [
-                str(found),
-                *("\n".join([f"\nchecked on {label}:", str(check), *check.notes]) for label, check in checks.items()),
-            ]
-        ),
+        text=lambda: "\n".join([str(found), *chain(*checked_on)]),
         files={"yaml": lambda: noise_yaml(found), "png": lambda: plot_fit(found, checks)},
     )
 
@@ -104,34 +101,16 @@ def _split(drives: list[Drive], share: float) -> tuple[list[Drive], list[Drive]]
 
 
 def _as_json(found: NoiseFit, checks: dict[str, SegmentCheck]) -> dict[str, Any]:
-    counts = found.counts
+    errors, counts = found.relative_errors, found.counts
     return {
         "noise": shared.noise_as_json(found.noise),
-        "confidence": found.confidence,
-        "intervals": {name: list(interval) for name, interval in found.intervals.items()},
-        "std_errors": found.std_errors,
-        "truth_position_std_m": found.truth_position_std_m,
-        "truth_heading_std_rad": found.truth_heading_std,
-        "time_offsets_s": list(found.time_offsets_s),
-        "heading_offsets_rad": list(found.heading_offsets),
-        "recordings": {name: getattr(counts, name) for name in counts.__dataclass_fields__},
-        "fit": _check_as_json(found.check),
-        "held_out": _check_as_json(found.held_out),
-        "relative_errors": None if found.relative_errors is None else _relative_as_json(found.relative_errors),
-        "checks": {label: _check_as_json(check) for label, check in checks.items()},
-        "notes": list(found.notes),
-    }
-
-
-def _check_as_json(check: SegmentCheck) -> dict[str, Any]:
-    return {"lengths": [row._asdict() for row in check.lengths], "notes": list(check.notes)}
-
-
-def _relative_as_json(errors: RelativeErrors) -> dict[str, Any]:
-    return {
-        "lengths": [row._asdict() for row in errors.lengths],
-        "translation_percent": errors.translation_percent,
-        "rotation_deg_per_m": errors.rotation_deg_per_m,
+        **record(found, "confidence", "intervals", "std_errors", "truth_position_std_m", "truth_heading_std_rad"),
+        **record(found, "time_offsets_s", "heading_offsets_rad", "notes"),
+        "recordings": record(counts, *counts.__dataclass_fields__),
+        "fit": record(found.check, "lengths", "notes"),
+        "held_out": record(found.held_out, "lengths", "notes"),
+        "relative_errors": errors and record(errors, "lengths", "translation_percent", "rotation_deg_per_m"),
+        "checks": {label: record(check, "lengths", "notes") for label, check in checks.items()},
     }
 
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
 from driftplan.report.commands.option import Command, Group, Option
-from driftplan.tables import NONE, counted, decimals, table, yes_no
+from driftplan.report.records import record
+from driftplan.tables import NONE, counted, decimals, numbers, table, yes_no
 
 if TYPE_CHECKING:
     from driftplan import Layout, OdometryNoise, World
@@ -84,14 +85,8 @@ def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layou
             for file, drift, worst, limit, is_free in numbers
         ]
         found = {
-            "beacons": [row._asdict() for row in installer_table(layout)],
-            "cost": layout.cost,
-            "lower_bound": layout.lower_bound,
-            "proven": layout.proven,
-            "status": layout.status.name.lower(),
-            "drift_bound_m": layout.drift_bound,
-            "worst_drift_m": layout.worst_drift,
-            "seconds": layout.seconds,
+            "beacons": installer_table(layout),
+            **record(layout, "cost", "lower_bound", "proven", "status", "drift_bound_m", "worst_drift_m", "seconds"),
             "routes": routes,
         }
         return {"noise": shared.noise_as_json(noise), "layout": found}
@@ -124,9 +119,7 @@ def _layout_text(args: argparse.Namespace, layout: Layout) -> str:
         columns = {
             "id": [row.id for row in rows],
             "kind": [row.kind if row.new else f"{row.kind} (existing)" for row in rows],
-            "x m": decimals([row.x_m for row in rows], 2),
-            "y m": decimals([row.y_m for row in rows], 2),
-            "nearest wall m": decimals([row.nearest_wall_m for row in rows], 2),
+            **numbers([row._asdict() for row in rows], 2, "x_m", "y_m", "nearest_wall_m"),
             "routes served": [_numbers(row.routes) for row in rows],
             f"{what} if dead m": decimals([row.worst_drift_if_dead_m for row in rows], 3),
             "on route": [NONE if row.worst_route_if_dead < 0 else row.worst_route_if_dead for row in rows],
@@ -157,30 +150,25 @@ def _proof(layout: Layout) -> str:
 def _tradeoff_answer(noise: OdometryNoise, curve: tuple[Layout, ...]) -> Answer:
     from driftplan.report.figures.layouts import tradeoff_figure
 
-    def payload() -> dict[str, Any]:
-        points = [
-            {
-                "beacons": len(x.beacons),
-                "worst_drift_m": x.worst_drift,
-                "drift_bound_m": x.drift_bound,
-                "proven": x.proven,
-                "ids": [b.id for b in x.beacons],
-            }
-            for x in curve
-        ]
-        return {"noise": shared.noise_as_json(noise), "tradeoff": points}
+    points = [
+        {
+            "beacons": len(layout.beacons),
+            **record(layout, "worst_drift_m", "drift_bound_m", "proven"),
+            "ids": [beacon.id for beacon in layout.beacons],
+        }
+        for layout in curve
+    ]
 
     def text() -> str:
-        return table(
-            {
-                "beacons": [len(x.beacons) for x in curve],
-                "worst drift m": decimals([x.worst_drift for x in curve], 3),
-                "not below m": decimals([x.drift_bound for x in curve], 3),
-                "proven": yes_no(x.proven for x in curve),
-            }
-        )
+        drifts = numbers(points, 3, "worst_drift_m", "drift_bound_m")
+        proven = yes_no(point["proven"] for point in points)
+        return table({"beacons": [point["beacons"] for point in points], **drifts, "proven": proven})
 
-    return Answer(payload=payload, text=text, files={"png": lambda: tradeoff_figure(curve)})
+    return Answer(
+        payload=lambda: {"noise": shared.noise_as_json(noise), "tradeoff": points},
+        text=text,
+        files={"png": lambda: tradeoff_figure(curve)},
+    )
 
 
 class _Progress:

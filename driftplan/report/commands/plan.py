@@ -9,7 +9,8 @@ from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
 from driftplan.report.commands.compare import NAMES, compared, rows_of
 from driftplan.report.commands.option import Command, Group, Option
-from driftplan.tables import decimals, table, yes_no
+from driftplan.report.records import record
+from driftplan.tables import numbers, table, yes_no
 
 if TYPE_CHECKING:
     from driftplan import Itinerary, OdometryNoise, Route, World
@@ -89,19 +90,13 @@ def bound_in_words(route: Route) -> str:
 def itinerary_as_json(route: Itinerary) -> dict[str, Any]:
     """What an itinerary says beyond a route."""
     return {
-        "max_drift_m": route.max_drift,
-        "worst_drift_m": route.worst_drift,
-        "worst_if_dead_m": route.worst_if_dead,
-        "shortest_length_m": route.shortest_length,
+        **record(route, "max_drift_m", "worst_drift_m", "worst_if_dead_m", "shortest_length_m"),
         "passes": [
             {
                 "beacon": capture.beacon.id,
-                "x_m": capture.beacon.x,
-                "y_m": capture.beacon.y,
+                **record(capture.beacon, "x_m", "y_m"),
                 "kind": capture.beacon.kind.name,
-                "enter_m": capture.enter_m,
-                "leave_m": capture.leave_m,
-                "probability": capture.probability,
+                **record(capture, "enter_m", "leave_m", "probability"),
                 "counted_on": any(capture.beacon is beacon for beacon in route.beacons),
             }
             for capture in route.captures
@@ -121,9 +116,7 @@ def itinerary_text(route: Itinerary) -> str:
         columns = {
             "beacon": [row["beacon"] or f"({row['x_m']:g}, {row['y_m']:g})" for row in passes],
             "kind": [row["kind"] for row in passes],
-            "enter m": decimals([row["enter_m"] for row in passes], 2),
-            "leave m": decimals([row["leave_m"] for row in passes], 2),
-            "captured": decimals([row["probability"] for row in passes], 2),
+            **numbers(passes, 2, "enter_m", "leave_m", "probability"),
             "counted on": yes_no(row["counted_on"] for row in passes),
         }
         lines += ["", table(columns)]

@@ -7,6 +7,7 @@ from itertools import cycle
 from math import floor, log10
 from typing import TYPE_CHECKING, Any
 
+from driftplan.report.figures import style
 from driftplan.report.figures.drift import plot_drift
 from driftplan.report.figures.ellipses import magnification
 from driftplan.report.figures.maps import (
@@ -19,7 +20,6 @@ from driftplan.report.figures.maps import (
     plot_route,
     plot_world,
 )
-from driftplan.report.figures.style import ROUTE_STYLES, legend_below, map_and_curve
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,17 +51,17 @@ def plot_comparison(
     spacing = mark_spacing_of(list(drifts.values()), None)
     box = box_around(*(d.profile().xy for d in drifts.values())) if world is None else world.bounds
     magnify = magnification(list(drifts.values()), diagonal(box), confidence)
-    figure, on_map, on_drift = map_and_curve(figure, box)
+    figure, on_map, on_drift = style.map_and_curve(figure, box)
     drawn_world = plot_world(world, ax=on_map) if world is not None else WorldArtists(None, [])
     drawn: list[RouteArtists] = []
     handles: list[Any] = []
-    for (label, drift), style in zip(drifts.items(), cycle(ROUTE_STYLES)):
-        drawn.append(plot_route(drift, ax=on_map, magnify=magnify, spacing_m=spacing, confidence=confidence, **style))
+    for (label, drift), own in zip(drifts.items(), cycle(style.ROUTE_STYLES)):
+        drawn.append(plot_route(drift, ax=on_map, magnify=magnify, spacing_m=spacing, confidence=confidence, **own))
         said = f"{label}: {_metric(float(drift.length))} m, rms {_metric(float(drift.end.rms))} m at the end"
-        handles += plot_drift(drift, ax=on_drift, label=said, spacing_m=spacing, **style)
+        handles += plot_drift(drift, ax=on_drift, label=said, spacing_m=spacing, **own)
     handles += [drawn[0].start, drawn[0].goal, drawn[0].ellipses[0]]
     handles += [patch for patch in (drawn_world.obstacles, *drawn_world.zones[:1]) if patch is not None]
-    legend_below(figure, handles)
+    style.legend_below(figure, handles)
     return figure
 
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from driftplan.report.figures import style
 from driftplan.report.figures.maps import plot_beacons, plot_world
-from driftplan.report.figures.style import ROUTE_STYLES, START, legend_below, new_figure
 from driftplan.tables import counted
 
 if TYPE_CHECKING:
@@ -32,11 +32,11 @@ def draw_design(world: World, design: Design, *, ax: Axes) -> list[Line2D]:
     everyone = (*design.layout.existing, *design.beacons)
     beacons = plot_beacons(everyone, ax=ax, used=design.beacons, labels=("new beacon", "existing beacon"))
     lines: list[Line2D] = []
-    for k, (path, style) in enumerate(zip(design.paths, cycle(ROUTE_STYLES), strict=False)):
-        look: dict[str, Any] = {"linewidth": 1.8, "label": f"trip {k}", **style, "markersize": 3.5, "zorder": 2.5}
+    for k, (path, own) in enumerate(zip(design.paths, cycle(style.ROUTE_STYLES), strict=False)):
+        look: dict[str, Any] = {"linewidth": 1.8, "label": f"trip {k}", **own, "markersize": 3.5, "zorder": 2.5}
         lines += ax.plot(*path.T, **look)
     starts = np.array([path[0] for path in design.paths])
-    lines += ax.plot(*starts.T, linestyle="none", zorder=3, label="start", **START)
+    lines += ax.plot(*starts.T, linestyle="none", zorder=3, label="start", **style.START)
     ax.set_title(
         f"{counted(len(design.beacons), 'beacon')}, {sum(design.lengths):.4g} m of routes: cost {design.cost:.5g}",
         fontsize=10,
@@ -58,10 +58,10 @@ def plot_design(world: World, found: CoDesign, *, figure: Figure | None = None) 
     shown = [(name, design) for name, design in designs if design is not None]
     xmin, ymin, xmax, ymax = world.bounds
     height = 1.4 + min(max(5.6 * (ymax - ymin) / (xmax - xmin), 2.0), 8.0)
-    figure = new_figure(figure, 6.3 * len(shown), height)
+    figure = style.new_figure(figure, 6.3 * len(shown), height)
     keys: list[Line2D] = []
     for ax, (name, design) in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
         keys = draw_design(world, design, ax=ax)
         ax.set_title(f"{name}\n{ax.get_title()}", fontsize=10)
-    legend_below(figure, keys)
+    style.legend_below(figure, keys)
     return figure

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from driftplan.report.figures import style
 from driftplan.report.figures.maps import drift_of, mark_spacing_of, marked_profile
-from driftplan.report.figures.style import current_axes, quiet_grid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +44,7 @@ def plot_drift(
     list of Line2D
         The rms, and the radius if asked for.
     """
-    ax = current_axes(ax)
+    ax = style.current_axes(ax)
     drift = drift_of(route)
     profile, marks = marked_profile(drift, mark_spacing_of([drift], spacing_m))
     look = {"linewidth": 1.8, "markersize": 4, "label": label, **line_kwargs}
@@ -59,5 +59,5 @@ def plot_drift(
         line.sticky_edges.x.append(0.0)
         line.sticky_edges.y.append(0.0)
     ax.autoscale_view()
-    quiet_grid(ax)
+    style.quiet_grid(ax)
     return list(lines)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from driftplan.model.calibration.chance import LEVELS
 from driftplan.model.calibration.fit import NoiseFit
-from driftplan.model.calibration.segment_check import LEVELS, SegmentCheck
-from driftplan.report.figures.style import ROUTE_STYLES, current_axes, legend_below, new_figure, quiet_grid
+from driftplan.model.calibration.segment_check import SegmentCheck
+from driftplan.report.figures import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,14 +39,14 @@ def plot_fit(
     checks = {FITTED: fit.check, **(others or {})}
     headed = fit.check.has_heading
     panels = 4 if headed else 3
-    figure = new_figure(figure, 4.2 * panels, 4.4)
+    figure = style.new_figure(figure, 4.2 * panels, 4.4)
     axes = list(figure.subplots(1, panels))
     plot_growth(fit, others, ax=axes[0])
     if headed:
         plot_growth(fit, others, heading=True, ax=axes[1])
     plot_predicted(checks, ax=axes[-2])
     plot_coverage(checks, ax=axes[-1])
-    legend_below(figure, axes[0].get_legend_handles_labels()[0])
+    style.legend_below(figure, axes[0].get_legend_handles_labels()[0])
     return figure
 
 
@@ -69,7 +70,7 @@ def plot_growth(
     ax : Axes, optional
         Default: pyplot's current Axes.
     """
-    ax = current_axes(ax)
+    ax = style.current_axes(ax)
     bands = fit.heading_rms_intervals if heading else np.array([r.predicted_rms_interval_m for r in fit.check.lengths])
     if bands is None:
         raise ValueError("expected a fit with measured headings, got one of positions alone")
@@ -87,21 +88,10 @@ def plot_growth(
     if not heading:
         _dots(fit.check, ax)
     drawn = []
-    for (label, check), style in zip({FITTED: fit.check, **(others or {})}.items(), cycle(ROUTE_STYLES)):
+    for (label, check), own in zip({FITTED: fit.check, **(others or {})}.items(), cycle(style.ROUTE_STYLES)):
         errors = None if heading else [2 * row.measured_rms_error_m for row in check.lengths]
-        look = {"color": style["color"], "marker": style["marker"]}
-        drawn.append(
-            ax.errorbar(
-                [row.length_m for row in check.lengths],
-                unit * _measured(check, heading),
-                yerr=errors,
-                linestyle="none",
-                capsize=2,
-                zorder=3,
-                label=f"measured: {label}",
-                **look,
-            )
-        )
+        x, y = [row.length_m for row in check.lengths], unit * _measured(check, heading)
+        drawn.append(_points(ax, own, f"measured: {label}", x, y, yerr=errors, zorder=3))
     aligned = "" if fit.check.has_heading else " (first half to align)"
     what = "rms heading error (deg)" if heading else "rms position error (m)"
     ax.set(xscale="log", yscale="log", xlabel=f"length of segment (m){aligned}", ylabel=what)
@@ -130,18 +120,15 @@ def plot_predicted(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None
     ax : Axes, optional
         Default: pyplot's current Axes.
     """
-    ax = current_axes(ax)
+    ax = style.current_axes(ax)
     drawn, sizes = [], []
-    for (label, check), style in zip(checks.items(), cycle(ROUTE_STYLES)):
+    for (label, check), own in zip(checks.items(), cycle(style.ROUTE_STYLES)):
         predicted, measured = _predicted(check, False), _measured(check, False)
         sizes += [*predicted, *measured]
         upright = [2 * row.measured_rms_error_m for row in check.lengths]
         low, high = np.transpose([row.predicted_rms_interval_m for row in check.lengths])
         across = np.maximum([predicted - low, high - predicted], 0.0)
-        look = {"color": style["color"], "marker": style["marker"], "elinewidth": 0.8}
-        drawn.append(
-            ax.errorbar(predicted, measured, upright, across, linestyle="none", capsize=2, label=label, **look)
-        )
+        drawn.append(_points(ax, own, label, predicted, measured, yerr=upright, xerr=across, elinewidth=0.8))
     ends = np.array([0.8 * min(sizes), 1.25 * max(sizes)])
     ax.plot(ends, ends, color="black", linewidth=1.0, zorder=1)
     for factor in (0.8, 1.25):
@@ -161,7 +148,7 @@ def plot_coverage(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None)
     ax : Axes, optional
         Default: pyplot's current Axes.
     """
-    ax = current_axes(ax)
+    ax = style.current_axes(ax)
     drawn = []
     lines: Sequence[Any] = ("-", "--", ":")
     for level, line in zip(LEVELS, lines, strict=True):
@@ -173,25 +160,22 @@ def plot_coverage(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None)
             va="bottom" if level == LEVELS[-1] else "center" if level == LEVELS[0] else "top",
             fontsize="small",
         )
-    for (label, check), style in zip(checks.items(), cycle(ROUTE_STYLES)):
+    for (label, check), own in zip(checks.items(), cycle(style.ROUTE_STYLES)):
         length = [row.length_m for row in check.lengths]
         for k, line in enumerate(lines):
-            drawn.append(
-                ax.errorbar(
-                    length,
-                    [100 * row.coverage[k] for row in check.lengths],
-                    yerr=[200 * row.coverage_error[k] for row in check.lengths],
-                    color=style["color"],
-                    marker=style["marker"],
-                    linestyle=line,
-                    linewidth=1.0,
-                    capsize=2,
-                    label=f"{label}: {100 * LEVELS[k]:g} %",
-                )
-            )
+            share = [100 * row.coverage[k] for row in check.lengths]
+            chance = [200 * row.coverage_error[k] for row in check.lengths]
+            name = f"{label}: {100 * LEVELS[k]:g} %"
+            drawn.append(_points(ax, own, name, length, share, yerr=chance, linestyle=line, linewidth=1.0))
     ax.set(xscale="log", xlabel="length of segment (m)", ylabel="inside the predicted region (%)", ylim=(0, 105))
     _tidy(ax)
     return drawn
+
+
+def _points(ax: Axes, own: Mapping[str, Any], label: str, x: Any, y: Any, **bars: Any) -> ErrorbarContainer:
+    """Points with error bars in the look of their drives."""
+    look = {"color": own["color"], "marker": own["marker"], "linestyle": "none", "capsize": 2, **bars}
+    return ax.errorbar(x, y, label=label, **look)
 
 
 def _predicted(check: SegmentCheck, heading: bool) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -211,4 +195,4 @@ def _tidy(ax: Axes) -> None:
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axis.set_minor_formatter(NullFormatter())
-    quiet_grid(ax)
+    style.quiet_grid(ax)

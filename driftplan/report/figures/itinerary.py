@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from driftplan.report.figures import style
 from driftplan.report.figures.drift import plot_drift
 from driftplan.report.figures.maps import plot_beacons, plot_route, plot_world
-from driftplan.report.figures.style import LIMIT, ROUTE_STYLES, legend_below, map_and_curve, quiet_grid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,17 +34,17 @@ def plot_itinerary(
     figure : Figure, optional
         An empty one to draw into; default: a new one that knows nothing of pyplot.
     """
-    figure, on_map, on_drift = map_and_curve(figure, world.bounds)
+    figure, on_map, on_drift = style.map_and_curve(figure, world.bounds)
     plot_world(world, ax=on_map)
     drawn = plot_beacons(beacons or itinerary.beacons, ax=on_map, used=itinerary.beacons)
-    style = ROUTE_STYLES[0]
-    route = plot_route(itinerary, ax=on_map, **style)
+    own = style.ROUTE_STYLES[0]
+    route = plot_route(itinerary, ax=on_map, **own)
     label = f"{itinerary.length:.4g} m, worst {itinerary.worst_drift:.3g} m, at the end {itinerary.rms:.3g} m"
-    lines = plot_drift(itinerary, ax=on_drift, label=label, **style)
+    lines = plot_drift(itinerary, ax=on_drift, label=label, **own)
     if itinerary.max_drift is not None:
-        lines.append(on_drift.axhline(itinerary.max_drift, label=f"limit {itinerary.max_drift:g} m", **LIMIT))
+        lines.append(on_drift.axhline(itinerary.max_drift, label=f"limit {itinerary.max_drift:g} m", **style.LIMIT))
     ends = [route.start, route.goal, *route.ellipses[:1]]
-    legend_below(figure, [*lines, *ends, *drawn.marks])
+    style.legend_below(figure, [*lines, *ends, *drawn.marks])
     return figure
 
 
@@ -62,22 +62,22 @@ def plot_pareto(world: World, routes: Sequence[Itinerary], *, figure: Figure | N
     from driftplan.planning.itinerary.pareto import knee
 
     best = knee(routes)
-    figure, on_map, on_curve = map_and_curve(figure, world.bounds)
+    figure, on_map, on_curve = style.map_and_curve(figure, world.bounds)
     plot_world(world, ax=on_map)
     used = {id(beacon): beacon for route in routes for beacon in route.beacons}
     drawn = plot_beacons(list(used.values()), ax=on_map, used=list(used.values()))
     lines = []
-    for k, (route, style) in enumerate(zip(routes, cycle(ROUTE_STYLES), strict=False)):
+    for k, (route, own) in enumerate(zip(routes, cycle(style.ROUTE_STYLES), strict=False)):
         label = f"{route.length:.4g} m, worst {route.worst_drift:.3g} m, at the end {route.rms:.3g} m"
-        look: dict[str, Any] = {**style, "linewidth": 1.8, "markersize": 4}
+        look: dict[str, Any] = {**own, "linewidth": 1.8, "markersize": 4}
         lines += on_map.plot(*route.path.T, label=label + (" (knee)" if k == best else ""), **look)
-        on_curve.plot([route.length], [route.worst_drift], style["marker"], color=style["color"], markersize=7)
+        on_curve.plot([route.length], [route.worst_drift], own["marker"], color=own["color"], markersize=7)
     curve = np.array([(route.length, route.worst_drift) for route in routes])
     on_curve.plot(*curve.T, color="0.6", linewidth=1, zorder=1)
     on_curve.plot(*curve[best], "o", markersize=15, markerfacecolor="none", markeredgecolor="black", label="knee")
     on_curve.annotate("knee", curve[best], xytext=(9, 9), textcoords="offset points")
     on_curve.set(xlabel="length (m)", ylabel="worst rms drift on the way (m)")
-    quiet_grid(on_curve)
+    style.quiet_grid(on_curve)
     on_curve.set_ylim(bottom=0.0)
-    legend_below(figure, [*lines, *drawn.marks])
+    style.legend_below(figure, [*lines, *drawn.marks])
     return figure

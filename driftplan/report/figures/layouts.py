@@ -9,19 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from driftplan.arrays import Floats
+from driftplan.report.figures import style
 from driftplan.report.figures.maps import plot_beacons, plot_world
-from driftplan.report.figures.style import (
-    BEACON_COLOUR,
-    LEGEND_ABOVE,
-    LIMIT,
-    OTHER_BEACON_COLOUR,
-    OTHER_ROUTE,
-    ROUTE_STYLES,
-    current_axes,
-    in_metres,
-    new_figure,
-    quiet_grid,
-)
 from driftplan.tables import counted
 
 if TYPE_CHECKING:
@@ -73,7 +62,7 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
     """
     from matplotlib.collections import LineCollection
 
-    ax = current_axes(ax)
+    ax = style.current_axes(ax)
     if layout.scenario.world is not None:
         plot_world(layout.scenario.world, ax=ax)
     segments, drift = route_segments(layout)
@@ -86,7 +75,7 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
     ax.add_collection(routes)
     everyone = (*layout.existing, *layout.beacons)
     beacons = plot_beacons(everyone, ax=ax, used=layout.beacons, labels=("new beacon", "existing beacon"))
-    in_metres(ax)
+    style.in_metres(ax)
     if layout.scenario.world is None:
         ax.autoscale_view()
     if colorbar:
@@ -123,23 +112,23 @@ def plot_sawtooth(
     list of Line2D
         Those of ``routes``, in order.
     """
-    ax = current_axes(ax)
+    ax = style.current_axes(ax)
     share = np.array(layout.worst_drifts) / np.array(layout.max_drift)
     chosen = list(np.argsort(-share, kind="stable")[:_MAX_ROUTES]) if routes is None else list(routes)
     lines: list[Line2D] = []
     for r in range(len(layout.drifts)) if routes is None else ():
         if r not in chosen:
-            ax.plot(*_profile(layout, r), **OTHER_ROUTE)
-    for r, style in zip(chosen, cycle(ROUTE_STYLES)):
-        plain = {key: value for key, value in style.items() if key != "marker"}
+            ax.plot(*_profile(layout, r), **style.OTHER_ROUTE)
+    for r, own in zip(chosen, cycle(style.ROUTE_STYLES)):
+        plain = {key: value for key, value in own.items() if key != "marker"}
         look = {"linewidth": 1.5, "zorder": 3, "label": f"route {r}", **plain, **line_kwargs}
         lines += ax.plot(*_profile(layout, int(r)), **look)
     for limit in sorted({layout.max_drift[int(r)] for r in chosen}):
-        ax.axhline(limit, label=f"limit {limit:.3g} m", **LIMIT)
+        ax.axhline(limit, label=f"limit {limit:.3g} m", **style.LIMIT)
     ax.set(xlabel="distance driven (m)", ylabel=_score_label(layout))
     ax.set_xlim(left=0.0)
     ax.set_ylim(bottom=0.0)
-    ax.legend(**LEGEND_ABOVE, ncols=3)
+    ax.legend(**style.LEGEND_ABOVE, ncols=3)
     return lines
 
 
@@ -153,7 +142,7 @@ def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwa
     """
     from matplotlib.ticker import MaxNLocator
 
-    ax = current_axes(ax)
+    ax = style.current_axes(ax)
     if not curve:
         raise ValueError("expected a trade-off curve of at least one layout, got none")
     drift, count = np.array([x.worst_drift for x in curve]), np.array([len(x.beacons) for x in curve])
@@ -176,7 +165,7 @@ def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwa
     ax.set(xlabel=f"limit on the {_score_label(curve[0])}", ylabel="fewest beacons")
     ax.set_ylim(bottom=0.0)
     ax.yaxis.set_major_locator(MaxNLocator(integer=True))
-    quiet_grid(ax)
+    style.quiet_grid(ax)
     ax.legend(loc="upper right", fontsize=8)
     return line
 
@@ -186,19 +175,19 @@ def plot_importance(layout: Layout, *, ax: Axes | None = None, **bar_kwargs: Any
 
     Beacons whose failure hurts most are on top; of more than 25 the others are left out.
     """
-    ax = current_axes(ax)
+    ax = style.current_axes(ax)
     served = [x for x in layout.importance if x.routes]
     shown = sorted(served, key=lambda x: -x.worst_single_failure)[:_MAX_BARS]
     old = {b.id for b in layout.existing}
-    colours = [OTHER_BEACON_COLOUR if x.beacon.id in old else BEACON_COLOUR for x in shown]
+    colours = [style.OTHER_BEACON_COLOUR if x.beacon.id in old else style.BEACON_COLOUR for x in shown]
     look: dict[str, Any] = {"color": colours, "alpha": 0.85, **bar_kwargs}
     bars = ax.barh(np.arange(len(shown)), [x.worst_single_failure for x in shown], **look)
     ax.set_yticks(np.arange(len(shown)), [x.beacon.id for x in shown], fontsize=7)
     ax.invert_yaxis()
     limit = min(layout.max_drift)
-    ax.axvline(limit, **LIMIT, label=f"limit {limit:.3g} m")
+    ax.axvline(limit, **style.LIMIT, label=f"limit {limit:.3g} m")
     ax.set(xlabel=f"{_score_label(layout)} if this beacon is dead", ylabel="beacon")
-    ax.legend(**LEGEND_ABOVE)
+    ax.legend(**style.LEGEND_ABOVE)
     return bars
 
 
@@ -208,7 +197,7 @@ def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
     low, high = xy.min(axis=0), xy.max(axis=0)
     box = (*low, *high) if layout.scenario.world is None else layout.scenario.world.bounds
     shape = min(max((box[3] - box[1]) / max(box[2] - box[0], 1e-9), 0.25), 1.5)
-    figure = new_figure(figure, 12.0, 12.0 * shape * 0.85 + 4.2)
+    figure = style.new_figure(figure, 12.0, 12.0 * shape * 0.85 + 4.2)
     grid = figure.add_gridspec(2, 2, height_ratios=(12.0 * shape * 0.85, 3.6), width_ratios=(2.0, 1.0))
     on_map = figure.add_subplot(grid[0, :])
     plot_layout(layout, ax=on_map)
@@ -231,7 +220,7 @@ def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
 
 def tradeoff_figure(curve: Sequence[Layout], *, figure: Figure | None = None) -> Figure:
     """`plot_tradeoff` in a figure of its own."""
-    figure = new_figure(figure, 7.0, 4.5)
+    figure = style.new_figure(figure, 7.0, 4.5)
     plot_tradeoff(curve, ax=figure.subplots())
     return figure
 

@@ -10,19 +10,8 @@ import numpy as np
 
 from driftplan.arrays import Floats
 from driftplan.model.drift import Drift, PointDrift
+from driftplan.report.figures import style
 from driftplan.report.figures.ellipses import error_ellipse, magnification, mark_distances, mark_spacing
-from driftplan.report.figures.style import (
-    BEACON,
-    GOAL,
-    OBSTACLE,
-    OTHER_BEACON,
-    OTHER_RANGE,
-    RANGE,
-    START,
-    ZONE,
-    current_axes,
-    in_metres,
-)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,18 +55,18 @@ def plot_world(world: World, *, ax: Axes | None = None, **obstacle_kwargs: Any) 
     """
     from shapely.plotting import patch_from_polygon
 
-    ax = current_axes(ax)
+    ax = style.current_axes(ax)
     obstacles = None
     if not world.obstacles.is_empty:
-        look = {**OBSTACLE, "label": "obstacle", "zorder": 1, **obstacle_kwargs}
+        look = {**style.OBSTACLE, "label": "obstacle", "zorder": 1, **obstacle_kwargs}
         obstacles = ax.add_patch(patch_from_polygon(world.obstacles, **look))
     zones = []
     for i, zone in enumerate(world.zones):
         label = "zone with odometry of its own" if i == 0 else "_nolegend_"
-        zones.append(ax.add_patch(patch_from_polygon(zone.polygon, **ZONE, label=label, zorder=0.9)))
+        zones.append(ax.add_patch(patch_from_polygon(zone.polygon, **style.ZONE, label=label, zorder=0.9)))
     xmin, ymin, xmax, ymax = world.bounds
     ax.set(xlim=(xmin, xmax), ylim=(ymin, ymax))
-    in_metres(ax)
+    style.in_metres(ax)
     return WorldArtists(obstacles, zones)
 
 
@@ -113,7 +102,7 @@ def plot_route(
     """
     from matplotlib.patches import Ellipse
 
-    ax = current_axes(ax)
+    ax = style.current_axes(ax)
     drift = drift_of(route)
     spacing = mark_spacing_of([drift], spacing_m)
     profile, marks = marked_profile(drift, spacing)
@@ -146,9 +135,9 @@ def plot_route(
         )
     ]
     ends: dict[str, Any] = {"linestyle": "none", "zorder": 4}
-    (start,) = ax.plot(*profile.xy[0], **START, **ends, label="start")
-    (goal,) = ax.plot(*profile.xy[-1], **GOAL, **ends, label="goal")
-    in_metres(ax)
+    (start,) = ax.plot(*profile.xy[0], **style.START, **ends, label="start")
+    (goal,) = ax.plot(*profile.xy[-1], **style.GOAL, **ends, label="goal")
+    style.in_metres(ax)
     return RouteArtists(line, ellipses, start, goal)
 
 
@@ -181,14 +170,14 @@ def plot_beacons(
     """
     from matplotlib.patches import Circle
 
-    ax = current_axes(ax)
+    ax = style.current_axes(ax)
     counted = {id(beacon) for beacon in used}
     others = [beacon for beacon in beacons if id(beacon) not in counted]
     ranges: list[Patch] = []
     marks: list[Line2D] = []
     for group, label, range_look, mark_look in (
-        (others, labels[1], OTHER_RANGE, OTHER_BEACON),
-        (list(used), labels[0], RANGE, BEACON),
+        (others, labels[1], style.OTHER_RANGE, style.OTHER_BEACON),
+        (list(used), labels[0], style.RANGE, style.BEACON),
     ):
         for beacon in group:
             ranges.append(ax.add_patch(Circle((beacon.x, beacon.y), beacon.kind.range_m, zorder=1.5, **range_look)))
