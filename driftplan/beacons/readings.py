@@ -133,9 +133,7 @@ def drift_with_beacons(
     xy = waypoints_of(path)
     readings = Readings.of(fixes) + readings_on(xy, BeaconColumns.of(beacons), world)
     xy, noises = floor_of(xy, noise, world)
-    return predict_drift(
-        xy, noises, fixes=readings, estimator=estimator, spread=spread, start_heading=start_heading
-    )
+    return predict_drift(xy, noises, fixes=readings, estimator=estimator, spread=spread, start_heading=start_heading)
 
 
 def waypoints_of(path: Any) -> Floats:

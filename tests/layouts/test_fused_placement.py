@@ -135,3 +135,24 @@ def test_what_cannot_be_held_is_told_with_the_stretch_and_the_least_drift():
 def test_what_a_filter_cannot_promise_is_refused(noise, limit, what):
     with pytest.raises(ValueError, match=what):
         place_beacons(None, [(0, 0), (20, 0)], noise, limit, Sites(TAG, spacing_m=2.0), estimator="filter")
+
+
+def test_under_reset_it_is_said_what_a_fusing_robot_would_have():
+    layout = place_beacons(None, [(0, 0), (60, 0)], NOISE, 0.6, Sites(TAG, spacing_m=2.0))
+    scenario = replace(layout.scenario, estimator="filter")
+    fused = worst_rms(scenario.drift(0, layout.beacons))
+    assert layout.worst_drift_if_fused == pytest.approx(fused)
+    assert f"at most {fused:.3g} m" in layout.note
+    assert place_beacons(None, [(0, 0), (60, 0)], NOISE, 0.6, Sites(TAG, spacing_m=2.0), estimator="filter").note == ""
+    sites = [Beacon(TAG, x, 0.0) for x in np.arange(0.0, 61.0, 10.0)]
+    with pytest.raises(InfeasibleError, match=r'a robot that fuses its readings keeps the limit.*estimator="filter"'):
+        place_beacons(None, [(0, 0), (60, 0)], NOISE, 0.4, Sites(points=sites))
+    with pytest.raises(InfeasibleError, match=r"nor can a robot that fuses its readings"):
+        place_beacons(None, [(0, 0), (60, 0)], NOISE, 0.1, Sites(points=sites))
+
+
+def test_where_the_heading_is_too_uncertain_for_a_filter_the_layout_says_so():
+    rough = OdometryNoise.from_std(heading_deg=20.0, distance_m=0.05, after_m=10.0)
+    sites = [Beacon(TAG, x, 0.0) for x in (0.0, 20.0)]
+    layout = place_beacons(None, [(0, 0), (30, 0)], rough, 8.0, Sites(points=sites), estimator="filter")
+    assert "On 1 of 1 routes, the first of them route 0" in layout.note

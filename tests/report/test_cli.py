@@ -109,8 +109,7 @@ def test_predict_for_a_robot_that_fuses_what_it_reads(run, path_file, tmp_path):
     beacons.write_bytes(beacons_geojson([Beacon(tag, x=3.0, y=7.0)]))
     words = ("predict", path_file, "--heading-deg", 1, "--distance-m", 0.05, "--after-m", 10)
     alone, fused = (
-        json.loads(run(*words, "--json", *more).out)
-        for more in ((), ("--beacons", beacons, "--estimator", "filter"))
+        json.loads(run(*words, "--json", *more).out) for more in ((), ("--beacons", beacons, "--estimator", "filter"))
     )
     assert fused["estimator"] == "filter"
     assert fused["paths"][0]["points"][-1]["rms_m"] < 0.8 * alone["paths"][0]["points"][-1]["rms_m"]

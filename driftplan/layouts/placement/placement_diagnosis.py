@@ -11,6 +11,7 @@ from driftplan.layouts.placement.covering import Cover, Outcome
 from driftplan.layouts.placement.cut_pool import Cut
 from driftplan.layouts.placement.failures import failures, worst_of_failures
 from driftplan.layouts.placement.fused_requirements import FusedRequirements
+from driftplan.layouts.placement.fused_routes import fused_routes
 from driftplan.layouts.placement.limit_search import LeastFactor, LimitSearch
 from driftplan.layouts.placement.problem import PlacementProblem
 from driftplan.layouts.placement.requirements import DriftRequirements
@@ -31,7 +32,27 @@ class Obstacle(NamedTuple):
 
 
 def explain(search: LimitSearch, limits: Sequence[float], cover: Cover) -> str:
-    """What to tell the user when ``cover`` has no layout."""
+    """What to tell the user when ``cover`` has no layout, and whether a robot that fuses its readings has one."""
+    if cover.outcome is Outcome.INFEASIBLE and search.problem.scenario.estimator == "reset":
+        return _why(search, limits, cover) + _if_fused(search.problem, limits)
+    return _why(search, limits, cover)
+
+
+def _if_fused(problem: PlacementProblem, limits: Sequence[float]) -> str:
+    """Whether all sites together keep the limits of a robot that fuses its readings: then some layout does."""
+    if problem.scenario.confidence is not None:
+        return ""
+    try:
+        routes = fused_routes(problem.scenario, problem.sites)
+    except ValueError:  # its odometry has a known systematic error
+        return ""
+    needs = FusedRequirements(routes, limits, problem.scenario.redundancy)
+    if needs.holds(np.ones(len(problem.sites), dtype=bool)):
+        return '; a robot that fuses its readings keeps the limit with these sites: estimator="filter"'
+    return "; nor can a robot that fuses its readings"
+
+
+def _why(search: LimitSearch, limits: Sequence[float], cover: Cover) -> str:
     problem = search.problem
     if cover.outcome is not Outcome.INFEASIBLE:
         ruled_out = f" (one would cost at least {cover.lower_bound:g})" if cover.lower_bound > 0 else ""

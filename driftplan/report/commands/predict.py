@@ -79,8 +79,7 @@ COMMAND = Command(
             Option("at", "S", "only after S metres; several: S,S,... (default: every waypoint)", metres),
             shared.START_HEADING,
             Option("beacons", "FILE.geojson", "beacons that are read on the way", str),
-            Option("estimator", "", "what the robot does with a reading: it replaces what is measured, or it is fused in "
-                   "a Kalman filter", str, "reset", ("reset", "filter")),
+            shared.ESTIMATOR,
         )),
         *shared.NOISE,
     ),
