@@ -94,7 +94,10 @@ class Layout:
 
     @property
     def note(self) -> str:
-        """In a sentence, what a robot that fuses its readings would have, or where its filter stops being linear."""
+        """In a sentence, what a robot that fuses its readings would have, or where its filter stops being linear; empty
+        where there is nothing to say, and with a confidence."""
+        if self.scenario.confidence is not None:
+            return ""
         if self.scenario.estimator == "reset":
             return (
                 f"With the same beacons a robot that fuses its readings would drift at most "
