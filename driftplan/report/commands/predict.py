@@ -59,8 +59,8 @@ def _warning(beyond_linear: Floats) -> str:
         return ""
     first, last = beyond_linear[0, 0], beyond_linear[-1, 1]
     return (
-        f"\nFrom {first:.1f} m to {last:.1f} m the heading is known to worse than 0.15 rad: a filter, and this prediction "
-        "of it, go wrong there."
+        f"\nBetween {first:.1f} m and {last:.1f} m the heading is known to worse than 0.15 rad: a filter goes "
+        "wrong there, and so does this prediction."
     )
 
 
