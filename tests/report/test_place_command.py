@@ -137,11 +137,9 @@ def test_bad_input_is_refused(refused, files, words, said):
 
 
 def test_a_robot_that_fuses_needs_fewer_and_both_answers_say_what_it_has(place):
-    counts = []
+    words, counts = ("--max-drift", 0.5, "--heading-deg", 3, "--distance-m", 0.05, "--after-m", 10), []
     for estimator in ("reset", "filter"):
-        layout = json.loads(place("--max-drift", 0.8, "--spacing-m", 3, "--estimator", estimator, "--json").out)[
-            "layout"
-        ]
+        layout = json.loads(place(*words, "--estimator", estimator, "--json").out)["layout"]
         assert layout["estimator"] == estimator
         assert ("fuses its readings would drift at most" in layout["note"]) == (estimator == "reset")
         counts.append(len(layout["beacons"]))
