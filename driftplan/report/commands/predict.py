@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer
-from driftplan.report.commands.option import Command, Group, Option, metres
+from driftplan.report.commands.option import Command, Group, Option, input_file, label, metres
 
 if TYPE_CHECKING:
     from driftplan.arrays import Floats
@@ -27,9 +27,10 @@ def run(args: argparse.Namespace) -> Answer:
         drifts = [predict_drift(path, noise, **given) for path in paths]
     else:
         drifts = [drift_with_beacons(path, noise, beacons, **given) for path in paths]
+    files = [label(file) for file in args.paths]
     shown = [
         (file, float(drift.length), drift.at(args.at) if args.at else drift)
-        for file, drift in zip(args.paths, drifts, strict=True)
+        for file, drift in zip(files, drifts, strict=True)
     ]
     return Answer(
         payload=lambda: {
@@ -49,7 +50,7 @@ def run(args: argparse.Namespace) -> Answer:
             f"{file}: {length:.2f} m\n{drift_table(points)}{_warning(drift.beyond_linear)}"
             for (file, length, points), drift in zip(shown, drifts, strict=True)
         ),
-        files={"png": lambda: plot_comparison(None, dict(zip(args.paths, drifts, strict=True)))},
+        files={"picture": lambda: plot_comparison(None, dict(zip(files, drifts, strict=True)))},
     )
 
 
@@ -71,8 +72,8 @@ COMMAND = Command(
     description="Predict the drift of odometry along paths, at every waypoint or at chosen distances.",
     run=run,
     arguments=(
-        Option("paths", "PATH.csv", "waypoints x,y or poses x,y,heading: metres, radians, one per line", str,
-               how={"nargs": "+"}),
+        Option("paths", "PATH.csv", "waypoints x,y or poses x,y,heading: metres, radians, one per line; - is "
+               "standard input", input_file, how={"nargs": "+"}),
     ),
     groups=(
         Group("", (
@@ -83,5 +84,6 @@ COMMAND = Command(
         )),
         *shared.NOISE,
     ),
-    files={"png": "draw the paths, their error ellipses and their drift against distance"},
+    files={"picture": "draw the paths, their error ellipses and their drift against distance"},
+    examples=("path.csv --heading-deg 2 --after-m 10", "- --noise noise.yaml --at 10,20,50 --json < path.csv"),
 )
