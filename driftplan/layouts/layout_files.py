@@ -45,7 +45,7 @@ class InstallerRow(NamedTuple):
 def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
     """All beacons of a layout, the ones whose failure hurts most first."""
     world = layout.scenario.world
-    places = shapely.points([beacon.xy for beacon, *_ in layout.importance])
+    places = shapely.points(np.array([beacon.xy for beacon, *_ in layout.importance]).reshape(-1, 2))
     walls = np.full((len(places), 2), nan)
     if world is not None and not world.obstacles.is_empty:
         walls = shapely.get_coordinates(shapely.shortest_line(world.obstacles.boundary, places))[::2]

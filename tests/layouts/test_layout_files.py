@@ -124,18 +124,21 @@ def test_a_missing_file_is_named(tmp_path):
         load_beacons(tmp_path / "nowhere.geojson")
 
 
-def test_installers_learn_which_way_a_tag_looks(tmp_path):
+def test_installers_learn_which_way_a_tag_looks():
     front = BeaconKind(name="tag", range_m=2.5, position_std_m=0.05, heading_std=0.01, view_angle_deg=180.0)
-    layout = place_beacons(
-        WORLD, ROUTES[:1], NOISE, 0.9, Sites(front, [(x, y) for x in (8, 16, 24, 32) for y in (1, 2)])
-    )
+    points = [(x, y) for x in (8, 16, 24, 32) for y in (1, 2)]
+    layout = place_beacons(WORLD, ROUTES[:1], NOISE, 0.9, Sites(front, points))
     facing = {b.id: b.facing_deg for b in layout.beacons}
     assert {row.id: row.facing_deg for row in installer_table(layout)} == facing
     assert set(facing.values()) <= {0.0, 90.0, 180.0, 270.0}
     row = next(csv.DictReader(io.StringIO(layout_csv(layout).decode())))
     assert float(row["facing_deg"]) == facing[row["id"]]
-    old = Sites([], [OLD])
-    assert all(np.isnan(r.facing_deg) for r in installer_table(place_beacons(WORLD, ROUTES[:1], NOISE, 9.0, old)))
+    old = place_beacons(WORLD, ROUTES[:1], NOISE, 9.0, Sites(front, points, existing=[OLD]))
+    assert [np.isnan(row.facing_deg) for row in installer_table(old)] == [True]
+
+
+def test_a_layout_of_no_beacons_has_an_empty_table():
+    assert installer_table(place_beacons(WORLD, ROUTES[:1], NOISE, 9.0, SIGN)) == ()
 
 
 def test_files_print_numbers_as_people_write_them_and_say_that_they_are_local_metres():
