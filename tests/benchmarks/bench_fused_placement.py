@@ -42,7 +42,8 @@ def main() -> None:
     print(
         f"{'case':>16} {'estimator':>10} {'sites':>6} {'beacons':>8} {'bound':>6} {'gap %':>6} {'wall s':>7} {'cpu s':>6}"
     )
-    for name, (world, routes, noise, limit, sites) in cases().items():
+    for name, case in cases().items():
+        world, routes, noise, limit, sites = case
         for estimator in ("reset", "filter"):
             begin, cpu = time.perf_counter(), time.process_time()
             layout = place_beacons(world, routes, noise, limit, sites, estimator=estimator, time_limit=TIME_LIMIT_S)
