@@ -18,7 +18,7 @@ from driftplan.layouts.placement.fused_routes import fused_routes
 from driftplan.layouts.placement.limit_search import FusedLimitSearch, LimitSearch, Progress
 from driftplan.layouts.placement.placement_diagnosis import explain
 from driftplan.layouts.placement.problem import PlacementProblem, placement_problem
-from driftplan.layouts.placement.tracks import Tracks
+from driftplan.layouts.placement.route_table import RouteTable
 from driftplan.layouts.scenario import DriftLimit, Scenario
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
@@ -28,7 +28,7 @@ from driftplan.world.world import World
 _RMS_ROUNDING = 1e-6  # relative: the final check adds the same numbers in another order
 _RADIUS_ROUNDING = 1e-5  # relative: and integrates radii to that
 _CHECK_S_PER_ROUTE = 0.03  # seconds kept for the final check, but at most a quarter of the time
-_MIN_LIMIT_SHARE = 0.02  # without a limit, perfect beacons: pieces are cut for this share of the drift without beacons
+_MIN_LIMIT_SHARE = 0.02  # without a limit, perfect beacons: segments are cut for this share of the drift without any
 
 
 @keywords_checked(limit=DriftLimit, sites=Sites)
@@ -222,8 +222,8 @@ def _search(problem: PlacementProblem, least_limit_m: float | None, clock: _Cloc
     if problem.scenario.estimator == "filter":
         routes = fused_routes(problem.scenario, problem.sites)
         return FusedLimitSearch(problem, routes, clock.deadline, clock.tell)
-    tracks = _tracks_without_limit(problem) if least_limit_m is None else problem.tracks(least_limit_m)
-    return LimitSearch(problem, tracks, clock.deadline, clock.tell)
+    table = _table_without_limit(problem) if least_limit_m is None else problem.table(least_limit_m)
+    return LimitSearch(problem, table, clock.deadline, clock.tell)
 
 
 def _least_drift(search: LimitSearch, tolerance: float, clock: _Clock, known: Layout | None = None) -> Layout:
@@ -244,12 +244,12 @@ def _least_drift(search: LimitSearch, tolerance: float, clock: _Clock, known: La
     return _checked_layout(problem, least.chosen, 0.0, least.proven, status, limits, least.ruled_out, clock)
 
 
-def _tracks_without_limit(problem: PlacementProblem) -> Tracks:
+def _table_without_limit(problem: PlacementProblem) -> RouteTable:
     """Tables for the smallest limit worth asking for: no beacon is better than its own accuracy."""
     scenario = problem.scenario
     bare = max(scenario.worst(scenario.drift(r, problem.existing)) for r in range(len(scenario.routes)))
     stds = [b.kind.position_std_m or 0.0 for b in problem.sites]
-    return problem.tracks(max(min(stds) * 2**0.5, _MIN_LIMIT_SHARE * bare, 1e-6))
+    return problem.table(max(min(stds) * 2**0.5, _MIN_LIMIT_SHARE * bare, 1e-6))
 
 
 def _checked_layout(

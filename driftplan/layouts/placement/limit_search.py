@@ -17,10 +17,10 @@ from driftplan.layouts.placement.drives import drives_of, worst_squares
 from driftplan.layouts.placement.failures import worst_of_failures
 from driftplan.layouts.placement.fused_requirements import FusedRequirements
 from driftplan.layouts.placement.fused_routes import FusedRoute
+from driftplan.layouts.placement.interval_moments import IntervalMoments
 from driftplan.layouts.placement.problem import PlacementProblem
 from driftplan.layouts.placement.requirements import DriftRequirements
-from driftplan.layouts.placement.spans import Spans
-from driftplan.layouts.placement.tracks import Tracks
+from driftplan.layouts.placement.route_table import RouteTable
 
 Progress = Callable[[float, float, float], None]
 
@@ -40,7 +40,7 @@ class LimitSearch:
     Parameters
     ----------
     problem : PlacementProblem
-    tracks : Tracks
+    table : RouteTable
         The problem's, fine enough for the limits.
     deadline : float
         When to stop, by the monotonic clock.
@@ -48,8 +48,8 @@ class LimitSearch:
         Called with seconds, cost and lower bound of the cover that is being looked for.
     """
 
-    def __init__(self, problem: PlacementProblem, tracks: Tracks, deadline: float, progress: Progress | None = None):
-        self.problem, self.tracks, self.deadline, self.progress = problem, tracks, deadline, progress
+    def __init__(self, problem: PlacementProblem, table: RouteTable, deadline: float, progress: Progress | None = None):
+        self.problem, self.table, self.deadline, self.progress = problem, table, deadline, progress
 
     def like(self, problem: PlacementProblem, deadline: float) -> LimitSearch:
         """The same tables for other rules."""
@@ -58,8 +58,8 @@ class LimitSearch:
         return other
 
     @cached_property
-    def _spans(self) -> Spans:
-        return Spans(self.tracks)
+    def _intervals(self) -> IntervalMoments:
+        return IntervalMoments(self.table)
 
     def cover(
         self,
@@ -86,7 +86,7 @@ class LimitSearch:
 
     def requirements(self, limits: Sequence[float]) -> DriftRequirements | FusedRequirements:
         """What the limits demand."""
-        return self.problem.requirements(self.tracks, limits)
+        return self.problem.requirements(self.table, limits)
 
     def excess(self, limits: Sequence[float], chosen: Bools) -> float:
         """The greatest drift over its limit, on any route, with the beacons dead that may be."""
@@ -94,8 +94,8 @@ class LimitSearch:
         if scenario.confidence is not None:
             beacons = (*self.problem.existing, *self.problem.chosen(chosen))
             return float((worst_of_failures(scenario, beacons, np.inf) / np.array(limits)).max())
-        drives = drives_of(self.tracks, chosen, np.arange(len(limits)), scenario.redundancy)
-        return float((np.sqrt(worst_squares(self._spans, drives)) / np.array(limits)[drives.route]).max())
+        drives = drives_of(self.table, chosen, np.arange(len(limits)), scenario.redundancy)
+        return float((np.sqrt(worst_squares(self._intervals, drives)) / np.array(limits)[drives.route]).max())
 
     def least_factor(self, limits: Sequence[float], start: Bools, ruled_out: float, tolerance: float) -> LeastFactor:
         """By bisection: every step proves a factor out of reach or finds a layout below it."""
