@@ -55,6 +55,7 @@ def beacon_passes(path: Any, beacon: Beacon, world: World | None = None) -> Floa
 
     Examples
     --------
+    >>> from driftplan.beacons.beacon import BeaconKind
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> beacon_passes([(0, 0), (10, 0), (0, 0)], Beacon(tag, x=4.0, y=1.0)).tolist()
     [[4.0, 4.0], [16.0, 16.0]]
@@ -68,6 +69,7 @@ def beacon_fixes(path: Any, beacons: Sequence[Beacon], world: World | None = Non
 
     Examples
     --------
+    >>> from driftplan.beacons.beacon import BeaconKind
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> [fix.s_m for fix in beacon_fixes([(0, 0), (10, 0)], [Beacon(tag, x=4.0, y=0.0)])]
     [3.0, 5.0]
@@ -124,6 +126,7 @@ def drift_with_beacons(
 
     Examples
     --------
+    >>> from driftplan.beacons.beacon import BeaconKind
     >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> drift = drift_with_beacons([(0, 0), (30, 0), (30, 10)], noise, [Beacon(tag, x=30.0, y=0.0)])
@@ -292,7 +295,7 @@ def detection_chances(
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> tags = [Beacon(tag, x=10.0, y=0.5), Beacon(tag, x=55.0, y=0.5)]
     >>> [round(c.probability, 2) for c in detection_chances([(0, 0), (60, 0)], noise, tags)]
-    [0.97, 0.22]
+    [0.97, 0.21]
     """
     xy, columns = waypoints_of(path), BeaconColumns.of(beacons)
     passes = columns.passes(xy, world)

@@ -171,6 +171,14 @@ def greatest_between(
         offset, stretch, part = at[:, :-1].ravel(), np.repeat(stretch, _PARTS), np.repeat(part, _PARTS)
 
 
+def exceeds_between(
+    begun: Moments, length: Floats, which: Ints, noises: Sequence[OdometryNoise], end: Floats, limit: Floats
+) -> Bools:
+    """Whether E|e|² exceeds a ``limit`` (n,), m², inside straight stretches whose ends keep it; the rest as in
+    `greatest_between`, and as exact."""
+    return np.asarray(greatest_between(begun, length, which, noises, end, np.arange(len(length)), limit) > limit)
+
+
 def _greatest_of_quartics(drift: Drift) -> float:
     """The greatest E|e|² inside the runs of a robot with a filter, m², from five values on each."""
     if not drift.has_systematic:
@@ -182,14 +190,6 @@ def _greatest_of_quartics(drift: Drift) -> float:
         inside = peaks.real[(np.abs(peaks.imag) < 1e-9) & (peaks.real > 0) & (peaks.real < 1)]
         greatest = max(greatest, float(np.max(np.polyval(polynomial, inside), initial=0.0)))
     return greatest
-
-
-def exceeds_between(
-    begun: Moments, length: Floats, which: Ints, noises: Sequence[OdometryNoise], end: Floats, limit: Floats
-) -> Bools:
-    """Whether E|e|² exceeds a ``limit`` (n,), m², inside straight stretches whose ends keep it; the rest as in
-    `greatest_between`, and as exact."""
-    return np.asarray(greatest_between(begun, length, which, noises, end, np.arange(len(length)), limit) > limit)
 
 
 def _check(drift: Drift) -> None:
