@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from driftplan.beacons.beacon import Beacon, BeaconKind, drift_with_beacons
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.pareto import knee, non_dominated, pareto_routes
