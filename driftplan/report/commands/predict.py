@@ -80,8 +80,7 @@ COMMAND = Command(
             Option("at", "S", "only after S metres; several: S,S,... (default: every waypoint)", metres),
             shared.START_HEADING,
             Option("beacons", "FILE.geojson", "beacons that are read on the way", str),
-            Option("estimator", "", "what the robot does with a reading: replaces what is measured, or fuses it in a "
-                   "Kalman filter", str, "reset", ("reset", "filter")),
+            shared.ESTIMATOR,
         )),
         *shared.NOISE,
     ),
