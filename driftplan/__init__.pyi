@@ -45,6 +45,7 @@ from .model.drift import Drift as Drift
 from .model.drift import PointDrift as PointDrift
 from .model.drift import predict_drift as predict_drift
 from .model.noise import OdometryNoise as OdometryNoise
+from .model.noise import SystematicSpread as SystematicSpread
 from .model.paths import Run as Run
 from .model.paths import Runs as Runs
 from .model.presets import PRESETS as PRESETS
@@ -59,15 +60,14 @@ from .model.spatial.simulation import simulate_drift_3d as simulate_drift_3d
 from .model.spatial.steps import flight_steps as flight_steps
 from .planning.comparison import Comparison as Comparison
 from .planning.comparison import compare_routes as compare_routes
-from .planning.itinerary.itinerary import Itinerary as Itinerary
-from .planning.itinerary.pareto import pareto_routes as pareto_routes
-from .planning.itinerary.roadmap_planner import RoadmapPlanner as RoadmapPlanner
 from .planning.ompl.collision import use_world as use_world
 from .planning.ompl.objective import DriftObjective as DriftObjective
 from .planning.ompl.paths import predict_ompl_path as predict_ompl_path
 from .planning.ompl.polish import polish_ompl_path as polish_ompl_path
-from .planning.plan import plan_route as plan_route
+from .planning.ompl.roadmap_planner import RoadmapPlanner as RoadmapPlanner
+from .planning.pareto import pareto_routes as pareto_routes
 from .planning.routes import Route as Route
+from .planning.routes import plan_route as plan_route
 from .report.figures.comparison import plot_comparison as plot_comparison
 from .report.figures.drift import plot_drift as plot_drift
 from .report.figures.fits import plot_fit as plot_fit

@@ -29,7 +29,7 @@ _VARIANCES = (
     "distance_var_per_step",
     "lateral_var_per_step",
 )
-_SYSTEMATIC = ("heading_bias_per_m", "heading_bias_per_rad", "distance_scale_error")
+SYSTEMATIC = ("heading_bias_per_m", "heading_bias_per_rad", "distance_scale_error")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +99,7 @@ class OdometryNoise:
     distance_scale_error: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in (*_VARIANCES, *_SYSTEMATIC, "heading_distance_corr"):
+        for name in (*_VARIANCES, *SYSTEMATIC, "heading_distance_corr"):
             object.__setattr__(self, name, number(name, getattr(self, name)))
         for name in _VARIANCES:
             if getattr(self, name) < 0:
@@ -234,7 +234,7 @@ class OdometryNoise:
         """
         factor = not_negative("std_factor", std_factor)
         changed = {name: getattr(self, name) * factor**2 for name in _VARIANCES}
-        changed |= {name: getattr(self, name) * factor for name in _SYSTEMATIC}
+        changed |= {name: getattr(self, name) * factor for name in SYSTEMATIC}
         return replace(self, **changed)
 
     def heading_std_after(self, length_m: float, turn_rad: float = 0.0) -> float:
@@ -247,7 +247,7 @@ class OdometryNoise:
     @property
     def is_systematic(self) -> bool:
         """Whether any systematic error (bias or scale) is set."""
-        return any(getattr(self, name) != 0 for name in _SYSTEMATIC)
+        return any(getattr(self, name) != 0 for name in SYSTEMATIC)
 
     @property
     def is_plain(self) -> bool:
@@ -264,6 +264,43 @@ class OdometryNoise:
         """Only what differs from a perfect odometer."""
         said = (f"{f.name}={getattr(self, f.name)!r}" for f in fields(self) if getattr(self, f.name) != f.default)
         return f"OdometryNoise({', '.join(said)})"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SystematicSpread:
+    """Constants of the odometry that differ from drive to drive; the robot's filter estimates them as it goes.
+
+    Parameters
+    ----------
+    heading_bias_per_m, heading_bias_per_rad, distance_scale_error : float
+        Standard deviation, between drives, of the constants of these names of `OdometryNoise`: rad/m, rad/rad, m/m.
+
+    Examples
+    --------
+    >>> SystematicSpread(distance_scale_error=0.02).names
+    ('distance_scale_error',)
+    """
+
+    heading_bias_per_m: float = 0.0
+    heading_bias_per_rad: float = 0.0
+    distance_scale_error: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            object.__setattr__(self, field.name, not_negative(field.name, getattr(self, field.name)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those that are not zero: the further states, in this order."""
+        return tuple(field.name for field in fields(self) if getattr(self, field.name) > 0)
+
+    @property
+    def variances(self) -> tuple[float, ...]:
+        """Of the further states."""
+        return tuple(getattr(self, name) ** 2 for name in self.names)
+
+
+NO_SPREAD = SystematicSpread()
 
 
 def steps_in(length_m: ArrayLike, step_m: float) -> NDArray[np.float64]:

@@ -151,15 +151,11 @@ def plot_coverage(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None)
     ax = style.current_axes(ax)
     drawn = []
     lines: Sequence[Any] = ("-", "--", ":")
-    for level, line in zip(LEVELS, lines, strict=True):
-        ax.axhline(100 * level, color="0.4", linewidth=0.8, linestyle=line, zorder=1)
-        ax.annotate(
-            f"{100 * level:g} %",
-            (1.01, 100 * level),
-            xycoords=("axes fraction", "data"),
-            va="bottom" if level == LEVELS[-1] else "center" if level == LEVELS[0] else "top",
-            fontsize="small",
-        )
+    look: dict[str, Any] = {"color": "0.4", "linewidth": 0.8, "zorder": 1}
+    keys = [
+        ax.axhline(100 * level, linestyle=line, label=f"{100 * level:g} %", **look)
+        for level, line in zip(LEVELS, lines, strict=True)
+    ]
     for (label, check), own in zip(checks.items(), cycle(style.ROUTE_STYLES)):
         length = [row.length_m for row in check.lengths]
         for k, line in enumerate(lines):
@@ -168,6 +164,7 @@ def plot_coverage(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None)
             name = f"{label}: {100 * LEVELS[k]:g} %"
             drawn.append(_points(ax, own, name, length, share, yerr=chance, linestyle=line, linewidth=1.0))
     ax.set(xscale="log", xlabel="length of segment (m)", ylabel="inside the predicted region (%)", ylim=(0, 105))
+    ax.legend(handles=keys, title="should hold", loc="lower right", fontsize=8)
     _tidy(ax)
     return drawn
 

@@ -11,24 +11,25 @@ import numpy as np
 from driftplan.report.figures import style
 from driftplan.report.figures.drift import plot_drift
 from driftplan.report.figures.maps import plot_beacons, plot_route, plot_world
+from driftplan.tables import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from driftplan.beacons.beacon import Beacon
-    from driftplan.planning.itinerary.itinerary import Itinerary
+    from driftplan.planning.routes import Route
     from driftplan.world.world import World
 
 
 def plot_itinerary(
-    world: World, itinerary: Itinerary, beacons: Sequence[Beacon] = (), *, figure: Figure | None = None
+    world: World, itinerary: Route, beacons: Sequence[Beacon] = (), *, figure: Figure | None = None
 ) -> Figure:
     """The route on the map with the beacons it counts on, and its drift against the distance with the limit.
 
     Parameters
     ----------
     world : World
-    itinerary : Itinerary
+    itinerary : Route
     beacons : sequence of Beacon
         All there are; default: those counted on.
     figure : Figure, optional
@@ -43,23 +44,28 @@ def plot_itinerary(
     lines = plot_drift(itinerary, ax=on_drift, label=label, **own)
     if itinerary.max_drift is not None:
         lines.append(on_drift.axhline(itinerary.max_drift, label=f"limit {itinerary.max_drift:g} m", **style.LIMIT))
+    limit = "" if itinerary.max_drift is None else f", under the limit of {itinerary.max_drift:g} m"
+    on_map.set_title(
+        f"{counted(len(itinerary.beacons), 'beacon')} counted on: worst drift {itinerary.worst_drift:.3g} m{limit}",
+        fontsize=10,
+    )
     ends = [route.start, route.goal, *route.ellipses[:1]]
     style.legend_below(figure, [*lines, *ends, *drawn.marks])
     return figure
 
 
-def plot_pareto(world: World, routes: Sequence[Itinerary], *, figure: Figure | None = None) -> Figure:
+def plot_pareto(world: World, routes: Sequence[Route], *, figure: Figure | None = None) -> Figure:
     """Routes of a trade-off on the map, and their worst drift against their length with the knee marked.
 
     Parameters
     ----------
     world : World
-    routes : sequence of Itinerary
-        As `driftplan.planning.itinerary.pareto.pareto_routes` returns them.
+    routes : sequence of Route
+        As `driftplan.planning.pareto.pareto_routes` returns them.
     figure : Figure, optional
         An empty one to draw into; default: a new one that knows nothing of pyplot.
     """
-    from driftplan.planning.itinerary.pareto import knee
+    from driftplan.planning.pareto import knee
 
     best = knee(routes)
     figure, on_map, on_curve = style.map_and_curve(figure, world.bounds)

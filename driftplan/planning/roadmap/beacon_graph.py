@@ -64,7 +64,7 @@ class _Steps(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class BeaconRoadmap:
+class BeaconGraph:
     """Nodes (n, 2) and directed edges sorted by where they leave, with their `Effects`.
 
     Attributes
@@ -95,7 +95,7 @@ class BeaconRoadmap:
     @classmethod
     def of(
         cls, xy: Floats, edges: Ints, noise: OdometryNoise, beacons: Sequence[Beacon], world: World | None
-    ) -> BeaconRoadmap:
+    ) -> BeaconGraph:
         """The roadmap over nodes ``xy`` (n, 2) and undirected ``edges`` (m, 2)."""
         tail = np.concatenate([edges[:, 0], edges[:, 1]]).astype(np.intp)
         head = np.concatenate([edges[:, 1], edges[:, 0]]).astype(np.intp)
@@ -139,6 +139,8 @@ class BeaconRoadmap:
         if self.world is not None:
             asked = inside & columns.must_see
             inside[asked] = self.world.line_of_sight(here[asked], columns.xy[asked])
+        inside &= columns.views.sensor_half_angle >= np.pi  # whoever stands does not know yet where it will look
+        inside &= columns.views.at(np.arange(len(inside)), here - columns.xy, np.zeros(len(inside)))
         readings = _readings(self.beacons)
         for site in sorted(np.flatnonzero(inside).tolist(), key=lambda i: int(columns.rank[i])):
             if site != dead:
@@ -147,17 +149,17 @@ class BeaconRoadmap:
 
     @property
     def turns_matter(self) -> bool:
-        return any(k.heading_var_per_rad or k.distance_var_per_rad or k.heading_bias_per_rad for k in self._kinds)
+        return any(noise.turns_matter for noise in self._noises)
 
     @property
-    def _kinds(self) -> list[OdometryNoise]:
+    def _noises(self) -> list[OdometryNoise]:
         return [self.noise, *(zone.noise for zone in (self.world.zones if self.world is not None else ()))]
 
     def worst_turn(self) -> tuple[float, float]:
         """Heading and position variance per radian turned, at most."""
         return (
-            max(kind.heading_var_per_rad for kind in self._kinds),
-            max(kind.distance_var_per_rad for kind in self._kinds),
+            max(noise.heading_var_per_rad for noise in self._noises),
+            max(noise.distance_var_per_rad for noise in self._noises),
         )
 
     def turns(self, node: int, arriving: complex) -> Floats:
@@ -170,7 +172,7 @@ class BeaconRoadmap:
             result = np.empty((len(away), SIZE, SIZE))
             zone = self._zone_after(node, away)
             for index in np.unique(zone).tolist():
-                kind = self._kinds[index + 1]
+                kind = self._noises[index + 1]
                 here = np.flatnonzero(zone == index)
                 result[here] = _matrices(turn_moments(turn[here], kind), np.full(len(here), arriving))
             known[node] = result
@@ -263,7 +265,8 @@ def _readings(beacons: Sequence[Beacon]) -> Floats:
     for beacon in beacons:
         kind = beacon.kind
         if kind not in known:
-            cov = None if kind.position_std_m is None else kind.position_std_m**2 * np.eye(2)
+            farthest_m = kind.std_per_m * kind.range_m  # on the safe side; finished routes are checked
+            cov = None if kind.position_std_m is None else (kind.position_std_m + farthest_m) ** 2 * np.eye(2)
             known[kind] = fix_matrix(Fix(s_m=0.0, position_cov=cov, heading_std=kind.heading_std))
     return np.stack([*(known[beacon.kind] for beacon in beacons), np.eye(SIZE)])
 
@@ -366,5 +369,7 @@ def _edge_readings(
         asked = np.flatnonzero(keep & beacons.must_see[site])
         places = a[edge[asked]] + s[asked, None] * along[edge[asked]]
         keep[asked] = world.line_of_sight(places, beacons.xy[site[asked]])
+    away = a[edge] + s[:, None] * along[edge] - beacons.xy[site]
+    keep &= beacons.views.at(site, away, np.arctan2(along[edge, 1], along[edge, 0]))
     edge, site, s = edge[keep], site[keep], s[keep]
     return edge, site, s, beacons.detection_probability[site]
