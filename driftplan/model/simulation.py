@@ -81,6 +81,8 @@ class _Drives:
         self.p_hat = np.full(count, complex(legs.start))
         self.p = complex(legs.start)
         self.u = complex(np.exp(1j * legs.heading))
+        varies = any(noise.varies_between_drives for noise in noises)
+        self.deviations = rng.standard_normal((3, count)) if varies else np.zeros((3, 1))  # of each drive, for good
 
     def errors(self, due: dict[int, list[Fix]]) -> Floats:
         out = np.empty((self.count, len(self.legs.lengths) + 1, 2))
@@ -109,7 +111,7 @@ class _Drives:
                 piece,
                 0.0,
                 heading_var=noise.heading_var_per_rad * abs(piece),
-                heading_mean=noise.heading_bias_per_rad * piece,
+                heading_mean=(noise.heading_bias_per_rad + self.deviations[1] * noise.heading_bias_std_per_rad) * piece,
                 distance_var=noise.distance_var_per_rad * abs(piece),
                 lateral_var=0.0,
             )
@@ -122,13 +124,15 @@ class _Drives:
         d = length / steps
         bend = abs(curvature)
         per_step = noise.step_m is not None
+        bias_per_m = noise.heading_bias_per_m + self.deviations[0] * noise.heading_bias_std_per_m
+        bias_per_rad = noise.heading_bias_per_rad + self.deviations[1] * noise.heading_bias_std_per_rad
         for _ in range(steps):
             self._move(
                 curvature * d,
                 d,
                 heading_var=noise.heading_var_per_step * per_step
                 + (noise.heading_var_per_m + noise.heading_var_per_rad * bend) * d,
-                heading_mean=(noise.heading_bias_per_m + noise.heading_bias_per_rad * curvature) * d,
+                heading_mean=(bias_per_m + bias_per_rad * curvature) * d,
                 distance_var=noise.distance_var_per_step * per_step
                 + (noise.distance_var_per_m + noise.distance_var_per_rad * bend) * d,
                 lateral_var=noise.lateral_var_per_step * per_step + noise.lateral_var_per_m * d,
@@ -140,7 +144,7 @@ class _Drives:
         length: float,
         *,
         heading_var: float,
-        heading_mean: float,
+        heading_mean: Floats,
         distance_var: float,
         lateral_var: float,
     ) -> None:
@@ -161,7 +165,8 @@ class _Drives:
         else:
             facing, along = self.theta + change, np.exp(1j * turn / (2 if length > 0 else 1))
         direction = self.u * along
-        self.p_hat += direction * np.exp(1j * facing) * (chord * (1 + noise.distance_scale_error) + error)
+        scale = 1 + noise.distance_scale_error + self.deviations[2] * noise.distance_scale_std
+        self.p_hat += direction * np.exp(1j * facing) * (chord * scale + error)
         self.p += direction * chord
         self.u *= np.exp(1j * turn)
         self.theta += change
