@@ -20,6 +20,7 @@ from .layouts.co_design.design import CoDesign as CoDesign
 from .layouts.co_design.trips import Trip as Trip
 from .layouts.co_design.trips import load_trips as load_trips
 from .layouts.layout import Layout as Layout
+from .layouts.layout_comparison import compare_layouts as compare_layouts
 from .layouts.layout_files import installer_table as installer_table
 from .layouts.layout_files import layout_csv as layout_csv
 from .layouts.layout_files import layout_geojson as layout_geojson

@@ -6,8 +6,14 @@ its heading.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
 from math import floor, isfinite, log10
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas
 
 NONE = "-"  # what a cell says that has no number
 
@@ -86,6 +92,72 @@ def counted(number: int, noun: str) -> str:
     ('1 beacon', '3 beacons')
     """
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def html_table(columns: Mapping[str, Iterable[object]], caption: str = "") -> str:
+    """The same columns for notebooks, with a caption above them.
+
+    Examples
+    --------
+    >>> html_table({"tag": ["A<1>"]}).count("&lt;")
+    1
+    """
+    cells = [[str(cell) for cell in column] for column in columns.values()]
+    sides = ["right" if any(map(_is_number, column)) else "left" for column in cells]
+    head = "".join(f'<th style="text-align:{s}">{escape(h)}</th>' for s, h in zip(sides, columns, strict=True))
+    lines = (
+        "".join(f'<td style="text-align:{s}">{escape(c)}</td>' for s, c in zip(sides, line, strict=True))
+        for line in zip(*cells, strict=True)
+    )
+    body = "".join(f"<tr>{line}</tr>" for line in lines)
+    above = f'<caption style="text-align:left">{escape(caption)}</caption>' if caption else ""
+    return f"<table>{above}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def data_frame(rows: Sequence[Mapping[str, Any]]) -> pandas.DataFrame:
+    """Rows as a pandas DataFrame; pandas is optional.
+
+    Raises
+    ------
+    ImportError
+        Without pandas: the message says how to get it.
+    """
+    try:
+        import pandas
+    except ImportError as err:
+        raise ImportError("to_pandas() needs pandas: pip install pandas") from err
+    return pandas.DataFrame([dict(row) for row in rows])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rows:
+    """Things side by side, one row each; printing them prints a table, and so do notebooks.
+
+    Attributes
+    ----------
+    rows : tuple of dict
+        Values by names that say their units.
+    """
+
+    rows: tuple[dict[str, Any], ...]
+
+    def columns(self) -> dict[str, Iterable[object]]:
+        """What people read: headings and cells."""
+        return {heading: [row[heading] for row in self.rows] for heading in (self.rows[0] if self.rows else ())}
+
+    def to_dicts(self) -> list[dict[str, Any]]:
+        """Copies of the rows, for JSON."""
+        return [dict(row) for row in self.rows]
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The rows as a DataFrame."""
+        return data_frame(self.rows)
+
+    def __str__(self) -> str:
+        return table(self.columns())
+
+    def _repr_html_(self) -> str:
+        return html_table(self.columns())
 
 
 def _is_number(cell: str) -> bool:

@@ -2,6 +2,7 @@
 
 co_design                       beacons and routes chosen together
 layout_files                    layouts as files
+layout_comparison               compare_layouts: layouts side by side
 place                           place_beacons, beacon_tradeoff: the search for the fewest
 layout                          Layout: what placing answers
 placement                       what a limit demands of a layout, and the cheapest cover of that

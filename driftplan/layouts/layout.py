@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from driftplan.beacons.beacon import Beacon
 from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.placement.failures import worst_without
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.drift import Drift
+from driftplan.tables import data_frame, decimals, html_table
+
+if TYPE_CHECKING:
+    import pandas
+
+_MAX_HTML_ROWS = 60
 
 
 class Importance(NamedTuple):
@@ -70,6 +76,37 @@ class Layout:
             f"{'proven' if self.proven else 'not proven'}, {len(self.drifts)} routes, "
             f"worst drift {self.worst_drift:.4g} m)"
         )
+
+    def to_dicts(self) -> list[dict[str, Any]]:
+        """One row per beacon, old and new, for JSON."""
+        return [
+            {
+                "id": beacon.id,
+                "kind": beacon.kind.name,
+                "x_m": beacon.x,
+                "y_m": beacon.y,
+                "new": beacon in self.beacons,
+                "routes": routes,
+                "worst_single_failure_m": worst,
+                "worst_route": worst_route,
+            }
+            for beacon, routes, worst, worst_route in self.importance
+        ]
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The same rows as a DataFrame."""
+        return data_frame(self.to_dicts())
+
+    def _repr_html_(self) -> str:
+        shown = (*self.existing, *self.beacons)[:_MAX_HTML_ROWS]
+        left_out = len(self.existing) + len(self.beacons) - len(shown)
+        columns = {
+            "id": [b.id for b in shown],
+            "kind": [b.kind.name if b in self.beacons else f"{b.kind.name} (existing)" for b in shown],
+            "x m": decimals([b.x for b in shown], 2),
+            "y m": decimals([b.y for b in shown], 2),
+        }
+        return html_table(columns, f"{self!r}{f'; {left_out} beacons not shown' if left_out else ''}")
 
     @property
     def gap(self) -> float:

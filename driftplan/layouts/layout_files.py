@@ -1,17 +1,16 @@
 """Layouts as files: GeoJSON that driftplan reads back, and what whoever installs the beacons needs to know.
 
-Coordinates are metres of the map's frame, not longitude and latitude.
+Coordinates are metres of the map's frame, not longitude and latitude, and the files say so.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, fields
-from math import isfinite, nan
+from math import hypot, isfinite, nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +20,7 @@ import shapely
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.errors import MapError
 from driftplan.layouts.layout import Layout
-from driftplan.world.geojson_map import read_features
+from driftplan.world.geojson_map import feature_collection, read_features
 
 _KIND = tuple(f.name for f in fields(BeaconKind))
 
@@ -37,43 +36,44 @@ class InstallerRow(NamedTuple):
     nearest_wall_m: float  # nan without a map, or without walls
     wall_x_m: float
     wall_y_m: float
-    routes: tuple[int, ...]  # that meet it, by their place in the list, from 0
-    worst_drift_if_dead_m: float  # nan if no route meets it
-    worst_route_if_dead: int  # -1 if no route meets it
+    routes: tuple[int, ...]  # that come within range, by their place in the list, from 0
+    worst_drift_if_dead_m: float  # nan if no route does
+    worst_route_if_dead: int  # -1 if no route does
 
 
 def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
     """All beacons of a layout, the ones whose failure hurts most first."""
     world = layout.scenario.world
-    walls = None if world is None or world.obstacles.is_empty else world.obstacles
-    rows = []
-    for said in layout.importance:
-        beacon, wall = said.beacon, (nan, nan)
-        if walls is not None:
-            touch = shapely.get_coordinates(shapely.shortest_line(walls.boundary, shapely.Point(beacon.x, beacon.y)))[0]
-            wall = (float(touch[0]), float(touch[1]))
-        rows.append(
-            InstallerRow(
-                id=beacon.id,
-                kind=beacon.kind.name,
-                x_m=beacon.x,
-                y_m=beacon.y,
-                new=beacon in layout.beacons,
-                nearest_wall_m=float(np.hypot(wall[0] - beacon.x, wall[1] - beacon.y)),
-                wall_x_m=wall[0],
-                wall_y_m=wall[1],
-                routes=said.routes,
-                worst_drift_if_dead_m=said.worst_single_failure,
-                worst_route_if_dead=said.worst_route,
-            )
+    places = shapely.points([beacon.xy for beacon, *_ in layout.importance])
+    walls = np.full((len(places), 2), nan)
+    if world is not None and not world.obstacles.is_empty:
+        walls = shapely.get_coordinates(shapely.shortest_line(world.obstacles.boundary, places))[::2]
+    rows = [
+        InstallerRow(
+            id=beacon.id,
+            kind=beacon.kind.name,
+            x_m=beacon.x,
+            y_m=beacon.y,
+            new=beacon in layout.beacons,
+            nearest_wall_m=hypot(wall_x - beacon.x, wall_y - beacon.y),
+            wall_x_m=wall_x,
+            wall_y_m=wall_y,
+            routes=routes,
+            worst_drift_if_dead_m=worst,
+            worst_route_if_dead=worst_route,
         )
-    return tuple(
-        sorted(rows, key=lambda row: -row.worst_drift_if_dead_m if isfinite(row.worst_drift_if_dead_m) else 0.0)
-    )
+        for (beacon, routes, worst, worst_route), (wall_x, wall_y) in zip(
+            layout.importance, walls.tolist(), strict=True
+        )
+    ]
+    return tuple(sorted(rows, key=lambda row: -row.worst_drift_if_dead_m if row.routes else 0.0))
 
 
 def layout_csv(layout: Layout) -> bytes:
-    """The installers' table as CSV, with a header that names units; numbers of routes are separated by spaces."""
+    """The installers' table as CSV, to a tenth of a millimetre, with a header that names units.
+
+    Numbers of routes are separated by spaces; a cell without a number is empty.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(InstallerRow._fields)
@@ -85,28 +85,30 @@ def layout_csv(layout: Layout) -> bytes:
 def _cell(value: Any) -> Any:
     if isinstance(value, tuple):
         return " ".join(map(str, value))
-    return "" if isinstance(value, float) and not isfinite(value) else value
+    if isinstance(value, float):
+        return round(value, 4) if isfinite(value) else ""
+    return value
 
 
 def layout_geojson(layout: Layout) -> bytes:
     """Beacons as points with all that `load_beacons` needs, and what their failure does."""
-    rows = {row.id: row for row in installer_table(layout)}
-    features = []
-    for beacon in (*layout.existing, *layout.beacons):
-        row = rows[beacon.id]
-        said = {
-            "new": row.new,
-            "routes": row.routes,
-            "worst_drift_if_dead_m": row.worst_drift_if_dead_m if isfinite(row.worst_drift_if_dead_m) else None,
-        }
-        features.append(_feature(beacon, **said))
+    features = [
+        _feature(
+            beacon,
+            new=beacon in layout.beacons,
+            routes=routes,
+            worst_drift_if_dead_m=round(worst, 6) if routes else None,
+        )
+        for beacon, routes, worst, _ in layout.importance
+    ]
     summary = {
+        "version": 1,
         "cost": layout.cost,
         "lower_bound": layout.lower_bound,
         "proven": layout.proven,
-        "worst_drift_m": layout.worst_drift,
+        "worst_drift_m": round(layout.worst_drift, 6),
     }
-    return _geojson(features, driftplan=summary)
+    return feature_collection(features, driftplan=summary)
 
 
 def beacons_geojson(beacons: Sequence[Beacon]) -> bytes:
@@ -122,7 +124,7 @@ def beacons_geojson(beacons: Sequence[Beacon]) -> bytes:
     ...     load_beacons(file) == (tag,)
     True
     """
-    return _geojson([_feature(beacon) for beacon in beacons])
+    return feature_collection([_feature(beacon) for beacon in beacons])
 
 
 def load_beacons(path: str | os.PathLike[str]) -> tuple[Beacon, ...]:
@@ -151,10 +153,10 @@ def load_beacons(path: str | os.PathLike[str]) -> tuple[Beacon, ...]:
         properties = feature.get("properties")
         if not isinstance(properties, dict):
             raise MapError(f"{where}: expected properties such as range_m and position_std_m, got none")
-        said = {"name": properties.get("kind", "beacon")} | {k: properties[k] for k in _KIND[1:] if k in properties}
+        values = {"name": properties.get("kind", "beacon")} | {k: properties[k] for k in _KIND[1:] if k in properties}
         try:
             x, y = geometry["coordinates"][:2]
-            found.append(Beacon(BeaconKind(**said), x, y, id=str(properties.get("id", ""))))
+            found.append(Beacon(BeaconKind(**values), x, y, id=str(properties.get("id", ""))))
         except (KeyError, TypeError, ValueError) as err:
             raise MapError(f"{where}: expected a beacon: {err}") from err
     if features and not found:
@@ -162,15 +164,10 @@ def load_beacons(path: str | os.PathLike[str]) -> tuple[Beacon, ...]:
     return tuple(found)
 
 
-def _feature(beacon: Beacon, **said: Any) -> dict[str, Any]:
+def _feature(beacon: Beacon, **more: Any) -> dict[str, Any]:
     kind = {name: value for name, value in asdict(beacon.kind).items() if name != "name" and value is not None}
     return {
         "type": "Feature",
         "geometry": {"type": "Point", "coordinates": [beacon.x, beacon.y]},
-        "properties": {"id": beacon.id, "kind": beacon.kind.name, **kind, **said},
+        "properties": {"id": beacon.id, "kind": beacon.kind.name, **kind, **more},
     }
-
-
-def _geojson(features: Sequence[dict[str, Any]], **members: Any) -> bytes:
-    text = json.dumps({"type": "FeatureCollection", "features": features, **members}, indent=2, allow_nan=False)
-    return (text + "\n").encode()

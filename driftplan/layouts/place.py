@@ -17,7 +17,7 @@ from driftplan.layouts.placement.failures import worst_of_failures
 from driftplan.layouts.placement.limit_search import LimitSearch, Progress
 from driftplan.layouts.placement.placement_diagnosis import explain
 from driftplan.layouts.placement.problem import PlacementProblem, placement_problem
-from driftplan.layouts.placement.tracks import Tracks
+from driftplan.layouts.placement.route_table import RouteTable
 from driftplan.layouts.scenario import DriftLimit, Scenario
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
@@ -27,7 +27,7 @@ from driftplan.world.world import World
 _RMS_ROUNDING = 1e-6  # relative: the final check adds the same numbers in another order
 _RADIUS_ROUNDING = 1e-5  # relative: and integrates radii to that
 _CHECK_S_PER_ROUTE = 0.03  # seconds kept for the final check, but at most a quarter of the time
-_MIN_LIMIT_SHARE = 0.02  # without a limit, perfect beacons: pieces are cut for this share of the drift without beacons
+_MIN_LIMIT_SHARE = 0.02  # without a limit, perfect beacons: segments are cut for this share of the drift without any
 
 
 @keywords_checked(limit=DriftLimit, sites=Sites)
@@ -118,7 +118,7 @@ def place_beacons(
         raise ValueError(
             "expected a limit: max_drift, or max_beacons or budget for the least drift within them, got none"
         )
-    return _least_drift(problem, _tracks_without_limit(problem), drift_tolerance, clock)
+    return _least_drift(problem, _table_without_limit(problem), drift_tolerance, clock)
 
 
 @keywords_checked(sites=Sites)
@@ -168,16 +168,16 @@ def beacon_tradeoff(
     limit = DriftLimit(redundancy=redundancy, confidence=confidence)
     scenario, allowed = Scenario.of(world, routes, noise, limit, start_fix), Sites.of(sites)
     curve: list[Layout] = []
-    tracks: Tracks | None = None
+    table: RouteTable | None = None
     for count in range(max_beacons + 1):
         left = time_limit - (time.monotonic() - began)
         if left <= 0 and curve:
             break
         problem = placement_problem(scenario, allowed, max_beacons=count, budget=budget)
         clock = _Clock(time.monotonic(), max(left, 0.1), len(scenario.routes))
-        tracks = tracks or _tracks_without_limit(problem)
+        table = table or _table_without_limit(problem)
         try:
-            layout = _least_drift(problem, tracks, drift_tolerance, clock, known=curve[-1] if curve else None)
+            layout = _least_drift(problem, table, drift_tolerance, clock, known=curve[-1] if curve else None)
         except InfeasibleError:  # groups may demand more beacons than these
             continue
         if not curve or layout.worst_drift < curve[-1].worst_drift * (1 - drift_tolerance):
@@ -200,7 +200,7 @@ class _Clock:
 
 
 def _cheapest(problem: PlacementProblem, limits: tuple[float, ...], clock: _Clock) -> Layout:
-    search = LimitSearch(problem, problem.tracks(min(limits)), clock.deadline, clock.tell)
+    search = LimitSearch(problem, problem.table(min(limits)), clock.deadline, clock.tell)
     cover = search.cover(limits)
     if cover.chosen is None:
         raise InfeasibleError(explain(search, limits, cover))
@@ -209,12 +209,12 @@ def _cheapest(problem: PlacementProblem, limits: tuple[float, ...], clock: _Cloc
 
 
 def _least_drift(
-    problem: PlacementProblem, tracks: Tracks, tolerance: float, clock: _Clock, known: Layout | None = None
+    problem: PlacementProblem, table: RouteTable, tolerance: float, clock: _Clock, known: Layout | None = None
 ) -> Layout:
     """The layout with the least worst drift; ``known`` is one to start from."""
     if not 0 < tolerance < 1:
         raise ValueError(f"expected drift_tolerance in (0, 1), got {tolerance!r}")
-    search, a_metre = LimitSearch(problem, tracks, clock.deadline, clock.tell), (1.0,) * len(problem.scenario.routes)
+    search, a_metre = LimitSearch(problem, table, clock.deadline, clock.tell), (1.0,) * len(problem.scenario.routes)
     start = search.cover(None).chosen
     if start is None:
         raise InfeasibleError("no layout satisfies the groups together with " + ", ".join(problem.rules))
@@ -228,12 +228,12 @@ def _least_drift(
     return _checked_layout(problem, least.chosen, 0.0, least.proven, status, limits, least.ruled_out, clock)
 
 
-def _tracks_without_limit(problem: PlacementProblem) -> Tracks:
+def _table_without_limit(problem: PlacementProblem) -> RouteTable:
     """Tables for the smallest limit worth asking for: no beacon is better than its own accuracy."""
     scenario = problem.scenario
     bare = max(scenario.worst(scenario.drift(r, problem.existing)) for r in range(len(scenario.routes)))
     stds = [b.kind.position_std_m or 0.0 for b in problem.sites]
-    return problem.tracks(max(min(stds) * 2**0.5, _MIN_LIMIT_SHARE * bare, 1e-6))
+    return problem.table(max(min(stds) * 2**0.5, _MIN_LIMIT_SHARE * bare, 1e-6))
 
 
 def _checked_layout(

@@ -12,6 +12,8 @@ from driftplan.arrays import Floats, positive
 from driftplan.beacons.readings import waypoints_of
 from driftplan.world.world import World
 
+_PLACES = 9  # of metres: sums of spacings are printed as people write them, 9.6 and not 9.600000000000001
+
 
 def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
     """Points of a square grid, ``spacing_m`` apart, where the robot's centre may be: (n, 2), row by row from below.
@@ -28,7 +30,7 @@ def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ())
         low + spacing / 2 + spacing * np.arange(int((high - low) / spacing))
         for low, high in ((xmin, xmax), (ymin, ymax))
     )
-    xy = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    xy = np.round(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2), _PLACES)
     return allowed(xy[world.is_free(xy)], forbidden)
 
 
@@ -66,4 +68,4 @@ def _along(line: Any, spacing: float) -> Floats:
     """Evenly spaced points of a line, both ends included."""
     parts = max(1, int(np.ceil(line.length / spacing - 1e-9)))
     places = np.linspace(0.0, line.length, parts + 1)
-    return np.asarray(shapely.get_coordinates(shapely.line_interpolate_point(line, places)))
+    return np.asarray(np.round(shapely.get_coordinates(shapely.line_interpolate_point(line, places)), _PLACES))

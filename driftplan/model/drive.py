@@ -2,7 +2,8 @@
 
 A path is cut at its readings (`driftplan.model.paths.Runs.cut` says where and in which order they are taken); what lies
 between two borders is one element of the monoid of `driftplan.model.moments`, and at a border the readings there act as
-`driftplan.model.readings` says. `drive` carries one robot along a path.
+`driftplan.model.readings` says. `drive` carries one robot along a path; `drive_many` thousands
+at once, from reading to reading.
 """
 
 from __future__ import annotations
@@ -84,3 +85,27 @@ def _hop_by_hop(legs: Moments, start: Moments, due: dict[int, list[Resets]]) -> 
     for reset in due.get(last, ()):
         state = reset.apply(state)
     return Driven(Moments.concatenate(arriving), Moments.concatenate([*leaving, state[None]]))
+
+
+def drive_many(start: Moments, intervals: Moments, resets: Resets, count: Ints) -> Moments:
+    """Many robots at once, each from reading to reading: their states after every reading, (readings,).
+
+    Parameters
+    ----------
+    start : Moments (robots,)
+    intervals : Moments (readings,)
+        Robot by robot in driving order: the way from the reading before, or from the start, to each reading.
+    resets : Resets (readings,)
+    count : (robots,) readings of each
+    """
+    first, states, found = np.cumsum(count) - count, start, [np.zeros(0, dtype=np.intp)]
+    parts = [start[:0]]
+    robots = np.arange(len(count))
+    for k in range(int(count.max(initial=0))):
+        more = count[robots] > k
+        robots, states = robots[more], states[more]
+        reading = first[robots] + k
+        states = resets[reading].apply(compose(states, intervals[reading]))
+        parts.append(states)
+        found.append(reading)
+    return Moments.concatenate(parts)[np.argsort(np.concatenate(found))]

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from driftplan.arrays import Floats, Ints, finite, not_negative, number
 
-SAME_PLACE_M = 1e-6  # distances along a path this near to each other are one place: passes are rounded to as much
+SAME_PLACE_M = 1.5e-6  # distances along a path this near to each other are one place: passes are rounded to 1e-6
 _LOST_SHARE = 1e-9  # of a path's length: how far off adding up its legs may put a place
 _FARTHEST_M = 1e12  # beyond, lengths squared lose the digits of any noise
 _HALF_TURN_WITHIN_RAD = 1e-6  # a turn this near to a half turn is one; rounded coordinates do not say to which side

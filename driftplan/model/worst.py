@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from driftplan.arrays import Floats, Ints
+from driftplan.arrays import Bools, Floats, Ints
 from driftplan.model.drift import Drift, PointDrift
 from driftplan.model.elements import of_legs
 from driftplan.model.moments import Moments, compose
@@ -163,6 +163,14 @@ def greatest_between(
         np.maximum.at(greatest, group[stretch], square.max(axis=1))
         begin, end = square[:, :-1].ravel(), square[:, 1:].ravel()
         offset, stretch, part = at[:, :-1].ravel(), np.repeat(stretch, _PARTS), np.repeat(part, _PARTS)
+
+
+def exceeds_between(
+    begun: Moments, length: Floats, which: Ints, noises: Sequence[OdometryNoise], end: Floats, limit: Floats
+) -> Bools:
+    """Whether E|e|² exceeds a ``limit`` (n,), m², inside straight stretches whose ends keep it; the rest as in
+    `greatest_between`, and as exact."""
+    return np.asarray(greatest_between(begun, length, which, noises, end, np.arange(len(length)), limit) > limit)
 
 
 def _check(drift: Drift) -> None:

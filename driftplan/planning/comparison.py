@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from driftplan.model.drift import Drift
 from driftplan.planning.routes import Route
-from driftplan.tables import NONE, decimals, digits, table, yes_no
+from driftplan.tables import NONE, Rows, decimals, digits, yes_no
 from driftplan.world.world import World
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Comparison:
+@dataclass(frozen=True, kw_only=True)
+class Comparison(Rows):
     """Routes side by side; printing it prints a table.
 
     Attributes
@@ -23,16 +23,11 @@ class Comparison:
         paths of your own); how many beacons each counts on, where one does; collision_free, where a world was given.
     """
 
-    rows: tuple[dict[str, Any], ...]
-
-    def to_dicts(self) -> list[dict[str, Any]]:
-        """Copies of the rows, for pandas and JSON."""
-        return [dict(row) for row in self.rows]
-
-    def __str__(self) -> str:
+    def columns(self) -> dict[str, Iterable[object]]:
+        """What people read: headings and cells."""
         rows = self.rows
         rms, bias, radius = digits(*([row[key] for row in rows] for key in ("rms_m", "bias_m", "radius95_m")))
-        columns: dict[str, list[str]] = {
+        columns: dict[str, Iterable[object]] = {
             "route": [row["name"] for row in rows],
             "length m": decimals([row["length_m"] for row in rows], 2),
             "rms m": rms,
@@ -47,7 +42,7 @@ class Comparison:
         columns["planner"] = [row["planner"] or NONE for row in rows]
         if all("collision_free" in row for row in rows):
             columns["collision-free"] = yes_no(row["collision_free"] for row in rows)
-        return table(columns)
+        return columns
 
 
 def compare_routes(

@@ -6,48 +6,72 @@ Results go to stdout, talk and progress to stderr. Exit codes: 0 done, 2 bad inp
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
-from typing import Any, NoReturn
 
-from driftplan.errors import DriftplanError, InfeasibleError, NoPathError
+from driftplan.errors import DriftplanError, InfeasibleError, MapError, NoPathError, TrajectoryError
 from driftplan.report.commands import COMMANDS
-from driftplan.report.commands.answer import deliver
+from driftplan.report.commands.answer import Progress, deliver
+from driftplan.report.commands.option import STANDARD_INPUT, Command, Parser, UsageError
+from driftplan.report.records import json_text
 
 DONE, BAD_INPUT, NO_ROUTE, INTERRUPTED = 0, 2, 3, 130
+_ALSO_CALLED = {  # what the library calls the values of options
+    "start_heading": "--start-heading-deg",
+    "heading_std": "--heading-std-deg",
+    "heading_offset": "--heading-offset-deg",
+    "start_fix": "--start-position-std-m",
+    "points": "--candidates",
+    "kind": "--odometry-kind",
+}
 CLOSED_PIPE = 141  # what a shell reports of a program that wrote into a closed pipe
-
-
-class Parser(argparse.ArgumentParser):
-    """Says in one line what is wrong, and takes no abbreviations: a script's must not change their meaning one day."""
-
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__(allow_abbrev=False, **kwargs)
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(BAD_INPUT, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with these arguments (default: those of the process) and return its exit code."""
-    args = build_parser().parse_args(_negative_numbers_joined(sys.argv[1:] if argv is None else argv))
+    words = _negative_numbers_joined(sys.argv[1:] if argv is None else argv)
+    name = next((word for word in words if word in COMMANDS), "")
     try:
-        deliver(args, COMMANDS[args.command].run(args))
+        args = build_parser().parse_args(words)
+        command = COMMANDS[args.command]
+        command.check(args, {word.partition("=")[0][2:].replace("-", "_") for word in words if word.startswith("--")})
+        with Progress():
+            answer = command.run(args)
+        deliver(args, answer)
         sys.stdout.flush()
     except BrokenPipeError:  # such as `driftplan maps | head -1`; what is left in the buffer must not fail at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return CLOSED_PIPE
-    except KeyboardInterrupt:
-        return _failed(args, "interrupted; no file was left half written", INTERRUPTED)
+    except UsageError as err:
+        return _failed(words, name, err, str(err), BAD_INPUT)
+    except KeyboardInterrupt as err:
+        return _failed(words, name, err, "interrupted; no file was left half written", INTERRUPTED)
     except (NoPathError, InfeasibleError) as err:
-        return _failed(args, err, NO_ROUTE)
-    except (DriftplanError, ValueError, OSError) as err:
-        return _failed(args, err, BAD_INPUT)
+        return _failed(words, name, err, in_options(str(err), COMMANDS[name]), NO_ROUTE)
+    except (MapError, TrajectoryError, OSError) as err:  # about a file, in its own words
+        return _failed(words, name, err, str(err), BAD_INPUT)
+    except (DriftplanError, ValueError) as err:
+        return _failed(words, name, err, in_options(str(err), COMMANDS[name]), BAD_INPUT)
     return DONE
+
+
+def in_options(message: str, command: Command) -> str:
+    """A message of the library in the words of the command line: ``max_drift`` is ``--max-drift``.
+
+    Examples
+    --------
+    >>> in_options("expected max_drift > 0, got -1", COMMANDS["place"])
+    'expected --max-drift > 0, got -1'
+    """
+    flags = {option.name: option.flag for option in command.options}
+    flags |= {name: flag for name, flag in _ALSO_CALLED.items() if flag in flags.values()}
+    for name, flag in sorted(flags.items(), key=lambda item: -len(item[0])):
+        before = r"(?<![\w\-.'/])" if "_" in name else r"(?:(?<=expected )|(?<=\bor ))"
+        message = re.sub(rf"{before}{name}\b(?![.\w(])", flag, message)
+    return message
 
 
 def build_parser() -> Parser:
@@ -77,8 +101,12 @@ def _negative_numbers_joined(argv: Sequence[str]) -> list[str]:
     return joined
 
 
-def _failed(args: argparse.Namespace, why: object, code: int) -> int:
-    print(f"driftplan {args.command}: {' '.join(str(why).split())}", file=sys.stderr)
+def _failed(words: Sequence[str], name: str, error: BaseException, message: str, code: int) -> int:
+    """One line on stderr that says what is wrong; with --json also an object on stdout."""
+    message = re.sub(rf"\S*/{STANDARD_INPUT}", STANDARD_INPUT, " ".join(message.split()))
+    if "--json" in words:
+        print(json_text({"command": name, "error": {"kind": type(error).__name__, "message": message, "code": code}}))
+    print(message if isinstance(error, UsageError) else f"driftplan {name}: {message}", file=sys.stderr)
     return code
 
 

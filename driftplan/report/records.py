@@ -70,13 +70,15 @@ def path_csv(drift: Drift) -> bytes:
 
 def drift_geojson(drift: Drift, properties: Mapping[str, Any]) -> bytes:
     """The path as a LineString in metres of the map's frame (not longitude and latitude), with its drift."""
+    from driftplan.world.geojson_map import feature_collection
+
     columns = {name: values.tolist() for name, values in drift_columns(drift).items() if name not in ("x_m", "y_m")}
     feature = {
         "type": "Feature",
         "geometry": {"type": "LineString", "coordinates": drift.xy.tolist()},
         "properties": {"kind": "route", **properties, **columns},
     }
-    return (json_text({"type": "FeatureCollection", "features": [feature]}) + "\n").encode()
+    return feature_collection([_plain(feature)])
 
 
 def record(thing: object, *keys: str) -> dict[str, Any]:

@@ -8,6 +8,7 @@ later zone covers an earlier one. Coordinates are metres in the map's frame, not
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from reprlib import repr as short
@@ -24,6 +25,7 @@ from driftplan.world.zones import Zone
 
 _KINDS = ("boundary", "obstacle", "zone")
 _NOISE_KEYS = tuple(field.name for field in fields(OdometryNoise))
+_LOCAL_METRES = {"type": "name", "properties": {"name": 'LOCAL_CS["map frame",UNIT["metre",1]]'}}
 _MAX_BYTES = 20_000_000
 # Beyond these, merging the walls and growing them would take minutes; plans of buildings stay far below.
 _MAX_POSITIONS = 50_000
@@ -71,8 +73,18 @@ def geojson_map_files(world: World, path: Path) -> dict[Path, bytes]:
         standard = {field.name: field.default for field in fields(OdometryNoise)}
         said = {key: value for key, value in values.items() if value != standard[key]}
         features.append(_feature(zone.polygon, kind="zone", **said))
-    lines = ",\n".join(json.dumps(feature) for feature in features)
-    return {path: f'{{"type": "FeatureCollection", "features": [\n{lines}\n]}}\n'.encode()}
+    return {path: feature_collection(features)}
+
+
+def feature_collection(features: Sequence[dict[str, Any]], **members: Any) -> bytes:
+    """A GeoJSON FeatureCollection, a feature per line, that says that its coordinates are metres of a local frame.
+
+    RFC 7946 has longitudes and latitudes only. GDAL, and so QGIS and geopandas, reads the member ``crs`` of the older
+    standard and takes this one for an engineering frame: nothing is drawn off the coast of Africa.
+    """
+    head = json.dumps({"type": "FeatureCollection", "crs": _LOCAL_METRES, **members}, allow_nan=False)
+    lines = ",\n".join(json.dumps(feature, allow_nan=False) for feature in features)
+    return f'{head[:-1]}, "features": [\n{lines}\n]}}\n'.encode()
 
 
 def _feature(area: Any, **properties: Any) -> dict[str, Any]:

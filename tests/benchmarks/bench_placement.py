@@ -163,7 +163,7 @@ def compare(count: int, least_sites: int, scale: float, kind: str, time_limit: f
     said = "proven" if layout.proven else f">= {layout.lower_bound:g}, gap {100 * layout.gap:.1f} %"
     row(*case, "place_beacons", len(layout.beacons), f"{ours:.2f}", f"{said}, {cpu:.1f} s of processor")
     problem = placement_problem(Scenario.of(world, routes, NOISE, DriftLimit()), Sites(KINDS[kind], sites))
-    needs = problem.requirements(problem.tracks(limit), [limit] * count)
+    needs = problem.requirements(problem.table(limit), [limit] * count)
     begin = time.perf_counter()
     greedy = greedy_cover(needs, len(sites))
     row(*case, "greedy cover", greedy.sum(), f"{time.perf_counter() - begin:.2f}", "without making the tables")

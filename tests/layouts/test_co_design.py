@@ -115,6 +115,8 @@ def test_no_beacons_go_where_they_are_forbidden():
 
 def test_no_rounds_are_the_baseline():
     found = designed(rounds=0)
+    assert list(found.to_pandas()["length_m"]) == list(found.lengths)
+    assert "chosen together" in found._repr_html_()
     assert found.status is DesignStatus.ROUNDS_DONE
     assert found.cost == found.baseline.cost
     assert found.tried == 0
@@ -126,7 +128,7 @@ def test_where_the_shortest_routes_cannot_be_held_others_are_found():
     assert found.baseline is None
     assert found.gain == math.inf
     assert greatest(found.paths[0], found.beacons) <= 0.8 * (1 + 1e-6)
-    assert "no layout keeps the limit on the shortest routes" in str(found)
+    assert "No layout keeps the limit on the shortest routes" in str(found)
 
 
 def test_an_uncertain_start_is_taken_into_account():

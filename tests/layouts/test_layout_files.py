@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 
 import numpy as np
 import pytest
@@ -75,7 +76,7 @@ def test_installers_learn_the_nearest_wall_and_which_failure_hurts_most(layout):
 def test_the_csv_has_a_header_with_units_and_a_line_per_beacon(layout):
     rows = list(csv.DictReader(io.StringIO(layout_csv(layout).decode())))
     assert len(rows) == len(layout.existing) + len(layout.beacons)
-    assert float(rows[0]["worst_drift_if_dead_m"]) == installer_table(layout)[0].worst_drift_if_dead_m
+    assert float(rows[0]["worst_drift_if_dead_m"]) == round(installer_table(layout)[0].worst_drift_if_dead_m, 4)
     assert {"id", "kind", "x_m", "y_m", "nearest_wall_m", "routes"} <= set(rows[0])
     assert [row["routes"].split() for row in rows] == [[str(r) for r in row.routes] for row in installer_table(layout)]
 
@@ -119,3 +120,14 @@ def test_a_file_of_no_beacons_is_refused_by_name_and_feature(text, said, tmp_pat
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(MapError, match=r"nowhere\.geojson: cannot be read"):
         load_beacons(tmp_path / "nowhere.geojson")
+
+
+def test_files_print_numbers_as_people_write_them_and_say_that_they_are_local_metres():
+    layout = place_beacons(WORLD, ROUTES, NOISE, 0.9, Sites(SIGN, spacing_m=1.2))
+    numbers = re.findall(r"\d+\.\d+", layout_csv(layout).decode())
+    assert max(len(number.split(".")[1]) for number in numbers) <= 4
+    text = layout_geojson(layout).decode()
+    coordinates = [x for f in json.loads(text)["features"] for x in f["geometry"]["coordinates"]]
+    assert all(x == round(x, 9) for x in coordinates)
+    assert json.loads(text)["crs"]["properties"]["name"].startswith("LOCAL_CS[")
+    assert "longitude" not in text

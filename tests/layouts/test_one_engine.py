@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from driftplan import Beacon, BeaconKind, Fix, InfeasibleError, OdometryNoise, Sites, place_beacons
 from driftplan.beacons.readings import beacon_fixes, detection_chances, drift_with_beacons
 from driftplan.layouts.placement.drives import drives_of, worst_squares
-from driftplan.layouts.placement.spans import Spans
-from driftplan.layouts.placement.tracks import lay_tracks
+from driftplan.layouts.placement.interval_moments import IntervalMoments
+from driftplan.layouts.placement.route_table import route_table
 from driftplan.model.drift import predict_drift
 from driftplan.model.readings import Resets
 from driftplan.model.worst import worst_rms
@@ -32,12 +32,12 @@ KINDS = [
 def worst_of_each_engine(path, noise, beacons, start_fix=None):
     """The greatest rms by prediction, itinerary and placement, metres."""
     path, fixes = np.asarray(path, dtype=float), [] if start_fix is None else [start_fix]
-    tracks = lay_tracks([path], noise, beacons, None, start_fix=start_fix, least_limit_m=0.1)
-    everyone = drives_of(tracks, np.ones(len(beacons), dtype=bool), np.array([0]))
+    table = route_table([path], noise, beacons, None, start_fix=start_fix, least_limit_m=0.1)
+    everyone = drives_of(table, np.ones(len(beacons), dtype=bool), np.array([0]))
     return (
         worst_rms(drift_with_beacons(path, noise, beacons, fixes=fixes)),
         ItineraryCheck(None, noise, tuple(beacons), start_fix).verdict(path).worst,
-        float(np.sqrt(worst_squares(Spans(tracks), everyone)[0])),
+        float(np.sqrt(worst_squares(IntervalMoments(table), everyone)[0])),
     )
 
 

@@ -87,7 +87,7 @@ def test_columns_can_be_named(files, tmp_path, run):
     [
         (["--check", "odom1.csv"], "expected files in pairs, ODOM TRUTH ODOM TRUTH"),
         (["--check-from", "1.5"], r"expected --check-from in \(0, 1\), got 1.5"),
-        (["--parameters", "slip"], "expected parameters from"),
+        (["--parameters", "slip"], "expected --parameters from"),
         (["--check", "nowhere.csv", "truth1.csv"], "nowhere.csv: .*No such file"),
         (["--lengths-m", "one"], "expected M,M,... in metres"),
         (["--yaml", "nowhere/noise.yaml"], "there is no folder"),

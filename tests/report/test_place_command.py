@@ -125,11 +125,11 @@ def test_what_cannot_be_done_has_an_exit_code_of_its_own(refused, files):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ((), "max_drift, or max_beacons or budget"),
-        (("--max-drift", -1), "expected max_drift finite and > 0"),
+        ((), "--max-drift, or --max-beacons or --budget for"),
+        (("--max-drift", -1), "expected --max-drift finite and > 0"),
         (("--max-drift", 1, "--tradeoff", 3), "expected --tradeoff or --max-drift, got both"),
         (("--max-drift", 1, "--candidates", "x.csv", "--sites", "walls"), "expected --candidates, or --sites"),
-        (("--max-drift", 1, "--range-m", 0), "expected range_m > 0"),
+        (("--max-drift", 1, "--range-m", 0), "expected --range-m > 0"),
     ],
 )
 def test_bad_input_is_refused(refused, files, words, said):

@@ -10,7 +10,7 @@ from driftplan.layouts.place import beacon_tradeoff, place_beacons
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
-from driftplan.report.commands.answer import figure_png
+from driftplan.report.commands.answer import figure_bytes
 from driftplan.report.figures.layouts import (
     layout_figure,
     plot_importance,
@@ -97,7 +97,7 @@ def test_the_whole_figure_draws_with_and_without_a_map_and_with_nothing_placed(l
     bare = place_beacons(None, ROUTES[2], NOISE, 5.0, SIGN)
     assert len(bare.beacons) == 0
     for one in (layout, bare):
-        assert figure_png(layout_figure(one)).startswith(b"\x89PNG")
+        assert figure_bytes(layout_figure(one)).startswith(b"\x89PNG")
 
 
 def test_a_radius_is_labelled_as_one(ax):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING, Any
 
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
@@ -12,7 +13,10 @@ from driftplan.layouts.co_design.trips import Trip
 from driftplan.layouts.layout import Layout
 from driftplan.planning.itinerary.itinerary import Itinerary
 from driftplan.planning.itinerary.search import length_of
-from driftplan.tables import decimals, table
+from driftplan.tables import data_frame, decimals, html_table, table
+
+if TYPE_CHECKING:
+    import pandas
 
 
 class DesignStatus(Enum):
@@ -97,22 +101,42 @@ class CoDesign(Design):
         """How much cheaper than `baseline`, never negative; infinite where there is no baseline."""
         return math.inf if self.baseline is None else self.baseline.cost - self.cost
 
-    def __str__(self) -> str:
-        shown: dict[str, Design] = {"chosen together": self}
-        if self.baseline is not None:
-            shown = {"shortest routes, then beacons": self.baseline, **shown}
-        lines = [
-            table(
-                {
-                    "design": shown,
-                    "beacons": [str(len(design.beacons)) for design in shown.values()],
-                    "their cost": decimals([design.beacon_cost for design in shown.values()], 2),
-                    "driving": decimals([design.driving_cost for design in shown.values()], 2),
-                    "together": decimals([design.cost for design in shown.values()], 2),
-                }
-            ),
-            self.status.value,
+    def to_dicts(self) -> list[dict[str, Any]]:
+        """One row per trip, for JSON."""
+        return [
+            {
+                "name": trip.name,
+                "start": trip.start,
+                "goal": trip.goal,
+                "weight": trip.weight,
+                "length_m": route.length,
+                "shortest_length_m": route.shortest_length,
+                "worst_drift_m": route.worst_drift,
+                "beacons": [b.id for b in route.beacons],
+            }
+            for trip, route in zip(self.trips, self.routes, strict=True)
         ]
-        if self.baseline is None:
-            lines.insert(1, "No layout keeps the limit on the shortest routes.")
-        return "\n".join(lines)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The same rows as a DataFrame."""
+        return data_frame(self.to_dicts())
+
+    def __str__(self) -> str:
+        return f"{table(self._columns())}\n{self._words()}"
+
+    def _repr_html_(self) -> str:
+        return html_table(self._columns(), self._words())
+
+    def _columns(self) -> dict[str, list[str]]:
+        designs = [self] if self.baseline is None else [self.baseline, self]
+        return {
+            "": ["shortest routes, then beacons", "chosen together"][-len(designs) :],
+            "beacons": [str(len(design.beacons)) for design in designs],
+            "their cost": decimals([design.beacon_cost for design in designs], 2),
+            "driving": decimals([design.driving_cost for design in designs], 2),
+            "together": decimals([design.cost for design in designs], 2),
+        }
+
+    def _words(self) -> str:
+        missing = "" if self.baseline else "No layout keeps the limit on the shortest routes. "
+        return missing + self.status.value

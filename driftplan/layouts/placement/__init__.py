@@ -5,9 +5,9 @@ placement_diagnosis             why there is no layout, in words
 limit_search                    the cheapest cover for a limit, and the least limit that has one
 failures                        the drift with beacons dead
 
-How the search goes: `tracks` turns routes into arrays of pieces and possible readings; `requirements` says what a limit
-demands of a layout, with `exclusions` (sets of sites that will not do), `hops` and `spans` (how far one gets from
-reading to reading) and `drives` (where given layouts break the limit); `covering` finds the cheapest cover of what is
-demanded, on plain arrays: `cut_pool` holds the cuts, `relaxation` bounds the cost through `highs`, `local_search` looks
-for cheaper layouts.
+How the search goes: `route_table` turns routes into arrays of segments and possible readings; `requirements` says what
+a limit demands of a layout, with `exclusions` (sets of sites that will not do), `fresh_fixes` and `interval_moments`
+(how far one gets from reading to reading) and `drives` (where given layouts break the limit); `covering` finds the
+cheapest cover of what is demanded, on plain arrays: `cut_pool` holds the cuts, `relaxation` bounds the cost through
+`highs`, `local_search` looks for cheaper layouts.
 """

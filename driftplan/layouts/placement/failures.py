@@ -9,9 +9,9 @@ import numpy as np
 
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
-from driftplan.layouts.placement.drives import Layouts, drives_of, worst_squares
-from driftplan.layouts.placement.spans import Spans
-from driftplan.layouts.placement.tracks import Tracks, lay_tracks
+from driftplan.layouts.placement.drives import ReadingSets, drives_of, worst_squares
+from driftplan.layouts.placement.interval_moments import IntervalMoments
+from driftplan.layouts.placement.route_table import RouteTable, route_table
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.drift import Drift
 
@@ -32,11 +32,11 @@ def worst_of_failures(scenario: Scenario, beacons: Sequence[Beacon], least_limit
     if scenario.confidence is not None:
         routes = range(number)
         return np.array([max(scenario.worst(drift) for _, drift in failures(scenario, beacons, r)) for r in routes])
-    tracks, worst = tracks_of(scenario, beacons, least_limit_m), np.zeros(number)
-    spans, everyone = Spans(tracks), np.ones(len(beacons), dtype=bool)
+    table, worst = table_of(scenario, beacons, least_limit_m), np.zeros(number)
+    intervals, everyone = IntervalMoments(table), np.ones(len(beacons), dtype=bool)
     for some in np.array_split(np.arange(number), -(-number // _MAX_ROUTES_AT_ONCE)):
-        drives = drives_of(tracks, everyone, some, scenario.redundancy)
-        np.maximum.at(worst, drives.route, np.sqrt(worst_squares(spans, drives)))
+        drives = drives_of(table, everyone, some, scenario.redundancy)
+        np.maximum.at(worst, drives.route, np.sqrt(worst_squares(intervals, drives)))
     return worst
 
 
@@ -48,17 +48,17 @@ def worst_without(
         return [scenario.worst(scenario.drift(r, [*beacons[:k], *beacons[k + 1 :]])) for k, r in cases]
     if not cases:
         return []
-    tracks = tracks_of(scenario, beacons, least_limit_m)
-    events = [np.arange(len(tracks.site))[tracks.events_of(r)] for _, r in cases]
-    events = [e[tracks.site[e] != k] for e, (k, _) in zip(events, cases, strict=True)]
-    drive = np.repeat(np.arange(len(cases)), [len(e) for e in events])
-    drives = Layouts(np.array([r for _, r in cases]), drive, np.concatenate(events).astype(np.intp))
-    return [float(x) for x in np.sqrt(worst_squares(Spans(tracks), drives))]
+    table = table_of(scenario, beacons, least_limit_m)
+    readings = [np.arange(len(table.site))[table.readings_of(r)] for _, r in cases]
+    readings = [e[table.site[e] != k] for e, (k, _) in zip(readings, cases, strict=True)]
+    drive = np.repeat(np.arange(len(cases)), [len(e) for e in readings])
+    drives = ReadingSets(np.array([r for _, r in cases]), drive, np.concatenate(readings).astype(np.intp))
+    return [float(x) for x in np.sqrt(worst_squares(IntervalMoments(table), drives))]
 
 
-def tracks_of(scenario: Scenario, beacons: Sequence[Beacon], least_limit_m: float) -> Tracks:
+def table_of(scenario: Scenario, beacons: Sequence[Beacon], least_limit_m: float) -> RouteTable:
     """The routes and the readings of these beacons on them."""
-    return lay_tracks(
+    return route_table(
         scenario.routes,
         scenario.noise,
         beacons,

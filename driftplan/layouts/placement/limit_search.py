@@ -14,9 +14,9 @@ from driftplan.layouts.placement.covering import Cover, Outcome, cheapest_cover
 from driftplan.layouts.placement.cut_pool import Cut
 from driftplan.layouts.placement.drives import drives_of, worst_squares
 from driftplan.layouts.placement.failures import worst_of_failures
+from driftplan.layouts.placement.interval_moments import IntervalMoments
 from driftplan.layouts.placement.problem import PlacementProblem
-from driftplan.layouts.placement.spans import Spans
-from driftplan.layouts.placement.tracks import Tracks
+from driftplan.layouts.placement.route_table import RouteTable
 
 Progress = Callable[[float, float, float], None]
 
@@ -36,7 +36,7 @@ class LimitSearch:
     Parameters
     ----------
     problem : PlacementProblem
-    tracks : Tracks
+    table : RouteTable
         The problem's, fine enough for the limits.
     deadline : float
         When to stop, by the monotonic clock.
@@ -44,12 +44,12 @@ class LimitSearch:
         Called with seconds, cost and lower bound of the cover that is being looked for.
     """
 
-    def __init__(self, problem: PlacementProblem, tracks: Tracks, deadline: float, progress: Progress | None = None):
-        self.problem, self.tracks, self.deadline, self.progress = problem, tracks, deadline, progress
+    def __init__(self, problem: PlacementProblem, table: RouteTable, deadline: float, progress: Progress | None = None):
+        self.problem, self.table, self.deadline, self.progress = problem, table, deadline, progress
 
     @cached_property
-    def _spans(self) -> Spans:
-        return Spans(self.tracks)
+    def _intervals(self) -> IntervalMoments:
+        return IntervalMoments(self.table)
 
     def cover(
         self,
@@ -61,7 +61,7 @@ class LimitSearch:
     ) -> Cover:
         """The cheapest layout that keeps the limits (None: whatever its drift) and, if ``ruled``, the rules."""
         problem = self.problem
-        requirements = None if limits is None else problem.requirements(self.tracks, limits)
+        requirements = None if limits is None else problem.requirements(self.table, limits)
         return cheapest_cover(
             problem.cost,
             requirements or _Anything(),
@@ -80,8 +80,8 @@ class LimitSearch:
         if scenario.confidence is not None:
             beacons = (*self.problem.existing, *self.problem.chosen(chosen))
             return float((worst_of_failures(scenario, beacons, np.inf) / np.array(limits)).max())
-        drives = drives_of(self.tracks, chosen, np.arange(len(limits)), scenario.redundancy)
-        return float((np.sqrt(worst_squares(self._spans, drives)) / np.array(limits)[drives.route]).max())
+        drives = drives_of(self.table, chosen, np.arange(len(limits)), scenario.redundancy)
+        return float((np.sqrt(worst_squares(self._intervals, drives)) / np.array(limits)[drives.route]).max())
 
     def least_factor(self, limits: Sequence[float], start: Bools, ruled_out: float, tolerance: float) -> LeastFactor:
         """By bisection: every step proves a factor out of reach or finds a layout below it."""

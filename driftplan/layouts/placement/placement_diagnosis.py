@@ -40,7 +40,7 @@ def explain(search: LimitSearch, limits: Sequence[float], cover: Cover) -> str:
     if cover.hopeless is not None and cover.hopeless.where[0] == -2:
         return f"group {cover.hopeless.where[1]} demands more beacons than it has sites outside the forbidden areas"
     if cover.hopeless is not None:
-        found = obstacle(problem, problem.requirements(search.tracks, limits), *cover.hopeless.where)
+        found = obstacle(problem, problem.requirements(search.table, limits), *cover.hopeless.where)
         named = ", ".join(
             f"{problem.sites[i].id} at ({problem.sites[i].x:g}, {problem.sites[i].y:g})" for i in found.sites
         )
@@ -66,17 +66,17 @@ def explain(search: LimitSearch, limits: Sequence[float], cover: Cover) -> str:
 
 def obstacle(problem: PlacementProblem, requirements: DriftRequirements, route: int, slot: int) -> Obstacle:
     """The stretch around a slot that too few sites can hold, and what comes nearest to holding it."""
-    tracks = requirements.tracks
+    table = requirements.table
     able = requirements.able(route)
     short = able < problem.scenario.redundancy
-    short[: int(requirements.reach_of_start[route]) + 1] = False
+    short[: int(requirements.last_slot_of_start[route]) + 1] = False
     short[slot] = True
     begin = end = slot
     while begin > 0 and short[begin - 1]:
         begin -= 1
     while end + 1 < len(short) and short[end + 1]:
         end += 1
-    distance = tracks.distances_of(route)
+    distance = table.distances_of(route)
     last = min(end + 1, len(distance) - 1)
     best = [_nearest(requirements, route, j, problem.scenario.redundancy) for j in range(begin, end + 1)]
     least, sites = max(best, key=lambda pair: pair[0])

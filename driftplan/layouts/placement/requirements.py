@@ -1,9 +1,10 @@
 """What a drift limit demands of a layout: rows and cuts for `covering`, each valid for every layout that holds.
 
-A slot (see `tracks`) is judged by its *last reading*, the last position reading at or before it. Where every reading is
-sure to succeed, the drift in slot j after the last reading e grows from a fresh position error, so j holds only if j is
-within the reach of e (`hops.reach`). With R_j the sites whose own last reading before j reaches j, and k the redundancy
-(the limit must survive any k - 1 dead beacons), the following hold for every acceptable layout y:
+A slot (see `route_table`) is judged by its *last reading*, the last position reading at or before it. Where every
+reading is sure to succeed, the drift in slot j after the last reading e grows from a fresh position error, so j holds
+only if j is within the reach of e (`fresh_fixes.last_slots`). With R_j the sites whose own last reading before j
+reaches j, and k the redundancy (the limit must survive any k - 1 dead beacons), the following hold for every
+acceptable layout y:
 
 * cover row: Σ_{R_j} y >= k unless j is within reach of the start, or else the members of R_j in y could all be dead;
 * hop cut: if the last reading before j is e, of site i, and e does not reach j, then k y_i <= Σ y over those members of
@@ -28,11 +29,11 @@ import numpy as np
 
 from driftplan.arrays import Bools, Floats, Ints
 from driftplan.layouts.placement.cut_pool import Cut
-from driftplan.layouts.placement.drives import HOLDS, Layouts, drives_of, first_breach
+from driftplan.layouts.placement.drives import HOLDS, ReadingSets, drives_of, first_breach
 from driftplan.layouts.placement.exclusions import Chances, Pairs, chance_exclusion, order_exclusion, pair_exclusions
-from driftplan.layouts.placement.hops import Limit, Sources, reach
-from driftplan.layouts.placement.spans import Spans
-from driftplan.layouts.placement.tracks import Tracks
+from driftplan.layouts.placement.fresh_fixes import FreshFixes, Limit, last_slots
+from driftplan.layouts.placement.interval_moments import IntervalMoments
+from driftplan.layouts.placement.route_table import RouteTable
 from driftplan.model.moments import Moments
 
 _ROUNDING = 1e-8  # relative, of E|e|² from sums along a whole route
@@ -45,53 +46,53 @@ class DriftRequirements:
 
     Parameters
     ----------
-    tracks : Tracks
+    table : RouteTable
     sites : int
     limit : Limit
     redundancy : int
         1: all beacons live; k: any k - 1 of them may be dead.
     """
 
-    def __init__(self, tracks: Tracks, sites: int, limit: Limit, redundancy: int = 1):
-        self.tracks, self.sites, self.limit, self.redundancy = tracks, sites, limit, redundancy
-        self.route = tracks.route
-        self.places, self.turns = ~np.isnan(tracks.trace), ~np.isnan(tracks.heading_d1)
-        self.sure = _every(tracks, tracks.chance == 1)
-        self.blind = ~_every(tracks, self.places)
-        one_kind = _every(tracks, self.turns) | _every(tracks, ~self.turns)
+    def __init__(self, table: RouteTable, sites: int, limit: Limit, redundancy: int = 1):
+        self.table, self.sites, self.limit, self.redundancy = table, sites, limit, redundancy
+        self.route = table.route
+        self.places, self.turns = ~np.isnan(table.trace), ~np.isnan(table.heading_d1)
+        self.sure = _every(table, table.chance == 1)
+        self.blind = ~_every(table, self.places)
+        one_kind = _every(table, self.turns) | _every(table, ~self.turns)
         self.independent = self.sure & ~self.blind & one_kind  # the state after a reading is known
-        self.sources = _sources(tracks, self.places, self.turns)
-        self.start = Sources(
-            np.arange(tracks.routes),
-            np.zeros(tracks.routes, dtype=np.intp),
-            tracks.start,
-            np.asarray(tracks.start.d1, dtype=complex),
-            np.asarray(tracks.start.d1, dtype=complex),
+        self.fresh = _sources(table, self.places, self.turns)
+        self.start = FreshFixes(
+            np.arange(table.routes),
+            np.zeros(table.routes, dtype=np.intp),
+            table.start,
+            np.asarray(table.start.d1, dtype=complex),
+            np.asarray(table.start.d1, dtype=complex),
         )
-        self.reach_of_start = self._reach(self.start, tracks.slots)
-        self.reach_of = np.where(self.places, self._reach(self.sources, self._before_next_own()), HOLDS)
-        self.spans = Spans(tracks)
-        met = np.unique(tracks.site * np.intp(max(tracks.routes, 1)) + self.route)
+        self.last_slot_of_start = self._last_slots(self.start, table.slots)
+        self.last_slot_of = np.where(self.places, self._last_slots(self.fresh, self._before_next_own()), HOLDS)
+        self.intervals = IntervalMoments(table)
+        met = np.unique(table.site * np.intp(max(table.routes, 1)) + self.route)
         self._routes_meeting = np.split(
-            met % max(tracks.routes, 1), np.searchsorted(met // max(tracks.routes, 1), np.arange(1, sites))
+            met % max(table.routes, 1), np.searchsorted(met // max(table.routes, 1), np.arange(1, sites))
         )
 
-    def _reach(self, sources: Sources, stop: Ints) -> Ints:
-        out = np.empty(len(sources.route), dtype=np.intp)
+    def _last_slots(self, fresh: FreshFixes, stop: Ints) -> Ints:
+        out = np.empty(len(fresh.route), dtype=np.intp)
         for blind in (False, True):
-            some = self.blind[sources.route] == blind
-            out[some] = reach(self.tracks, sources[some], self.limit, stop[some], blind=blind)
+            some = self.blind[fresh.route] == blind
+            out[some] = last_slots(self.table, fresh[some], self.limit, stop[some], blind=blind)
         return out
 
     def _before_next_own(self) -> Ints:
         """The last slot before each reading's site is read again: from there on this is not its last reading."""
-        tracks, events = self.tracks, np.arange(len(self.tracks.border))
-        order = np.lexsort((events, tracks.site, self.route))
-        site, route, border = tracks.site[order], self.route[order], tracks.border[order]
+        table, readings = self.table, np.arange(len(self.table.breakpoint))
+        order = np.lexsort((readings, table.site, self.route))
+        site, route, breakpoint = table.site[order], self.route[order], table.breakpoint[order]
         again = (site[1:] == site[:-1]) & (route[1:] == route[:-1])
-        stop = tracks.slots[route]
-        stop[:-1][again] = border[1:][again] - 1
-        out = np.empty(len(events), dtype=np.intp)
+        stop = table.slots[route]
+        stop[:-1][again] = breakpoint[1:][again] - 1
+        out = np.empty(len(readings), dtype=np.intp)
         out[order] = stop
         return out
 
@@ -100,7 +101,7 @@ class DriftRequirements:
     def rows(self) -> list[Cut]:
         """Demands that are known before any layout is judged, without those that another one implies."""
         found: list[Cut] = []
-        for route in range(self.tracks.routes):
+        for route in range(self.table.routes):
             site, first, last = self._stretches(route)
             slots = self._narrow_slots(route, first, last)
             if self.sure[route]:
@@ -113,31 +114,31 @@ class DriftRequirements:
                 if self.sure[route]:
                     found += self._pair_cuts(route, j, np.zeros(0, dtype=np.intp))
                 else:
-                    found += self._chance_cuts(route, j, min(j + 1, int(self.tracks.slots[route])), [])
+                    found += self._chance_cuts(route, j, min(j + 1, int(self.table.slots[route])), [])
         return found
 
     def _narrow_slots(self, route: int, first: Ints, last: Ints) -> list[int]:
         """Slots in which fewest sites can hold: R_j shrinks while j moves on, until a new site comes in."""
-        slots = int(self.tracks.slots[route]) + 1
+        slots = int(self.table.slots[route]) + 1
         comes = np.bincount(first, minlength=slots + 1)
         goes = np.bincount(last + 1, minlength=slots + 1)
         ends = np.flatnonzero(np.append(comes[1:slots], 1) > 0)
-        ends = ends[ends > self.reach_of_start[route]]
+        ends = ends[ends > self.last_slot_of_start[route]]
         gone = np.cumsum(goes)[ends]
         return [int(j) for j in ends[np.diff(gone, prepend=-1) > 0]]
 
     def _stretches(self, route: int) -> tuple[Ints, Ints, Ints]:
         """Stretches of slots [first, last] that a site can hold by its own last reading: site, first, last."""
-        here = self.tracks.events_of(route)
-        events = np.arange(here.start, here.stop)[self.places[here]]
-        site, border = self.tracks.site[events], self.tracks.border[events]
-        order = np.lexsort((events, site))
-        site, border, until = site[order], border[order], self.reach_of[events[order]]
-        after = np.append(border[1:], 0)
+        here = self.table.readings_of(route)
+        readings = np.arange(here.start, here.stop)[self.places[here]]
+        site, breakpoint = self.table.site[readings], self.table.breakpoint[readings]
+        order = np.lexsort((readings, site))
+        site, breakpoint, until = site[order], breakpoint[order], self.last_slot_of[readings[order]]
+        after = np.append(breakpoint[1:], 0)
         same = np.append(site[1:] == site[:-1], False)
         until = np.where(same, np.minimum(until, after - 1), until)
-        good = until >= border
-        site, first, last = site[good], border[good], until[good]
+        good = until >= breakpoint
+        site, first, last = site[good], breakpoint[good], until[good]
         joins = (site[1:] == site[:-1]) & (first[1:] == last[:-1] + 1)
         begins = np.flatnonzero(np.concatenate([[True], ~joins])[: len(site)])
         ends = np.append(begins[1:], len(site)) - 1
@@ -151,15 +152,15 @@ class DriftRequirements:
 
     def cuts(self, chosen: Bools, near: int | None = None) -> list[Cut]:
         """Cuts that ``chosen`` violates (see the module's docstring), none if it holds; ``near`` as in `covering`."""
-        routes = np.arange(self.tracks.routes) if near is None else self._routes_meeting[near]
-        layouts = drives_of(self.tracks, chosen, routes, self.redundancy)
-        simple = self.independent[layouts.route]
-        found = [self._sure_cut(chosen, *breach) for breach in self._breached_hops(layouts, simple)]
+        routes = np.arange(self.table.routes) if near is None else self._routes_meeting[near]
+        sets = drives_of(self.table, chosen, routes, self.redundancy)
+        simple = self.independent[sets.route]
+        found = [self._sure_cut(chosen, *breach) for breach in self._breached_intervals(sets, simple)]
         if not simple.all():
-            rest = layouts.only(~simple)
-            slots, early = first_breach(self.spans, rest, self.limit)
+            rest = sets.only(~simple)
+            slots, early = first_breach(self.intervals, rest, self.limit)
             for k in np.flatnonzero(slots != HOLDS).tolist():
-                alive = rest.event[rest.drive == k]
+                alive = rest.reading[rest.drive == k]
                 found += self._cuts_of(chosen, int(rest.route[k]), int(slots[k]), bool(early[k]), alive)
         return found
 
@@ -167,70 +168,74 @@ class DriftRequirements:
         """Whether the layout keeps the limit."""
         return not self.cuts(chosen)
 
-    def _breached_hops(self, layouts: Layouts, simple: Bools) -> Iterator[tuple[int, int, int]]:
+    def _breached_intervals(self, sets: ReadingSets, simple: Bools) -> Iterator[tuple[int, int, int]]:
         """Hops beyond reach, on routes of independent readings: route, first slot that breaks, last reading."""
-        mine = simple[layouts.drive]
+        mine = simple[sets.drive]
         drives = np.flatnonzero(simple)
-        event = np.concatenate([np.full(len(drives), _START), layouts.event[mine]])
-        drive = np.concatenate([drives, layouts.drive[mine]])
-        border = np.where(event == _START, 0, self.tracks.border[event]) if len(self.tracks.border) else 0 * event
-        order = np.lexsort((event, border, drive))
-        event, drive, border = event[order], drive[order], border[order]
-        latest = np.append((drive[1:] != drive[:-1]) | (border[1:] != border[:-1]), True)[: len(drive)]
-        event, drive, border = event[latest], drive[latest], border[latest]
-        route = layouts.route[drive]
-        until = self.reach_of_start[route]
-        until[event != _START] = self.reach_of[event[event != _START]]
+        reading = np.concatenate([np.full(len(drives), _START), sets.reading[mine]])
+        drive = np.concatenate([drives, sets.drive[mine]])
+        breakpoint = (
+            np.where(reading == _START, 0, self.table.breakpoint[reading])
+            if len(self.table.breakpoint)
+            else 0 * reading
+        )
+        order = np.lexsort((reading, breakpoint, drive))
+        reading, drive, breakpoint = reading[order], drive[order], breakpoint[order]
+        latest = np.append((drive[1:] != drive[:-1]) | (breakpoint[1:] != breakpoint[:-1]), True)[: len(drive)]
+        reading, drive, breakpoint = reading[latest], drive[latest], breakpoint[latest]
+        route = sets.route[drive]
+        until = self.last_slot_of_start[route]
+        until[reading != _START] = self.last_slot_of[reading[reading != _START]]
         final = np.append(drive[1:] != drive[:-1], True)[: len(drive)]
-        needed = np.where(final, self.tracks.slots[route], np.append(border[1:], 0)[: len(border)] - 1)
+        needed = np.where(final, self.table.slots[route], np.append(breakpoint[1:], 0)[: len(breakpoint)] - 1)
         for k in np.flatnonzero(until < needed).tolist():
-            yield int(route[k]), int(until[k]) + 1, int(event[k])
+            yield int(route[k]), int(until[k]) + 1, int(reading[k])
 
     def _cuts_of(self, chosen: Bools, route: int, slot: int, early: bool, alive: Ints) -> list[Cut]:
         """Cuts for a drive with the readings ``alive`` that breaks the limit in ``slot``, of any kinds."""
-        before = alive[self.tracks.border[alive] <= slot]
+        before = alive[self.table.breakpoint[alive] <= slot]
         placing = before[self.places[before]]
         found: list[Cut] = []
         if self.sure[route]:
             latest = int(placing[-1]) if len(placing) else _START
-            until = self.reach_of_start[route] if latest == _START else self.reach_of[latest]
+            until = self.last_slot_of_start[route] if latest == _START else self.last_slot_of[latest]
             if until < slot:
                 return [self._sure_cut(chosen, route, slot, latest)]
             if not self.blind[route]:
-                found = self._pair_cuts(route, slot, np.unique(self.tracks.site[placing]))
+                found = self._pair_cuts(route, slot, np.unique(self.table.site[placing]))
         else:
-            border = slot if early else slot + 1
-            found = self._chance_cuts(route, slot, border, np.unique(self.tracks.site[placing]).tolist())
+            breakpoint = slot if early else slot + 1
+            found = self._chance_cuts(route, slot, breakpoint, np.unique(self.table.site[placing]).tolist())
         return found or [self._no_good(chosen, route, slot, before)]
 
     def _sure_cut(self, chosen: Bools, route: int, slot: int, latest: int) -> Cut:
         """The cover row of the slot if it is violated, else the hop cut of the last reading."""
         last = self._last_readings(route, slot)
-        able = last[self.reach_of[last] >= slot]
-        sites = self.tracks.site[able]
-        if self.reach_of_start[route] < slot and chosen[sites].sum() < self.redundancy:
+        able = last[self.last_slot_of[last] >= slot]
+        sites = self.table.site[able]
+        if self.last_slot_of_start[route] < slot and chosen[sites].sum() < self.redundancy:
             return self._at_least(np.sort(sites), route, slot)
-        after = np.sort(self.tracks.site[able[able > latest]])
-        own = self.tracks.site[latest]
+        after = np.sort(self.table.site[able[able > latest]])
+        own = self.table.site[latest]
         weights = np.append(np.ones(len(after)), -float(self.redundancy))
         return Cut(np.append(after, own), weights, 0.0, (route, slot))
 
     def _last_readings(self, route: int, slot: int) -> Ints:
         """The last position reading of every site at or before a slot, in driving order."""
-        events = self._events_before(route, slot)
-        _, back = np.unique(self.tracks.site[events][::-1], return_index=True)
-        return np.sort(events[len(events) - 1 - back])
+        readings = self._readings_before(route, slot)
+        _, back = np.unique(self.table.site[readings][::-1], return_index=True)
+        return np.sort(readings[len(readings) - 1 - back])
 
-    def _events_before(self, route: int, slot: int) -> Ints:
+    def _readings_before(self, route: int, slot: int) -> Ints:
         """Position readings of all sites at or before a slot."""
-        here = self.tracks.events_of(route)
-        stop = here.start + int(np.searchsorted(self.tracks.border[here], slot, side="right"))
-        events = np.arange(here.start, stop)
-        return events[self.places[events]]
+        here = self.table.readings_of(route)
+        stop = here.start + int(np.searchsorted(self.table.breakpoint[here], slot, side="right"))
+        readings = np.arange(here.start, stop)
+        return readings[self.places[readings]]
 
     def _pair_cuts(self, route: int, slot: int, within: Ints) -> list[Cut]:
         """Cuts from sets around ``within`` in which no heading and position together hold the slot."""
-        if self.reach_of_start[route] >= slot:
+        if self.last_slot_of_start[route] >= slot:
             return []
         pairs = self._pairs(route, slot)
         exclusions = pair_exclusions(pairs, np.isin(pairs.site, within))
@@ -241,24 +246,24 @@ class DriftRequirements:
         last = self._last_readings(route, slot)
         turns = self.turns[last]
         bar = self._bar(route)
-        kept = self.spans.c[self.spans.first[route] + self.tracks.border[last]]
-        left = np.where(turns, (1 + self.tracks.heading_d1[last]) / kept, 0.0)  # E r, as if set at the start
-        begun = 1 + self.tracks.start.d1[route]
-        in_reach = self.reach_of[last] >= slot
+        kept = self.intervals.c[self.intervals.first[route] + self.table.breakpoint[last]]
+        left = np.where(turns, (1 + self.table.heading_d1[last]) / kept, 0.0)  # E r, as if set at the start
+        begun = 1 + self.table.start.d1[route]
+        in_reach = self.last_slot_of[last] >= slot
         alone, together = in_reach.copy(), np.outer(turns, in_reach & ~turns) & np.less.outer(last, last)
-        for border in {slot, min(slot + 1, int(self.tracks.slots[route]))}:
-            base, lever = (x[self.tracks.border[last]] for x in self.spans.to(route, border))
-            base = base + self.tracks.trace[last]
+        for breakpoint in {slot, min(slot + 1, int(self.table.slots[route]))}:
+            base, lever = (x[self.table.breakpoint[last]] for x in self.intervals.to(route, breakpoint))
+            base = base + self.table.trace[last]
             lever = lever * kept
             alone &= turns | (base - 2 * (begun * lever).real <= bar)
             together &= base - 2 * np.multiply.outer(left, lever).real <= bar
-        return Pairs(self.tracks.site[last], turns, alone, together)
+        return Pairs(self.table.site[last], turns, alone, together)
 
-    def _chance_cuts(self, route: int, slot: int, border: int, within: list[int]) -> list[Cut]:
-        """At least so many sites outside a set that cannot hold the slot, judged at one border; none if it may."""
-        events = self._events_before(route, slot)
-        at_start, squares = self._least_squares(route, border, events)
-        chances = Chances(at_start, self.tracks.site[events], self.tracks.chance[events], squares, self._bar(route))
+    def _chance_cuts(self, route: int, slot: int, breakpoint: int, within: list[int]) -> list[Cut]:
+        """At least so many sites outside a set that cannot hold the slot, judged at one breakpoint; none if it may."""
+        readings = self._readings_before(route, slot)
+        at_start, squares = self._least_squares(route, breakpoint, readings)
+        chances = Chances(at_start, self.table.site[readings], self.table.chance[readings], squares, self._bar(route))
         everyone = set(chances.site.tolist())
         W, need = chance_exclusion(chances, within)
         if need == 0:
@@ -270,18 +275,18 @@ class DriftRequirements:
 
     def _no_good(self, chosen: Bools, route: int, slot: int, alive: Ints) -> Cut:
         """Something that the state in the slot depends on must change."""
-        tracks, here = self.tracks, self.tracks.events_of(route)
-        certain = tracks.chance[alive] == 1
+        table, here = self.table, self.table.readings_of(route)
+        certain = table.chance[alive] == 1
         placing = alive[certain & self.places[alive]]
         placed = int(placing[-1]) if len(placing) else _START
         turning = alive[certain & self.turns[alive] & (alive <= placed)]
         turned = int(turning[-1]) if len(turning) else _START
-        stop = here.start + int(np.searchsorted(tracks.border[here], slot, side="right"))
-        events = np.arange(here.start, stop)
-        matters = np.where(self.turns[events], events >= turned, events >= placed)
-        living = np.isin(events, alive)
-        keep = np.unique(tracks.site[events[matters & living]])
-        absent = np.unique(tracks.site[events[matters & ~chosen[tracks.site[events]]]])
+        stop = here.start + int(np.searchsorted(table.breakpoint[here], slot, side="right"))
+        readings = np.arange(here.start, stop)
+        matters = np.where(self.turns[readings], readings >= turned, readings >= placed)
+        living = np.isin(readings, alive)
+        keep = np.unique(table.site[readings[matters & living]])
+        absent = np.unique(table.site[readings[matters & ~chosen[table.site[readings]]]])
         columns = np.concatenate([absent, keep])
         weights = np.concatenate([np.ones(len(absent)), -np.ones(len(keep))])
         return Cut(columns, weights, 1.0 - len(keep), (route, slot))
@@ -291,55 +296,58 @@ class DriftRequirements:
     def able(self, route: int) -> Ints:
         """How many sites can hold each slot of a route by their own last reading, (slots,)."""
         _, first, last = self._stretches(route)
-        slots = int(self.tracks.slots[route]) + 1
+        slots = int(self.table.slots[route]) + 1
         change = np.bincount(first, minlength=slots + 1) - np.bincount(last + 1, minlength=slots + 1)
         return np.asarray(np.cumsum(change)[:slots], dtype=np.intp)
 
     def least_squares(self, route: int, slot: int) -> tuple[Ints, Floats, float]:
         """Sites read at or before a slot, the least E|e|² at its end after the last reading of each, and after none."""
         last = self._last_readings(route, slot)
-        border = min(slot + 1, int(self.tracks.slots[route]))
-        at_start, squares = self._least_squares(route, border, last)
-        return self.tracks.site[last], squares, at_start
+        breakpoint = min(slot + 1, int(self.table.slots[route]))
+        at_start, squares = self._least_squares(route, breakpoint, last)
+        return self.table.site[last], squares, at_start
 
-    def _least_squares(self, route: int, border: int, events: Ints) -> tuple[float, Floats]:
-        """Least E|e|² at a border after nothing but the start, and after each of the readings, had it come last."""
-        tracks, borders = self.tracks, self.tracks.border[events]
+    def _least_squares(self, route: int, breakpoint: int, readings: Ints) -> tuple[float, Floats]:
+        """Least E|e|² at a breakpoint after nothing but the start, and after each of the readings, had it come last."""
+        table, breakpoints = self.table, self.table.breakpoint[readings]
         if self.blind[route]:
-            along = self.spans.translation[self.spans.first[route] + np.arange(border + 1)]
-            noise = along[border] - along
-            return float(tracks.start.N[route].real + noise[0]), tracks.trace[events] + noise[borders]
-        base, lever = self.spans.to(route, border)
-        turned = (1 + tracks.start.d1[route]) * lever[0]
-        at_start = float(tracks.start.N[route].real + base[0] - 2 * np.real(turned))
-        lever = lever[borders]
-        low, high = 1 + self.sources.low[events], 1 + self.sources.high[events]
+            along = self.intervals.translation[self.intervals.first[route] + np.arange(breakpoint + 1)]
+            noise = along[breakpoint] - along
+            return float(table.start.N[route].real + noise[0]), table.trace[readings] + noise[breakpoints]
+        base, lever = self.intervals.to(route, breakpoint)
+        turned = (1 + table.start.d1[route]) * lever[0]
+        at_start = float(table.start.N[route].real + base[0] - 2 * np.real(turned))
+        lever = lever[breakpoints]
+        low, high = 1 + self.fresh.low[readings], 1 + self.fresh.high[readings]
         most = np.maximum(low.real * lever.real, high.real * lever.real)
         most = most + np.maximum(-low.imag * lever.imag, -high.imag * lever.imag)
-        return at_start, tracks.trace[events] + base[borders] - 2 * most
+        return at_start, table.trace[readings] + base[breakpoints] - 2 * most
 
     def _bar(self, route: int) -> float:
         """The limit squared, and a little more: rounding must not exclude a layout that just holds."""
         return float(self.limit.metres[route]) ** 2 * (1 + _ROUNDING)
 
 
-def _every(tracks: Tracks, what: Bools) -> Bools:
+def _every(table: RouteTable, what: Bools) -> Bools:
     """Per route: whether ``what`` is true of all its readings."""
-    fails: Ints = np.bincount(tracks.route[~what], minlength=tracks.routes)
+    fails: Ints = np.bincount(table.route[~what], minlength=table.routes)
     return np.asarray(fails == 0)
 
 
-def _sources(tracks: Tracks, places: Bools, turns: Bools) -> Sources:
+def _sources(table: RouteTable, places: Bools, turns: Bools) -> FreshFixes:
     """The state after every reading, had it come last and succeeded, and the headings it may find."""
-    n = len(tracks.border)
+    n = len(table.breakpoint)
     low, high = np.zeros(n, dtype=complex), np.zeros(n, dtype=complex)
-    d2 = np.where(turns, tracks.heading_d2, 0.0).astype(complex)
-    for r in range(tracks.routes):
-        here, pieces = tracks.events_of(r), tracks.pieces[np.arange(*tracks.pieces_of(r).indices(len(tracks.length)))]
-        kept = np.concatenate([[1.0], np.cumprod(1 + pieces.d1)])[tracks.border[here]]  # E r of the way here
-        begun = 1 + tracks.start.d1[r]
+    d2 = np.where(turns, table.heading_d2, 0.0).astype(complex)
+    for r in range(table.routes):
+        here, segments = (
+            table.readings_of(r),
+            table.segments[np.arange(*table.segments_of(r).indices(len(table.length)))],
+        )
+        kept = np.concatenate([[1.0], np.cumprod(1 + segments.d1)])[table.breakpoint[here]]  # E r of the way here
+        begun = 1 + table.start.d1[r]
         left = np.where(
-            turns[here], (1 + tracks.heading_d1[here]) / kept, begun
+            turns[here], (1 + table.heading_d1[here]) / kept, begun
         )  # E r when set here, as if at the start
         re = np.stack(
             [
@@ -356,13 +364,13 @@ def _sources(tracks: Tracks, places: Bools, turns: Bools) -> Sources:
         corners = kept * (re[:, None] + 1j * im[None, :]).reshape(4, -1) - 1
         low[here] = corners.real.min(axis=0) + 1j * corners.imag.min(axis=0)
         high[here] = corners.real.max(axis=0) + 1j * corners.imag.max(axis=0)
-        twice = np.concatenate([[1.0], np.cumprod(1 + 2 * pieces.d1 + pieces.d2)])[tracks.border[here]]
-        begun_twice = 1 + 2 * tracks.start.d1[r] + tracks.start.d2[r]
+        twice = np.concatenate([[1.0], np.cumprod(1 + 2 * segments.d1 + segments.d2)])[table.breakpoint[here]]
+        begun_twice = 1 + 2 * table.start.d1[r] + table.start.d2[r]
         alone = twice * begun_twice - 2 * (kept * begun - 1) - 1
         d2[here] = np.where(turns[here], d2[here], alone)
-    low[turns] = high[turns] = tracks.heading_d1[turns]
+    low[turns] = high[turns] = table.heading_d1[turns]
     zero = np.zeros(n)
     state = Moments(
-        np.ones(n), zero, low, d2, -2 * low.real, zero, np.where(places, tracks.trace, 0.0), zero, zero, zero
+        np.ones(n), zero, low, d2, -2 * low.real, zero, np.where(places, table.trace, 0.0), zero, zero, zero
     )
-    return Sources(tracks.route, tracks.border, state, low, high)
+    return FreshFixes(table.route, table.breakpoint, state, low, high)

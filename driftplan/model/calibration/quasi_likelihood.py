@@ -72,8 +72,6 @@ class Solution(NamedTuple):
     converged : bool
     d_mean, d_cov : arrays, shapes (n, k, 3), (n, k, 3, 3)
         Derivatives of the moments of the observations.
-    fitted_cov : array, shape (k, k), or None
-        Covariance of the fitted systematic errors, where it is allowed for.
     """
 
     names: tuple[str, ...]
@@ -84,7 +82,6 @@ class Solution(NamedTuple):
     slowest: str
     d_mean: Floats
     d_cov: Floats
-    fitted_cov: Floats | None = None
 
     @property
     def bounded(self) -> NDArray[np.bool_]:
@@ -157,7 +154,7 @@ def solve(
     model = Model(segments, names, np.where(vanishing, 0.0, model.theta))
     slopes = model.slopes(scale)
     score, information = equations(segments, model.mean, model.cov, *slopes, fitted_cov)
-    return Solution(names, model.theta, score, information, size < _CONVERGED, names[slowest], *slopes, fitted_cov)
+    return Solution(names, model.theta, score, information, size < _CONVERGED, names[slowest], *slopes)
 
 
 def drive_deviations(segments: SegmentSet, solution: Solution) -> Floats:
@@ -210,9 +207,7 @@ def held_out(segments: SegmentSet, solution: Solution) -> tuple[Floats, Floats]:
     for k in range(parts):
         mine, model = part == k, whole
         for _ in range(_HELD_OUT_STEPS):
-            score, information = equations(
-                segments, model.mean, model.cov, solution.d_mean, solution.d_cov, solution.fitted_cov
-            )
+            score, information = equations(segments, model.mean, model.cov, solution.d_mean, solution.d_cov)
             lowest = np.where(solution.bounded, -model.theta, -np.inf)
             step = bounded_step(information[~mine].sum(axis=0), score[~mine].sum(axis=0), lowest)
             model = Model(segments, solution.names, _possible(solution.names, model.theta + step))

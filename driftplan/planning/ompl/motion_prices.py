@@ -20,6 +20,12 @@ from driftplan.planning.ompl.zone_lookup import ZoneLookup
 Price = Callable[[Any, Any], Any]
 Point = tuple[float, ...]
 
+_READERS: dict[SpaceKind, Callable[[Any], tuple[float, float, float]]] = {
+    SpaceKind.PLANE: lambda s: (s[0], s[1], 0.0),
+    SpaceKind.SPACE: lambda s: (s[0], s[1], s[2]),
+    SpaceKind.FLIGHT: lambda s: (s.getX(), s.getY(), s.getZ()),
+    **dict.fromkeys((SpaceKind.POSE, SpaceKind.DUBINS, SpaceKind.REEDS_SHEPP), lambda s: (s.getX(), s.getY(), 0.0)),
+}  # of positions, metres
 _ROUND_DOWN = 1 - 1e-14  # a heuristic equals the cost on straight runs at the goal; rounding must not lift it above
 
 
@@ -28,23 +34,12 @@ def motion_cost_of(
 ) -> Price:
     """The cost of an OMPL motion between two states of ``space``, m²."""
     if kind is SpaceKind.PLANE:
-        return _plane(goal, rates) if zones is None else _zoned_plane(goal, zones)
+        return _plane(goal, rates) if zones is None else _zoned(kind, goal, zones)
     if kind is SpaceKind.POSE:
-        return _pose(goal, rates) if zones is None else _zoned_pose(goal, zones)
-    if kind is SpaceKind.SPACE:
-        return _space(goal, rates)
-    if kind is SpaceKind.FLIGHT:
-        return _flight(goal, rates)
+        return _pose(goal, rates) if zones is None else _zoned(kind, goal, zones)
+    if kind.dimensions == 3:
+        return _space(kind, goal, rates)
     return _curve(CurveFinder(space), goal, rates, zones)
-
-
-def heuristic_of(space: Any, kind: SpaceKind, goal: Point, rates: CostRates) -> Price:
-    """A lower bound, m², of the cost of any way between two states; ``rates`` are the least of the whole map."""
-    if kind is SpaceKind.PLANE:
-        return _plane_bound(goal, rates)
-    if kind in (SpaceKind.SPACE, SpaceKind.FLIGHT):
-        return _space_bound(kind, goal, rates)
-    return _pose_bound(space, kind, goal, rates)
 
 
 # Straight motions
@@ -72,11 +67,14 @@ def _plane(goal: Point, rates: CostRates) -> Price:
     return motion
 
 
-def _zoned_plane(goal: Point, zones: ZoneLookup[CostRates]) -> Price:
-    Cost = ob.Cost
+def _zoned(kind: SpaceKind, goal: Point, zones: ZoneLookup[CostRates]) -> Price:
+    Cost, read, has_yaw = ob.Cost, _READERS[kind], kind is SpaceKind.POSE
 
     def motion(a: Any, b: Any) -> Any:
-        return Cost(_over_zones(zones, goal, a[0], a[1], b[0], b[1], 0.0))
+        x0, y0, _ = read(a)
+        x1, y1, _ = read(b)
+        turn = abs(remainder(b.getYaw() - a.getYaw(), tau)) if has_yaw else 0.0
+        return Cost(_over_zones(zones, goal, x0, y0, x1, y1, turn))
 
     return motion
 
@@ -119,16 +117,6 @@ def _pose(goal: Point, rates: CostRates) -> Price:
     return turning_motion
 
 
-def _zoned_pose(goal: Point, zones: ZoneLookup[CostRates]) -> Price:
-    Cost = ob.Cost
-
-    def motion(a: Any, b: Any) -> Any:
-        turn = abs(remainder(b.getYaw() - a.getYaw(), tau))
-        return Cost(_over_zones(zones, goal, a.getX(), a.getY(), b.getX(), b.getY(), turn))
-
-    return motion
-
-
 def _straight(rates: CostRates, x0: float, y0: float, x1: float, y1: float, turn: float) -> float:
     """Cost of a straight run between levers while the heading turns at a constant rate."""
     length = hypot(x0 - x1, y0 - y1)
@@ -148,36 +136,22 @@ def _over_zones(
     return total
 
 
-def _space(goal: Point, rates: CostRates) -> Price:
-    Cost, root = ob.Cost, sqrt
-    gx, gy, gz = (2 * g for g in goal)
-    by_sum, by_step, q = rates.heading / 4, rates.heading / 12, rates.position
-
-    def motion(a: Any, b: Any) -> Any:
-        x0, y0, z0, x1, y1, z1 = a[0], a[1], a[2], b[0], b[1], b[2]
-        u, v, w = gx - x0 - x1, gy - y0 - y1, gz - z0 - z1
-        dx, dy, dz = x0 - x1, y0 - y1, z0 - z1
-        d = dx * dx + dy * dy + dz * dz
-        return Cost((by_sum * (u * u + v * v + w * w) + by_step * d + q) * root(d))
-
-    return motion
-
-
-def _flight(goal: Point, rates: CostRates) -> Price:
-    Cost, root = ob.Cost, sqrt
+def _space(kind: SpaceKind, goal: Point, rates: CostRates) -> Price:
+    Cost, root, read = ob.Cost, sqrt, _READERS[kind]
     gx, gy, gz = (2 * g for g in goal)
     by_sum, by_step, q = rates.heading / 4, rates.heading / 12, rates.position
     turn_by_sum, turn_by_step, turn_q = rates.turn_heading / 4, rates.turn_heading / 12, rates.turn_position
-    has_turns = not rates.turn_heading == rates.turn_position == 0
+    turns = kind is SpaceKind.FLIGHT and not rates.turn_heading == rates.turn_position == 0
 
     def motion(a: Any, b: Any) -> Any:
-        x0, y0, z0, x1, y1, z1 = a.getX(), a.getY(), a.getZ(), b.getX(), b.getY(), b.getZ()
+        x0, y0, z0 = read(a)
+        x1, y1, z1 = read(b)
         u, v, w = gx - x0 - x1, gy - y0 - y1, gz - z0 - z1
         dx, dy, dz = x0 - x1, y0 - y1, z0 - z1
         d = dx * dx + dy * dy + dz * dz
         s = u * u + v * v + w * w
         cost = (by_sum * s + by_step * d + q) * root(d)
-        if has_turns:
+        if turns:
             cost += (turn_by_sum * s + turn_by_step * d + turn_q) * attitude_step(a.rotation(), b.rotation())
         return Cost(cost)
 
@@ -267,40 +241,26 @@ def _arc(rates: CostRates, wx: float, wy: float, c: float, s: float, length: flo
 # Lower bounds
 
 
-def _plane_bound(goal: Point, rates: CostRates) -> Price:
-    Cost = ob.Cost
-    gx, gy = goal
-    q_h, q_p = rates.heading * _ROUND_DOWN, rates.position * _ROUND_DOWN
-
-    def bound(a: Any, b: Any) -> Any:
-        x0, y0, x1, y1 = a[0], a[1], b[0], b[1]
-        dx, dy = x1 - x0, y1 - y0
-        return Cost(q_h * _geodesic(gx - x0, gy - y0, gx - x1, gy - y1, dx, dy) + q_p * hypot(dx, dy))
-
-    return bound
-
-
-def _pose_bound(space: Any, kind: SpaceKind, goal: Point, rates: CostRates) -> Price:
-    Cost = ob.Cost
-    gx, gy = goal
+def heuristic_of(space: Any, kind: SpaceKind, goal: Point, rates: CostRates) -> Price:
+    """A lower bound, m², of the cost of any way between two states; ``rates`` are the least of the whole map."""
+    Cost, read = ob.Cost, _READERS[kind]
+    gx, gy, gz = (*goal, 0.0)[:3]
     q_h, q_p = rates.heading * _ROUND_DOWN, rates.position * _ROUND_DOWN
     # OMPL's distance is the length driven, and a metric; not so where Dubins curves may be driven either way.
     is_metric = kind is SpaceKind.REEDS_SHEPP or (kind is SpaceKind.DUBINS and not space.hasSymmetricDistance())
     driven = space.distance if is_metric else None
 
     def bound(a: Any, b: Any) -> Any:
-        x0, y0, x1, y1 = a.getX(), a.getY(), b.getX(), b.getY()
-        dx, dy = x1 - x0, y1 - y0
-        length = hypot(dx, dy) if driven is None else driven(a, b)
-        return Cost(q_h * _geodesic(gx - x0, gy - y0, gx - x1, gy - y1, dx, dy) + q_p * length)
+        x0, y0, z0 = read(a)
+        x1, y1, z1 = read(b)
+        dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
+        ax, ay, az, bx, by, bz = gx - x0, gy - y0, gz - z0, gx - x1, gy - y1, gz - z1
+        cross = hypot(dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax)
+        growth = dx * (ax + bx) + dy * (ay + by) + dz * (az + bz)
+        metric = _cone_distance(hypot(ax, ay, az), hypot(bx, by, bz), growth, cross, ax * bx + ay * by + az * bz)
+        return Cost(q_h * metric + q_p * (hypot(dx, dy, dz) if driven is None else driven(a, b)))
 
     return bound
-
-
-def _geodesic(wx0: float, wy0: float, wx1: float, wy1: float, dx: float, dy: float) -> float:
-    """Length in the metric |w|²|dw| of the shortest way between two levers; (dx, dy) is the step between the points."""
-    r0, r1 = hypot(wx0, wy0), hypot(wx1, wy1)
-    return _cone_distance(r0, r1, dx * (wx0 + wx1) + dy * (wy0 + wy1), abs(dx * wy0 - dy * wx0), wx0 * wx1 + wy0 * wy1)
 
 
 def _cone_distance(r0: float, r1: float, growth: float, cross: float, dot: float) -> float:
@@ -313,24 +273,3 @@ def _cone_distance(r0: float, r1: float, growth: float, cross: float, dot: float
     radial = growth / (r0 + r1) * (r0 * r0 + r0 * r1 + r1 * r1)
     rr = r0 * r1
     return hypot(radial, 2 * rr * sqrt(rr) * sin(1.5 * angle)) / 3
-
-
-def _space_bound(kind: SpaceKind, goal: Point, rates: CostRates) -> Price:
-    Cost = ob.Cost
-    gx, gy, gz = goal
-    q_h, q_p = rates.heading * _ROUND_DOWN, rates.position * _ROUND_DOWN
-    indexed = kind is SpaceKind.SPACE
-
-    def bound(a: Any, b: Any) -> Any:
-        if indexed:
-            x0, y0, z0, x1, y1, z1 = a[0], a[1], a[2], b[0], b[1], b[2]
-        else:
-            x0, y0, z0, x1, y1, z1 = a.getX(), a.getY(), a.getZ(), b.getX(), b.getY(), b.getZ()
-        dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
-        ax, ay, az, bx, by, bz = gx - x0, gy - y0, gz - z0, gx - x1, gy - y1, gz - z1
-        cross = hypot(dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax)
-        growth = dx * (ax + bx) + dy * (ay + by) + dz * (az + bz)
-        metric = _cone_distance(hypot(ax, ay, az), hypot(bx, by, bz), growth, cross, ax * bx + ay * by + az * bz)
-        return Cost(q_h * metric + q_p * hypot(dx, dy, dz))
-
-    return bound

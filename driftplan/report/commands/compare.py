@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
-from driftplan.report.commands.option import Command, Group, Option
+from driftplan.report.commands.option import Command, Group, Idle, Option, input_file, label
 from driftplan.report.records import drift_columns, record
 
 if TYPE_CHECKING:
@@ -26,15 +26,15 @@ def run(args: argparse.Namespace) -> Answer:
     if args.start is None and not args.paths:
         raise ValueError("expected something to compare: PATH.csv files, or --start and --goal")
     noise, world = shared.noise_from(args), shared.world_from(args)
-    routes: dict[str, Route | Drift] = {file: _given(world, file, noise, args) for file in args.paths}
+    routes: dict[str, Route | Drift] = {label(file): _given(world, file, noise, args) for file in args.paths}
     for planner in (args.planner or [shared.DEFAULT_PLANNER]) if args.start else ():
         talk(f"planning with {planner}{shared.search_effort(args)}")
-        for name, route in both(world, args.start, args.goal, noise, args, planner).items():
+        for name, route in both(world, *shared.ends_from(args, world), noise, args, planner).items():
             routes[f"{name} ({planner})"] = route
     return Answer(
         payload=lambda: {"map": args.map, "noise": shared.noise_as_json(noise), "routes": rows_of(routes, world)},
         text=lambda: str(compared(routes, world)),
-        files={"png": lambda: plot_comparison(world, routes)},
+        files={"picture": lambda: plot_comparison(world, routes)},
     )
 
 
@@ -104,6 +104,7 @@ _PLANNERS = shared.SEARCH[0]._replace(
     default=None,
     how={"action": "append"},
 )
+_ENDS = (*shared.ends(required=False), shared.SNAP)
 COMMAND = Command(
     name="compare",
     summary="given paths and planned routes on a map, side by side",
@@ -112,12 +113,17 @@ COMMAND = Command(
     run=run,
     arguments=(
         shared.MAP,
-        Option("paths", "PATH.csv", "waypoints x,y in metres, one per line", str, how={"nargs": "*"}),
+        Option("paths", "PATH.csv", "waypoints x,y in metres, one per line; - is standard input", input_file,
+               how={"nargs": "*"}),
     ),
     groups=(
-        Group("planning", (*shared.ends(required=False), shared.START_HEADING, _PLANNERS, *shared.SEARCH[1:])),
+        Group("planning", (*_ENDS, shared.START_HEADING, _PLANNERS, *shared.SEARCH[1:])),
         shared.WORLD,
         *shared.NOISE,
     ),
-    files={"png": "draw the map, the routes, their error ellipses and their drift against distance"},
+    files={"picture": "draw the map, the routes, their error ellipses and their drift against distance"},
+    idle=(Idle(("planner", "time_limit", "iterations", "seed", "snap"), lambda args: args.start is None,
+               "nothing is planned without --start and --goal"),),
+    examples=("warehouse --start 51,33 --goal 23.5,18.7 --picture routes.png",
+              "site.yaml mine.csv theirs.csv --noise noise.yaml --json"),
 )

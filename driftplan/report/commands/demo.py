@@ -76,4 +76,5 @@ COMMAND = Command(
         Group("planning", shared.SEARCH),
         *shared.NOISE,
     ),
+    examples=("", "--folder pictures --heading-deg 2"),
 )

@@ -6,8 +6,8 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
-from driftplan.report.commands.answer import Answer, talk
-from driftplan.report.commands.option import Command, Group, Option
+from driftplan.report.commands.answer import Answer, Progress, talk
+from driftplan.report.commands.option import Command, Group, Option, input_file
 from driftplan.report.records import record
 from driftplan.tables import numbers, table
 
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> Answer:
         start_fix=shared.start_fix_from(args),
         time_limit=args.time_limit,
         seed=args.seed,
-        progress=lambda seconds, cost: talk(f"{seconds:.1f} s: a design of cost {cost:.6g}"),
+        progress=_tell,
     )
     return Answer(
         payload=lambda: {"map": args.map, "noise": shared.noise_as_json(noise), "design": design_as_json(found)},
@@ -47,9 +47,13 @@ def run(args: argparse.Namespace) -> Answer:
         files={
             "csv": lambda: layout_csv(found.layout),
             "geojson": lambda: layout_geojson(found.layout),
-            "png": lambda: plot_design(world, found),
+            "picture": lambda: plot_design(world, found),
         },
     )
+
+
+def _tell(seconds: float, cost: float) -> None:
+    Progress.news = f"a design of cost {cost:.6g}"
 
 
 def design_text(found: CoDesign) -> str:
@@ -130,13 +134,16 @@ COMMAND = Command(
             "trips",
             "TRIPS.csv",
             "a line per trip: start_x,start_y,goal_x,goal_y and perhaps weight (how often it is driven), metres",
-            str,
+            input_file,
         ),
     ),
     groups=(_WANTED, shared.KIND, _SITES, shared.WORLD, *shared.NOISE),
     files={
         "geojson": "write the beacons as GeoJSON points in metres; `driftplan plan --beacons` reads it back",
         "csv": shared.CSV_TABLE,
-        "png": "draw the design and the one it is compared with",
+        "picture": "draw the design and the one it is compared with",
     },
+    idle=shared.KIND_IDLE,
+    examples=("warehouse trips.csv --max-drift 0.6 --price-per-m 0.5 --beacon-price 100",
+              "site.yaml trips.csv --max-drift 1 --price-per-m 1 --geojson tags.geojson --csv installers.csv"),
 )

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> Answer:
     return Answer(
         payload=lambda: _as_json(found, checks),
         text=lambda: "\n".join([str(found), *chain(*checked_on)]),
-        files={"yaml": lambda: noise_yaml(found), "png": lambda: plot_fit(found, checks)},
+        files={"yaml": lambda: noise_yaml(found), "picture": lambda: plot_fit(found, checks)},
     )
 
 
@@ -178,6 +178,8 @@ COMMAND = Command(
     groups=(Group("", _DRIVES), _READING, _FITTING),
     files={
         "yaml": "write the fitted noise, with its intervals",
-        "png": "draw errors against length, measured and predicted",
+        "picture": "draw errors against length, measured and predicted",
     },
+    examples=("odom.csv truth.csv --yaml noise.yaml --picture fit.png",
+              "odom1.txt truth1.txt odom2.txt truth2.txt --check odom3.txt truth3.txt --json"),
 )

@@ -33,4 +33,5 @@ COMMAND = Command(
     summary="the maps that come along",
     description="List the maps that come along, and their sizes in metres.",
     run=run,
+    examples=("", "--json"),
 )

@@ -7,13 +7,23 @@ the values: what is wrong with them is said in one place.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+import atexit
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 if TYPE_CHECKING:
     from driftplan.report.commands.answer import Answer
+
+
+class UsageError(Exception):
+    """The arguments make no command."""
 
 
 class Option(NamedTuple):
@@ -32,6 +42,8 @@ class Option(NamedTuple):
     choices : tuple of str
     how : mapping
         Anything else that `argparse` is to know: ``required``, ``nargs``, ``action``.
+    also : str
+        Another name for it.
     """
 
     name: str
@@ -41,6 +53,7 @@ class Option(NamedTuple):
     default: Any = None
     choices: tuple[Any, ...] = ()
     how: Mapping[str, Any] = {}
+    also: str = ""
 
     @property
     def flag(self) -> str:
@@ -51,20 +64,30 @@ class Option(NamedTuple):
         known = self.default is not None and "default" not in self.help
         said = self.help + (f" (default: {_shown(self.default)})" if known else "")
         if positional:
-            parser.add_argument(self.name, metavar=self.unit, help=said, **self.how)
+            parser.add_argument(self.name, metavar=self.unit, type=self.type, help=said, **self.how)
         elif not self.unit and not self.choices:
             parser.add_argument(self.flag, action="store_true", help=said)
         else:
             value: dict[str, Any] = {"choices": self.choices} if self.choices else {"metavar": self.unit}
             value |= {"type": self.type, "default": self.default, "help": said, **self.how}
-            parser.add_argument(self.flag, **value)
+            parser.add_argument(*filter(None, (self.flag, self.also)), **value)
 
 
 class Group(NamedTuple):
-    """Options under a heading of the help."""
+    """Options under a heading of the help; ``folded`` ones are shown by ``--help-noise`` only."""
 
     title: str
     options: tuple[Option, ...]
+    note: str = ""
+    folded: bool = False
+
+
+class Idle(NamedTuple):
+    """Options that would be without effect: giving one is refused rather than ignored."""
+
+    names: tuple[str, ...]
+    when: Callable[[argparse.Namespace], bool]
+    why: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +103,10 @@ class Command:
         Those that are given by their place.
     groups : tuple of Group
     files : mapping of option to what is written there
-        ``csv``, ``geojson``, ``png``, ``yaml``: each names a file.
+        ``csv``, ``geojson``, ``picture``, ``yaml``: each names a file.
+    idle : tuple of Idle
+    examples : tuple of str
+        For the help, without ``driftplan NAME``.
     """
 
     name: str
@@ -90,21 +116,102 @@ class Command:
     arguments: tuple[Option, ...] = ()
     groups: tuple[Group, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
+    idle: tuple[Idle, ...] = ()
+    examples: tuple[str, ...] = ()
+
+    @property
+    def options(self) -> tuple[Option, ...]:
+        """Everything but the files and the arguments by place."""
+        return tuple(option for group in self.groups for option in group.options)
 
     def add_to(self, subparsers: argparse._SubParsersAction[Any]) -> None:
         """Add the subcommand's parser."""
-        parser = subparsers.add_parser(self.name, help=self.summary, description=self.description)
+        examples = "".join(f"\n  driftplan {self.name} {words}" for words in self.examples)
+        parser = subparsers.add_parser(
+            self.name,
+            help=self.summary,
+            description=self.description,
+            usage=" ".join(["%(prog)s", *(self._usage()), "[options]"]),
+            epilog=f"Examples:{examples}",
+        )
         for argument in self.arguments:
             argument.add_to(parser, positional=True)
         files = tuple(
-            Option(kind, "FILE", said, picture_file if kind == "png" else output_file)
+            PICTURE._replace(help=f"{said}: PNG, SVG or PDF, as its name says")
+            if kind == "picture"
+            else Option(kind, "FILE", f"{said}; - is standard output", output_file)
             for kind, said in self.files.items()
         )
         for group in (*self.groups, *([Group("files", files)] if files else ())):
-            section = parser.add_argument_group(group.title) if group.title else parser
+            section = parser.add_argument_group(group.title, group.note or None) if group.title else parser
+            if group.folded:
+                parser.folded += (group.title,)
             for option in group.options:
                 option.add_to(section)
-        parser.add_argument("--json", action="store_true", help="print JSON, every key with its unit")
+        if parser.folded:
+            parser.add_argument("--help-noise", action=HelpNoise, nargs=0, help="list the options of odometry noise")
+        parser.add_argument("--json", action="store_true", help="print JSON, every key with its unit; errors too")
+
+    def _usage(self) -> list[str]:
+        words = [f"{option.unit} ..." if option.how.get("nargs") == "+" else option.unit for option in self.arguments]
+        return words + [f"{option.flag} {option.unit}" for option in self.options if option.how.get("required")]
+
+    def check(self, args: argparse.Namespace, given: set[str]) -> None:
+        """Refuse options that would be without effect."""
+        for names, when, why in self.idle:
+            for option in self.options:
+                if option.name in names and option.name in given and when(args):
+                    raise ValueError(f"{option.flag} would have no effect: {why}")
+
+
+class Parser(argparse.ArgumentParser):
+    """Says in one line what is wrong, and takes no abbreviations: a script's must not change their meaning one day."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(allow_abbrev=False, formatter_class=_HelpFormatter, **kwargs)
+        self.folded: tuple[str, ...] = ()
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{self.prog}: {message} (see {self.prog} --help)")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        if self._subparsers is None:  # before anything is missed that was only misspelt
+            self._refuse_unknown([word for word in args if re.match(r"--[a-z]", word)])
+        known, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {unknown[0]}")
+        return known, unknown
+
+    def _refuse_unknown(self, words: Sequence[str]) -> None:
+        flags = self._option_string_actions
+        for word in words:
+            if word.partition("=")[0] not in flags:
+                near = get_close_matches(word.partition("=")[0], flags, 1)
+                self.error(f"unrecognized arguments: {word}" + (f"; did you mean {near[0]}?" if near else ""))
+
+    def format_help(self, *, folded: bool = False) -> str:
+        """The help: what is folded away, or all the rest."""
+        shown = self._action_groups
+        self._action_groups = [group for group in shown if (group.title in self.folded) == folded]
+        try:
+            return super().format_help()
+        finally:
+            self._action_groups = shown
+
+
+class HelpNoise(argparse.Action):
+    """Prints what the help folds away."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: Any = None) -> None:
+        print(parser.format_help(folded=True), end="")
+        parser.exit()
+
+
+class _HelpFormatter(argparse.HelpFormatter):
+    """Examples keep their lines."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if text.startswith("Examples:") else super()._fill_text(text, width, indent)
 
 
 # Types of values
@@ -144,8 +251,25 @@ def names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
 
 
+def input_file(text: str) -> str:
+    """An argument that names a file to read; - is standard input, kept in a file until the command ends."""
+    if text != "-":
+        return text
+    folder = tempfile.mkdtemp(prefix="driftplan-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    file = Path(folder) / STANDARD_INPUT
+    with file.open("wb") as copy:
+        shutil.copyfileobj(sys.stdin.buffer, copy)
+    return str(file)
+
+
+def label(file: str) -> str:
+    """What a file to read is called when people are told about it."""
+    return STANDARD_INPUT if Path(file).name == STANDARD_INPUT else file
+
+
 def output_file(text: str) -> Path:
-    """An argument that names a file to write: said to be wrong before the work, not after it."""
+    """An argument that names a file to write: said to be wrong before the work, not after it. - is standard output."""
     path = Path(text)
     if path.is_dir() or not path.parent.is_dir():
         wrong = "it is a folder" if path.is_dir() else f"there is no folder {path.parent}"
@@ -154,11 +278,16 @@ def output_file(text: str) -> Path:
 
 
 def picture_file(text: str) -> Path:
-    """An argument that names a picture to write; nothing but PNG is written."""
+    """An argument that names a picture to write."""
     path = output_file(text)
-    if path.suffix.lower() != ".png":
-        raise argparse.ArgumentTypeError(f"expected a file called .png, got {text!r}")
+    if path.suffix.lower() not in PICTURES:
+        raise argparse.ArgumentTypeError(f"expected a file called {', '.join(PICTURES)}, got {text!r}")
     return path
+
+
+STANDARD_INPUT = "standard input"
+PICTURES = (".png", ".svg", ".pdf")
+PICTURE = Option("picture", "FILE", "", picture_file, also="--png")
 
 
 def _shown(value: object) -> str:

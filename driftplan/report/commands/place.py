@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
-from driftplan.report.commands.answer import Answer, talk
-from driftplan.report.commands.option import Command, Group, Option
+from driftplan.report.commands.answer import Answer, Progress, talk
+from driftplan.report.commands.option import Command, Group, Idle, Option, input_file, label
 from driftplan.report.records import record
 from driftplan.tables import NONE, counted, decimals, numbers, table, yes_no
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from driftplan import Layout, OdometryNoise, World
     from driftplan.arrays import Floats
 
-_TALK_EVERY_S = 1.0
 _MAX_ROUTES = 50  # more are not listed on the screen; --json has them all
 _MAX_NUMBERS = 6  # of routes that a beacon serves, on the screen
 
@@ -41,7 +40,7 @@ def run(args: argparse.Namespace) -> Answer:
     talk(f"placing beacons for {counted(len(routes), 'route')} on {args.map}, at most {args.time_limit:g} s")
     effort = {"budget": args.budget, "time_limit": args.time_limit}
     if args.tradeoff is None:
-        asked = {"max_beacons": args.max_beacons, "progress": _Progress(), **effort}
+        asked = {"max_beacons": args.max_beacons, "progress": _tell, **effort}
         return _layout_answer(args, noise, place_beacons(world, routes, noise, limit, sites, **asked), free)
     for name in ("max_drift", "max_beacons", "csv", "geojson"):
         if getattr(args, name) is not None:
@@ -73,7 +72,7 @@ def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layou
     from driftplan.report.figures.layouts import layout_figure
 
     def payload() -> dict[str, Any]:
-        numbers = zip(args.paths, layout.drifts, layout.worst_drifts, layout.max_drift, free, strict=True)
+        numbers = zip(map(label, args.paths), layout.drifts, layout.worst_drifts, layout.max_drift, free, strict=True)
         routes = [
             {
                 "file": file,
@@ -97,7 +96,7 @@ def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layou
         files={
             "csv": lambda: layout_csv(layout),
             "geojson": lambda: layout_geojson(layout),
-            "png": lambda: layout_figure(layout),
+            "picture": lambda: layout_figure(layout),
         },
     )
 
@@ -110,7 +109,7 @@ def _layout_text(args: argparse.Namespace, layout: Layout) -> str:
     if len(args.paths) <= _MAX_ROUTES:
         columns: dict[str, Any] = {
             "route": range(len(args.paths)),
-            "file": args.paths,
+            "file": map(label, args.paths),
             "length m": decimals([float(drift.length) for drift in layout.drifts], 2),
             f"worst {what} m": decimals(layout.worst_drifts, 3),
         }
@@ -167,21 +166,13 @@ def _tradeoff_answer(noise: OdometryNoise, curve: tuple[Layout, ...]) -> Answer:
     return Answer(
         payload=lambda: {"noise": shared.noise_as_json(noise), "tradeoff": points},
         text=text,
-        files={"png": lambda: tradeoff_figure(curve)},
+        files={"picture": lambda: tradeoff_figure(curve)},
     )
 
 
-class _Progress:
-    """Progress on stderr, not more often than a person can read."""
-
-    def __init__(self) -> None:
-        self.last = 0.0
-
-    def __call__(self, seconds: float, cost: float, bound: float) -> None:
-        if seconds - self.last >= _TALK_EVERY_S:
-            self.last = seconds
-            best = f"cost {cost:g}" if isfinite(cost) else "no layout yet"
-            talk(f"{seconds:.0f} s: {best}, at least {bound:g} needed")
+def _tell(seconds: float, cost: float, bound: float) -> None:
+    best = f"cost {cost:g}" if isfinite(cost) else "no layout yet"
+    Progress.news = f"{best}, at least {bound:g} needed"
 
 
 # fmt: off
@@ -212,12 +203,21 @@ COMMAND = Command(
     run=run,
     arguments=(
         shared.MAP,
-        Option("paths", "PATH.csv", "routes: waypoints x,y in metres, one per line", str, how={"nargs": "+"}),
+        Option("paths", "PATH.csv", "routes: waypoints x,y in metres, one per line; - is standard input", input_file,
+               how={"nargs": "+"}),
     ),
     groups=(_WANTED, shared.KIND, _SITES, shared.WORLD, *shared.NOISE),
     files={
         "csv": shared.CSV_TABLE,
         "geojson": "write the beacons as GeoJSON points in metres, to be read back with --existing",
-        "png": "draw the layout on the map, drift against distance and what each failure does (or the trade-off)",
+        "picture": "draw the layout on the map, drift against distance and what each failure does (or the trade-off)",
     },
+    idle=(
+        *shared.KIND_IDLE,
+        Idle(("kind", "position_std_m", "heading_std_deg", "detection_probability", "through_walls"),
+             lambda args: args.candidates and Path(args.candidates).suffix.lower() in (".geojson", ".json"),
+             "the beacons of --candidates have kinds of their own"),
+    ),
+    examples=("warehouse route.csv --max-drift 0.6 --geojson tags.geojson --picture tags.svg",
+              "warehouse route.csv --kind landmark --range-m 4 --tradeoff 6"),
 )

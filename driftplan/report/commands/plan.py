@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
 from driftplan.report.commands.compare import NAMES, compared, rows_of
-from driftplan.report.commands.option import Command, Group, Option
+from driftplan.report.commands.option import Command, Group, Idle, Option
 from driftplan.report.records import record
 from driftplan.tables import numbers, table, yes_no
+
+_NOTHING = 0.005  # shares that are not worth a word
 
 if TYPE_CHECKING:
     from driftplan import Itinerary, OdometryNoise, Route, World
@@ -27,14 +29,20 @@ def run(args: argparse.Namespace) -> Answer:
     talk(f"planning on {args.map} with {args.planner}{shared.search_effort(args)}")
     route = planned_route(args, world, noise)
     among_beacons = route if isinstance(route, Itinerary) else None
-    named = {NAMES[route.minimise]: route}
+    routes = {NAMES[route.minimise]: route}
+    if route.shortest is not None:
+        routes[NAMES["length"]] = route.shortest
 
     def summary() -> dict[str, Any]:
-        (row,) = rows_of(named, world)
-        return row | (itinerary_as_json(among_beacons) if among_beacons else {})
+        row, *shortest = rows_of(routes, world)
+        return (
+            row
+            | {"shortest": shortest[0] if shortest else None}
+            | (itinerary_as_json(among_beacons) if among_beacons else {})
+        )
 
     def text() -> str:
-        words = [str(compared(named, world)), bound_in_words(route)]
+        words = [str(compared(routes, world)), *gained_in_words(route), bound_in_words(route)]
         words += ["", itinerary_text(among_beacons)] if among_beacons else []
         return "\n".join([*words, "", drift_table(route.drift)])
 
@@ -48,7 +56,9 @@ def run(args: argparse.Namespace) -> Answer:
         files={
             "csv": lambda: path_csv(route.drift),
             "geojson": lambda: drift_geojson(route.drift, {"noise": shared.noise_as_json(noise), **summary()}),
-            "png": lambda: plot_itinerary(world, among_beacons) if among_beacons else plot_comparison(world, named),
+            "picture": lambda: (
+                plot_itinerary(world, among_beacons) if among_beacons else plot_comparison(world, routes)
+            ),
         },
     )
 
@@ -64,8 +74,7 @@ def planned_route(args: argparse.Namespace, world: World, noise: OdometryNoise) 
     }
     return plan_route(
         world,
-        args.start,
-        args.goal,
+        *shared.ends_from(args, world),
         noise,
         beacons=load_beacons(args.beacons) if args.beacons else (),
         minimise=args.minimise,
@@ -80,11 +89,36 @@ def planned_route(args: argparse.Namespace, world: World, noise: OdometryNoise) 
     )
 
 
+def gained_in_words(route: Route) -> list[str]:
+    """What the route has over the shortest one, and what it costs."""
+    other = route.shortest
+    if other is None or not other.rms > 0:
+        return []
+    less, longer = 1 - route.rms / other.rms, route.length / other.length - 1
+    if less < _NOTHING:
+        return ["Nothing is gained here by a detour: the shortest route drifts no more than the best one found."]
+    return [
+        f"Gained: {100 * less:.1f} % less drift at the goal than on the shortest route ({route.rms:.3g} m instead of "
+        f"{other.rms:.3g} m), by driving {100 * longer:.1f} % farther."
+    ]
+
+
 def bound_in_words(route: Route) -> str:
-    """Why the search ended, and what cannot be had."""
-    which = "path of its roadmap" if route.bound_covers == "roadmap" else "route"
-    what = {"drift": "rms", "length": "length", "worst_drift": "worst rms"}[route.minimise]
-    return f"{route.planner}: {route.status.value} No {which} has less than {route.bound:#.4g} m of {what}."
+    """Why the search ended, and how much better another route could be, as far as that is known."""
+    what, value = {
+        "drift": ("rms drift at the goal", route.rms),
+        "length": ("length", route.length),
+        "worst_drift": ("worst rms drift", getattr(route, "worst_drift", route.rms)),
+    }[route.minimise]
+    ended = f"{route.planner}: {route.status.value}"
+    if not route.bound > _NOTHING * value:
+        return f"{ended} How much better another route could be is not known."
+    if route.bound_covers == "roadmap":
+        return (
+            f"{ended} Of the paths on the graph that it searched, none has less than {route.bound:#.4g} m of {what}; "
+            "other routes might."
+        )
+    return f"{ended} Proven for every route, obstacles or not: none has less than {route.bound:#.4g} m of {what}."
 
 
 def itinerary_as_json(route: Itinerary) -> dict[str, Any]:
@@ -146,7 +180,7 @@ COMMAND = Command(
     run=run,
     arguments=(shared.MAP,),
     groups=(
-        Group("planning", (*shared.ends(required=True), *_GOALS, shared.START_HEADING, *shared.SEARCH)),
+        Group("planning", (*shared.ends(required=True), shared.SNAP, *_GOALS, shared.START_HEADING, *shared.SEARCH)),
         shared.WORLD,
         _BEACONS,
         *shared.NOISE,
@@ -154,6 +188,9 @@ COMMAND = Command(
     files={
         "csv": "write the waypoints x,y as CSV, metres; `driftplan predict` and `compare` read it back",
         "geojson": "write the route and the drift along it as a GeoJSON LineString, coordinates in metres",
-        "png": "draw the map, the route, its error ellipses and its drift against distance",
+        "picture": "draw the map, the route, its error ellipses and its drift against distance",
     },
+    idle=(Idle(("redundancy", "min_capture"), lambda args: not args.beacons, "there are no --beacons on the way"),),
+    examples=("warehouse --start 51,33 --goal 23.5,18.7 --picture route.png",
+              "site.yaml --start 2,3 --goal 40,12 --noise noise.yaml --beacons tags.geojson --max-drift 0.5"),
 )

@@ -6,7 +6,7 @@ import argparse
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer
-from driftplan.report.commands.option import Command, Group, Option, metres
+from driftplan.report.commands.option import Command, Group, Option, input_file, label, metres
 
 
 def run(args: argparse.Namespace) -> Answer:
@@ -17,9 +17,10 @@ def run(args: argparse.Namespace) -> Answer:
 
     noise, heading = shared.noise_from(args), shared.start_heading_from(args)
     drifts = [predict_drift(read_path(file), noise, start_heading=heading) for file in args.paths]
+    files = [label(file) for file in args.paths]
     shown = [
         (file, float(drift.length), drift.at(args.at) if args.at else drift)
-        for file, drift in zip(args.paths, drifts, strict=True)
+        for file, drift in zip(files, drifts, strict=True)
     ]
     return Answer(
         payload=lambda: {
@@ -29,7 +30,7 @@ def run(args: argparse.Namespace) -> Answer:
             ],
         },
         text=lambda: "\n\n".join(f"{file}: {length:.2f} m\n{drift_table(points)}" for file, length, points in shown),
-        files={"png": lambda: plot_comparison(None, dict(zip(args.paths, drifts, strict=True)))},
+        files={"picture": lambda: plot_comparison(None, dict(zip(files, drifts, strict=True)))},
     )
 
 
@@ -40,8 +41,8 @@ COMMAND = Command(
     description="Predict the drift of odometry along paths, at every waypoint or at chosen distances.",
     run=run,
     arguments=(
-        Option("paths", "PATH.csv", "waypoints x,y or poses x,y,heading: metres, radians, one per line", str,
-               how={"nargs": "+"}),
+        Option("paths", "PATH.csv", "waypoints x,y or poses x,y,heading: metres, radians, one per line; - is "
+               "standard input", input_file, how={"nargs": "+"}),
     ),
     groups=(
         Group("", (
@@ -50,5 +51,6 @@ COMMAND = Command(
         )),
         *shared.NOISE,
     ),
-    files={"png": "draw the paths, their error ellipses and their drift against distance"},
+    files={"picture": "draw the paths, their error ellipses and their drift against distance"},
+    examples=("path.csv --heading-deg 2 --after-m 10", "- --noise noise.yaml --at 10,20,50 --json < path.csv"),
 )

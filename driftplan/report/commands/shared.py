@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable
 from dataclasses import fields, replace
-from math import radians
+from math import hypot, isfinite, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from driftplan.report.commands.option import Group, Option, point
+from driftplan.errors import DriftplanError, GoalError, StartError
+from driftplan.report.commands.answer import talk
+from driftplan.report.commands.option import Group, Idle, Option, point
 
 if TYPE_CHECKING:
     from driftplan import BeaconKind, Fix, OdometryNoise, World
@@ -52,12 +54,14 @@ _SYSTEMATIC = (
     Option("heading_bias_per_rad", "RATIO", "systematic relative error of measured turns"),
     Option("distance_scale_error", "RATIO", "systematic relative error of measured distances"),
 )
-_KEPT = Option("noise", "FILE", "all of it from a file, such as driftplan fit --yaml writes, or from the preset of "
-               "this name", str)
+_KEPT = Option("noise", "FILE", "from a file, such as driftplan fit --yaml writes, or the preset of this name", str)
 NOISE = (
-    Group("odometry noise, as measured over straight drives (the default)", _SPREADS),
-    Group("odometry noise, as rates (instead of the above; those that are not given are 0, like systematic errors)",
-          (*_RATES, *_SYSTEMATIC, _KEPT)),
+    Group("odometry noise", (_KEPT,), "Or as spreads of straight drives (--heading-deg, --distance-m, --after-m, "
+          "--heading-deg-per-full-turn), or as rates: see --help-noise. Without any of these: 1 degree and 0.05 m "
+          "after 10 m of straight driving, and none for turns."),
+    Group("odometry noise, as measured over straight drives (the default)", _SPREADS, folded=True),
+    Group("odometry noise, as rates (instead of spreads; those that are not given are 0, like systematic errors)",
+          (*_RATES, *_SYSTEMATIC), folded=True),
 )
 START_HEADING = Option("start_heading_deg", "DEG", "heading at the start, degrees from +x to the left; then the "
                        "first turn counts too (default: the robot already faces its first leg)")
@@ -79,11 +83,17 @@ KIND = Group("the beacons", (
     Option("kind", "", "what they measure: position, position and heading, or heading", str, "rfid",
            ("rfid", "landmark", "heading")),
     Option("range_m", "M", "range, metres", default=1.5),
-    Option("position_std_m", "M", "accuracy of a position per axis, metres", default=0.1),
-    Option("heading_std_deg", "DEG", "accuracy of a heading, degrees", default=1.0),
+    Option("position_std_m", "M", "accuracy of a position per axis, metres (default: 0.1)"),
+    Option("heading_std_deg", "DEG", "accuracy of a heading, degrees (default: 1)"),
     Option("detection_probability", "P", "probability that a pass is noticed", default=1.0),
     Option("through_walls", "", "landmarks are seen through walls"),
 ))
+KIND_IDLE = (
+    Idle(("heading_std_deg",), lambda args: args.kind == "rfid", "RFID tags measure no heading"),
+    Idle(("position_std_m",), lambda args: args.kind == "heading", "heading beacons measure no position"),
+    Idle(("through_walls",), lambda args: args.kind != "landmark", "only landmarks are seen"),
+)
+SNAP = Option("snap", "", "move a start or goal in a wall or off the map to the nearest free point, and say so")
 EXISTING = Option("existing", "FILE.geojson", "beacons that are there already", str)
 CSV_TABLE = "write the installers' table: id, place, nearest wall, routes, which failure hurts most"
 # fmt: on
@@ -146,6 +156,29 @@ def world_from(args: argparse.Namespace) -> World:
     return load_world(path, **{option.name: getattr(args, option.name) for option in WORLD.options})
 
 
+def ends_from(args: argparse.Namespace, world: World) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Start and goal, moved to the nearest free points with ``--snap``."""
+    return _end(args, world, "start", StartError), _end(args, world, "goal", GoalError)
+
+
+def _end(args: argparse.Namespace, world: World, name: str, error: type[DriftplanError]) -> tuple[float, float]:
+    x, y = getattr(args, name)
+    xmin, ymin, xmax, ymax = world.bounds
+    if not (isfinite(x) and isfinite(y)) or world.is_free((x, y)):
+        return x, y  # what is not finite is the planner's to refuse
+    off = not (xmin <= x <= xmax and ymin <= y <= ymax)
+    wrong = f"{name} ({x:g}, {y:g}) is " + ("off the map" if off else "not free")
+    free_x, free_y = world.nearest_free((x, y)).tolist()
+    if args.snap:
+        talk(f"{wrong}: moved {hypot(free_x - x, free_y - y):.3g} m to ({free_x:.4g}, {free_y:.4g})")
+        return free_x, free_y
+    spans = f", which spans x {xmin:g} to {xmax:g} and y {ymin:g} to {ymax:g} m" if off else ""
+    raise error(
+        f"{wrong}{spans}; the nearest free point is ({free_x:.4g}, {free_y:.4g}): --snap takes that, for a robot of "
+        f"radius {world.robot_radius:g} m"
+    )
+
+
 def start_heading_from(args: argparse.Namespace) -> float | None:
     """Radians, or None where the robot already faces its first leg."""
     return None if args.start_heading_deg is None else radians(args.start_heading_deg)
@@ -166,13 +199,14 @@ def kind_from(args: argparse.Namespace, **common: Any) -> BeaconKind:
     from driftplan import BeaconKind
 
     common["detection_probability"] = args.detection_probability
-    heading_std = radians(args.heading_std_deg)
+    heading_std = radians(1.0 if args.heading_std_deg is None else args.heading_std_deg)
+    position_std_m = 0.1 if args.position_std_m is None else args.position_std_m
     if args.kind == "rfid":
-        return BeaconKind.rfid(args.range_m, args.position_std_m, **common)
+        return BeaconKind.rfid(args.range_m, position_std_m, **common)
     if args.kind == "heading":
         return BeaconKind.heading(args.range_m, heading_std, **common)
     return BeaconKind.landmark(
-        args.range_m, args.position_std_m, heading_std, line_of_sight=not args.through_walls, **common
+        args.range_m, position_std_m, heading_std, line_of_sight=not args.through_walls, **common
     )
 
 

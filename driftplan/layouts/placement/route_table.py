@@ -1,14 +1,13 @@
-"""Tracks: routes as rows of odometry pieces and readings of possible beacons, in plain arrays.
+"""Route tables: routes as rows of segments of odometry and readings of possible beacons, in plain arrays.
 
 A route is cut at every place where something can happen: at its waypoints, where the noise changes, where a beacon of
-any site would be read, and wherever a piece would be too long for the drift between its ends to be bounded sharply.
-What is left are *borders* 0 … m and, between borders t and t + 1, *piece* t: a turn on the spot or a straight run.
-*Slot* t is what happens from border t, once its readings are done, to the arrival at border t + 1; slot m is the end.
+any site would be read, and wherever a segment would be too long for the drift between its ends to be bounded sharply.
+What is left are *breakpoints* 0 … m and, between breakpoints t and t + 1, *segment* t: a turn on the spot or a straight
+run. *Slot* t is what happens from breakpoint t, once its readings are done, to the arrival at breakpoint t + 1; slot m
+is the end. An *interval* is the way from one reading to another.
 
-Between the ends of a run -(E|e|²)'' is at most bend sqrt(E|e|²) + bend_fixed (`driftplan.model.worst`), so on a run of
-length h whose ends keep E|e|² <= limit² - (bend limit + bend_fixed) h²/8 it is at most limit² everywhere. `Tracks.sag`
-is that margin. Pieces are so short that it is at most a ten-thousandth of the limit squared; where that leaves a doubt,
-`Tracks.within` cuts the piece into a thousand parts, whose margin is a millionth of it.
+Segments are so short that what E|e|² may rise above its chord between their ends (`driftplan.model.worst`) is at most
+a ten-thousandth of the limit squared.
 """
 
 from __future__ import annotations
@@ -30,33 +29,31 @@ from driftplan.model.readings import Fix, Readings, Resets
 from driftplan.model.worst import bend_rates
 from driftplan.world.world import World
 
-PARTS = 1000  # of a piece on which there is doubt
-RADIUS_PARTS = 16  # of a piece on which a radius comes close to the limit
 _SAG_SHARE = 1e-4  # greatest margin, as a share of the limit squared
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tracks:
-    """Routes and the readings of all sites on them. Sorted by route, border and, at one border, by accuracy.
+class RouteTable:
+    """Routes and the readings of all sites on them. Sorted by route, breakpoint and, at one breakpoint, by accuracy.
 
     Attributes
     ----------
-    first_piece : (routes + 1,) where each route's pieces begin; a route of m pieces has borders 0 … m
-    pieces : Moments, shape (pieces,)
-    bend, bend_fixed : (pieces,) -(E|e|²)'' is at most ``bend * sqrt(E|e|²) + bend_fixed`` on the piece
-    length : (pieces,) metres
-    noise_of : (pieces,) index into `noises`
-    translation : (pieces,) E|e|² that a piece adds however good the heading is, m²
-    distance : (pieces + routes,) metres driven at every border; route r's begin at ``first_piece[r] + r``
+    first_segment : (routes + 1,) where each route's segments begin; a route of m segments has breakpoints 0 … m
+    segments : Moments, shape (segments,)
+    bend, bend_fixed : (segments,) -(E|e|²)'' is at most ``bend * sqrt(E|e|²) + bend_fixed`` on the segment
+    length : (segments,) metres
+    noise_of : (segments,) index into `noises`
+    translation : (segments,) E|e|² that a segment adds however good the heading is, m²
+    distance : (segments + routes,) metres driven at every breakpoint; route r's begin at ``first_segment[r] + r``
     start : Moments, shape (routes,): errors at the start, in the robot's own frame
-    first_event : (routes + 1,) where each route's readings begin
-    border : (events,) where a reading happens
+    first_reading : (routes + 1,) where each route's readings begin
+    breakpoint : (events,) where a reading happens
     readings, resets : (events,) what is read, and what it makes of the errors; a reading's source is its site
     heading_d1, heading_d2 : (events,) moments of the heading it gives; NaN where it gives none
     """
 
-    first_piece: Ints
-    pieces: Moments
+    first_segment: Ints
+    segments: Moments
     bend: Floats
     bend_fixed: Floats
     length: Floats
@@ -65,8 +62,8 @@ class Tracks:
     translation: Floats
     distance: Floats
     start: Moments
-    first_event: Ints
-    border: Ints
+    first_reading: Ints
+    breakpoint: Ints
     readings: Readings
     resets: Resets
     heading_d1: Floats
@@ -74,7 +71,7 @@ class Tracks:
 
     @property
     def routes(self) -> int:
-        return len(self.first_piece) - 1
+        return len(self.first_segment) - 1
 
     @property
     def site(self) -> Ints:
@@ -93,41 +90,38 @@ class Tracks:
 
     @property
     def slots(self) -> Ints:
-        """Number of pieces of each route, hence its last border and slot, (routes,)."""
-        return np.diff(self.first_piece)
+        """Number of segments of each route, hence its last breakpoint and slot, (routes,)."""
+        return np.diff(self.first_segment)
 
     @property
     def route(self) -> Ints:
         """Route of every event, (events,)."""
-        return np.repeat(np.arange(self.routes), np.diff(self.first_event))
+        return np.repeat(np.arange(self.routes), np.diff(self.first_reading))
 
-    def events_of(self, route: int) -> slice:
-        return slice(int(self.first_event[route]), int(self.first_event[route + 1]))
+    def readings_of(self, route: int) -> slice:
+        return slice(int(self.first_reading[route]), int(self.first_reading[route + 1]))
 
-    def pieces_of(self, route: int) -> slice:
-        return slice(int(self.first_piece[route]), int(self.first_piece[route + 1]))
+    def segments_of(self, route: int) -> slice:
+        return slice(int(self.first_segment[route]), int(self.first_segment[route + 1]))
 
     def distances_of(self, route: int) -> Floats:
-        """Metres driven at the borders of a route, (m + 1,)."""
-        begin = int(self.first_piece[route]) + route
+        """Metres driven at the breakpoints of a route, (m + 1,)."""
+        begin = int(self.first_segment[route]) + route
         return self.distance[begin : begin + int(self.slots[route]) + 1]
 
-    def sag(self, limit_m: Floats) -> Floats:
-        """By how much E|e|² at the ends of each piece must stay under the limit squared, (pieces,), m².
+    def sags(self, segment: Ints) -> tuple[Floats, Floats]:
+        """``bend`` and ``fixed`` of segments as `driftplan.model.worst.ceiling` takes them."""
+        square = self.length[segment] ** 2 / 8
+        return self.bend[segment] * square, self.bend_fixed[segment] * square
 
-        ``limit_m`` per route, (routes,).
-        """
-        limit = np.repeat(limit_m, self.slots)
-        return np.asarray((self.bend * limit + self.bend_fixed) * self.length**2 / 8)
-
-    def within(self, piece: Ints, parts: int = PARTS) -> Moments:
+    def within(self, segment: Ints, parts: int) -> Moments:
         """Elements from the beginning of runs to ``parts`` - 1 evenly spaced points inside, (k, parts - 1)."""
-        lengths = self.length[piece, None] * (np.arange(1, parts) / parts)
+        lengths = self.length[segment, None] * (np.arange(1, parts) / parts)
         turn = np.zeros(lengths.shape)
-        return of_legs(turn, lengths, turn, self.noise_of[piece, None], self.noises)
+        return of_legs(turn, lengths, turn, self.noise_of[segment, None], self.noises)
 
 
-def lay_tracks(
+def route_table(
     paths: Sequence[Floats],
     noise: OdometryNoise,
     sites: Sequence[Beacon],
@@ -135,14 +129,17 @@ def lay_tracks(
     *,
     start_fix: Fix | None,
     least_limit_m: float,
-) -> Tracks:
-    """Tracks of routes (n, 2) for all ``sites``; ``least_limit_m`` is the smallest limit they will be held to."""
+) -> RouteTable:
+    """RouteTable of routes (n, 2) for all ``sites``; ``least_limit_m`` is the smallest limit they will be held to."""
     columns = BeaconColumns.of(sites)
-    rows = [_Row(*floor_of(path, noise, world), readings_on(path, columns, world), least_limit_m) for path in paths]
+    rows = [
+        _SegmentedRoute(*floor_of(path, noise, world), readings_on(path, columns, world), least_limit_m)
+        for path in paths
+    ]
     return _joined(rows, start_fix)
 
 
-class _Row:
+class _SegmentedRoute:
     """One route, cut."""
 
     def __init__(self, path: Floats, noise: Noises, readings: Readings, least_limit_m: float) -> None:
@@ -153,25 +150,25 @@ class _Row:
         which = np.repeat(which, np.diff(old))
         count = self._pieces_needed(runs.lengths, which, least_limit_m)
         turns = runs.turns != 0
-        first = np.concatenate([[0], np.cumsum(turns + count)])  # of a leg's pieces: its turn, the parts of its run
+        first = np.concatenate([[0], np.cumsum(turns + count)])  # of a leg's segments: its turn, the parts of its run
         self.turn, self.length = np.zeros(first[-1]), np.repeat(runs.lengths / count, turns + count)
         self.turn[first[:-1][turns]] = runs.turns[turns]
         self.length[first[:-1][turns]] = 0.0
         self.noise_of = np.repeat(which, turns + count)
         self.distance = np.concatenate([[0.0], np.cumsum(self.length)])
-        border = first[at]
-        order = np.lexsort((readings.source, readings.rank, border))
-        self.border, self.readings = border[order], readings[order]
+        breakpoint = first[at]
+        order = np.lexsort((readings.source, readings.rank, breakpoint))
+        self.breakpoint, self.readings = breakpoint[order], readings[order]
 
     def _pieces_needed(self, lengths: Floats, which: Ints, limit_m: float) -> Ints:
-        """Into how many pieces each run is cut, so that its sag is small."""
+        """Into how many segments each run is cut, so that its sag is small."""
         bends = np.array([bend_rates(noise) for noise in self.noises])[which]
         rate = (bends[:, 0] * limit_m + bends[:, 1]) / 8
         allowed = _SAG_SHARE * limit_m**2
         return np.asarray(np.maximum(1, np.ceil(lengths * np.sqrt(rate / allowed))), dtype=np.intp)
 
 
-def _joined(rows: list[_Row], start_fix: Fix | None) -> Tracks:
+def _joined(rows: list[_SegmentedRoute], start_fix: Fix | None) -> RouteTable:
     """All routes in one set of arrays."""
     noises = list(dict.fromkeys(noise for row in rows for noise in row.noises))
     which = np.concatenate([np.array([noises.index(n) for n in row.noises])[row.noise_of] for row in rows])
@@ -180,9 +177,9 @@ def _joined(rows: list[_Row], start_fix: Fix | None) -> Tracks:
     spreads = np.array([_translation(noise) for noise in noises])[which]
     readings = sum((row.readings for row in rows), Readings.of([]))
     law = law_moments("gaussian", readings.heading_var)
-    return Tracks(
-        first_piece=np.concatenate([[0], np.cumsum([len(row.length) for row in rows])]).astype(np.intp),
-        pieces=of_legs(turn, length, np.zeros(len(turn)), which, noises),
+    return RouteTable(
+        first_segment=np.concatenate([[0], np.cumsum([len(row.length) for row in rows])]).astype(np.intp),
+        segments=of_legs(turn, length, np.zeros(len(turn)), which, noises),
         bend=bends[:, 0] * (length > 0),
         bend_fixed=bends[:, 1] * (length > 0),
         length=length,
@@ -191,8 +188,8 @@ def _joined(rows: list[_Row], start_fix: Fix | None) -> Tracks:
         translation=spreads[:, 0] * length + spreads[:, 1] * np.abs(turn),
         distance=np.concatenate([row.distance for row in rows]),
         start=_starts([row.heading for row in rows], start_fix),
-        first_event=np.concatenate([[0], np.cumsum([len(row.border) for row in rows])]).astype(np.intp),
-        border=np.concatenate([row.border for row in rows]),
+        first_reading=np.concatenate([[0], np.cumsum([len(row.breakpoint) for row in rows])]).astype(np.intp),
+        breakpoint=np.concatenate([row.breakpoint for row in rows]),
         readings=readings,
         resets=readings.resets(),
         heading_d1=law.d1,
