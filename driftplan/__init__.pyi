@@ -45,6 +45,7 @@ from .model.drift import Drift as Drift
 from .model.drift import PointDrift as PointDrift
 from .model.drift import predict_drift as predict_drift
 from .model.noise import OdometryNoise as OdometryNoise
+from .model.noise import SystematicSpread as SystematicSpread
 from .model.paths import Run as Run
 from .model.paths import Runs as Runs
 from .model.presets import PRESETS as PRESETS
@@ -65,6 +66,7 @@ from .planning.itinerary.roadmap_planner import RoadmapPlanner as RoadmapPlanner
 from .planning.ompl.collision import use_world as use_world
 from .planning.ompl.objective import DriftObjective as DriftObjective
 from .planning.ompl.paths import predict_ompl_path as predict_ompl_path
+from .planning.ompl.polish import polish_ompl_path as polish_ompl_path
 from .planning.plan import plan_route as plan_route
 from .planning.routes import Route as Route
 from .report.figures.comparison import plot_comparison as plot_comparison

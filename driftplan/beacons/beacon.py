@@ -30,6 +30,16 @@ class BeaconKind:
         Readings on a long pass are at most this far apart, metres.
     cost : float
         What one costs, in any unit, > 0.
+    range_std_m, bearing_std : float or None
+        Standard deviation of a measured distance to the beacon (m), and of its measured direction in the robot's frame
+        (rad); None: not measured. Only a robot with a filter can use them.
+    std_per_m : float
+        What ``position_std_m`` and ``range_std_m`` grow by for every metre of distance to the beacon, m/m.
+    view_angle_deg : float
+        The angle from within which it is seen, degrees, centred on where the beacon faces (`Beacon.facing_deg`): a tag
+        on a shelf 180 or less. 360: from everywhere.
+    sensor_view_deg : float
+        The field of view, degrees, centred straight ahead, of the sensor with which the robot reads it.
 
     Raises
     ------
@@ -45,15 +55,27 @@ class BeaconKind:
     line_of_sight: bool = False
     reading_spacing_m: float = 3.0
     cost: float = 1.0
+    range_std_m: float | None = None
+    bearing_std: float | None = None
+    std_per_m: float = 0.0
+    view_angle_deg: float = 360.0
+    sensor_view_deg: float = 360.0
 
     def __post_init__(self) -> None:
         for name in ("range_m", "reading_spacing_m", "cost", "detection_probability"):
             object.__setattr__(self, name, positive(name, getattr(self, name)))
-        for name in ("position_std_m", "heading_std"):
+        measured = ("position_std_m", "heading_std", "range_std_m", "bearing_std")
+        for name in (*measured, "std_per_m"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, not_negative(name, getattr(self, name)))
-        if self.position_std_m is None and self.heading_std is None:
+        if all(getattr(self, name) is None for name in measured):
             raise ValueError("expected a kind of beacon with position_std_m, heading_std or both, got neither")
+        if self.std_per_m and self.position_std_m is None and self.range_std_m is None:
+            raise ValueError("expected std_per_m with a position_std_m or range_std_m that grows by it, got neither")
+        for name in ("view_angle_deg", "sensor_view_deg"):
+            object.__setattr__(self, name, positive(name, getattr(self, name)))
+            if getattr(self, name) > 360:
+                raise ValueError(f"expected {name} in (0, 360], got {getattr(self, name)!r}")
         if self.detection_probability > 1:
             raise ValueError(f"expected detection_probability in (0, 1], got {self.detection_probability!r}")
 
@@ -129,10 +151,71 @@ class BeaconKind:
             cost=cost,
         )
 
+    @classmethod
+    def range_only(
+        cls,
+        range_m: float,
+        range_std_m: float,
+        *,
+        std_per_m: float = 0.0,
+        detection_probability: float = 1.0,
+        line_of_sight: bool = False,
+        reading_spacing_m: float = 3.0,
+        cost: float = 1.0,
+    ) -> BeaconKind:
+        """A radio to which the robot measures its distance (UWB); for a robot with a filter.
+
+        Examples
+        --------
+        >>> BeaconKind.range_only(range_m=30.0, range_std_m=0.1).needs_filter
+        True
+        """
+        return cls(
+            name="range_only",
+            range_m=range_m,
+            range_std_m=range_std_m,
+            std_per_m=std_per_m,
+            detection_probability=detection_probability,
+            line_of_sight=line_of_sight,
+            reading_spacing_m=reading_spacing_m,
+            cost=cost,
+        )
+
+    @classmethod
+    def bearing(
+        cls,
+        range_m: float,
+        bearing_std: float,
+        *,
+        sensor_view_deg: float = 360.0,
+        detection_probability: float = 1.0,
+        line_of_sight: bool = True,
+        reading_spacing_m: float = 3.0,
+        cost: float = 1.0,
+    ) -> BeaconKind:
+        """A light or pattern whose direction (rad, in its own frame) the robot measures; for a robot with a filter."""
+        return cls(
+            name="bearing",
+            range_m=range_m,
+            bearing_std=bearing_std,
+            sensor_view_deg=sensor_view_deg,
+            detection_probability=detection_probability,
+            line_of_sight=line_of_sight,
+            reading_spacing_m=reading_spacing_m,
+            cost=cost,
+        )
+
+    @property
+    def needs_filter(self) -> bool:
+        """Whether it measures what only a robot with a filter can use."""
+        return self.range_std_m is not None or self.bearing_std is not None
+
 
 @dataclass(frozen=True, slots=True)
 class Beacon:
     """A beacon at x, y (metres, world frame). Beacons without an ``id`` are numbered where an id is needed.
+
+    ``facing_deg`` is which way it looks, degrees counter-clockwise from +x. A kind with a ``view_angle_deg`` needs it.
 
     Examples
     --------
@@ -144,10 +227,18 @@ class Beacon:
     x: float
     y: float
     id: str = ""
+    facing_deg: float | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.kind, BeaconKind):
             raise ValueError(f"expected kind to be a BeaconKind, got {self.kind!r}")
+        if self.facing_deg is not None:
+            object.__setattr__(self, "facing_deg", number("facing_deg", self.facing_deg))
+        elif self.kind.view_angle_deg < 360:
+            raise ValueError(
+                f"expected facing_deg, which way the beacon looks: it is seen from within "
+                f"{self.kind.view_angle_deg:g} degrees of that only (view_angle_deg)"
+            )
         for name in ("x", "y"):
             object.__setattr__(self, name, number(name, getattr(self, name)))
 

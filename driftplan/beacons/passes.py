@@ -15,10 +15,13 @@ import shapely
 from numpy.typing import NDArray
 
 from driftplan.arrays import Floats, Ints
+from driftplan.model.paths import wrap
 from driftplan.world.world import World
 
 DISTANCE_DECIMALS = 6  # distances along a path are rounded to this many decimals of a metre
 _TOUCH = 1e-9  # m: a path this far outside a range counts as touching it
+_ANGLE = 1e-12  # rad: directions this near to each other are one
+_PLANE = np.array([1.0, 1j])  # vectors @ this: complex numbers
 _FLAT = 1e-9  # m: a beacon this near to the line of a leg is on it
 
 
@@ -38,8 +41,34 @@ class _Chords(NamedTuple):
     start: Floats
     end: Floats
 
+    def some(self, which: NDArray[np.bool_]) -> _Chords:
+        return _Chords(self.beacon[which], self.leg[which], self.start[which], self.end[which])
 
-def passes_of(path: Floats, xy: Floats, range_m: Floats, must_see: NDArray[np.bool_], world: World | None) -> Passes:
+
+class Views(NamedTuple):
+    """From where beacons are seen, and by what sensor; arrays of one length, rad. Half a turn: from everywhere."""
+
+    facing: Floats  # the direction a beacon looks to, world frame
+    half_angle: Floats  # to either side of it a beacon is seen
+    sensor_half_angle: Floats  # to either side of straight ahead the robot's sensor sees
+
+    def at(self, beacon: Ints, away: Floats, heading: Floats) -> NDArray[np.bool_]:
+        """Whether beacons (k,) are seen by a robot that is ``away`` (k, 2) from them, facing ``heading`` (k,)."""
+        bearing = np.arctan2(away[:, 1], away[:, 0])
+        there = (away == 0).all(axis=1)
+        seen = np.abs(wrap(bearing - self.facing[beacon])) <= self.half_angle[beacon] + _ANGLE
+        ahead = np.abs(wrap(bearing + np.pi - heading)) <= self.sensor_half_angle[beacon] + _ANGLE
+        return np.asarray(there | (seen & ahead))
+
+
+def passes_of(
+    path: Floats,
+    xy: Floats,
+    range_m: Floats,
+    must_see: NDArray[np.bool_],
+    world: World | None,
+    views: Views | None = None,
+) -> Passes:
     """All passes of a path (n, 2) through the ranges of beacons at ``xy`` (m, 2).
 
     Parameters
@@ -52,6 +81,8 @@ def passes_of(path: Floats, xy: Floats, range_m: Floats, must_see: NDArray[np.bo
         Whether a beacon works in line of sight only.
     world : World or None
         Its obstacles block sight; None: nothing does.
+    views : Views, optional
+        Default: beacons are seen from everywhere, and so does the robot see.
 
     Examples
     --------
@@ -64,6 +95,13 @@ def passes_of(path: Floats, xy: Floats, range_m: Floats, must_see: NDArray[np.bo
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     begins = np.concatenate([[0.0], np.cumsum(lengths)])
     chords = _chords(path, steps, lengths, xy, range_m)
+    if views is not None:
+        along = np.arctan2(steps[:, 1], steps[:, 0])
+        chords = _in_cone(chords, path, steps, xy, views.facing[chords.beacon], views.half_angle[chords.beacon])
+        behind, half_angle = along[chords.leg] + np.pi, views.sensor_half_angle[chords.beacon]
+        moving = (half_angle >= np.pi) | (lengths[chords.leg] > 0)  # standing still looks nowhere new
+        chords = chords.some(moving)
+        chords = _in_cone(chords, path, steps, xy, behind[moving], half_angle[moving])
     if world is not None and must_see.any():
         chords = _in_sight(chords, path, steps, lengths, xy, must_see, world)
     return _merged(chords.beacon, begins[chords.leg] + chords.start, begins[chords.leg] + chords.end, begins[-1])
@@ -84,6 +122,43 @@ def _chords(path: Floats, steps: Floats, lengths: Floats, xy: Floats, range_m: F
     middle = 0.5 * (start + end)
     touch = start > end  # by rounding only
     return _Chords(beacon, leg, np.where(touch, middle, start), np.where(touch, middle, end))
+
+
+def _in_cone(chords: _Chords, path: Floats, steps: Floats, xy: Floats, axis: Floats, half_angle: Floats) -> _Chords:
+    """The parts of chords within ``half_angle`` of the direction ``axis`` (k,) from their beacons.
+
+    A cone narrower than half a turn is where two half-planes meet, a wider one all that is in either of them.
+    """
+    everywhere = half_angle >= np.pi
+    leg = steps[chords.leg] @ _PLANE
+    along = leg / np.maximum(np.abs(leg), 1e-300)
+    origin = path[chords.leg] @ _PLANE - xy[chords.beacon] @ _PLANE
+    intervals = []
+    for side in (1.0, -1.0):
+        edge = np.exp(1j * (axis + side * half_angle))
+        inside, rate = -side * (np.conj(edge) * origin).imag, -side * (np.conj(edge) * along).imag
+        with np.errstate(divide="ignore", invalid="ignore"):
+            border = np.where(np.abs(rate) > _ANGLE, -inside / rate, np.where(inside >= -_FLAT, -np.inf, np.inf))
+        ahead = rate >= -_ANGLE
+        start = np.where(ahead, np.maximum(border, chords.start), chords.start)
+        end = np.where(ahead, chords.end, np.minimum(border, chords.end))
+        intervals.append((np.where(everywhere, chords.start, start), np.where(everywhere, chords.end, end)))
+    (start, end), (other_start, other_end) = intervals
+    wide = (half_angle > np.pi / 2) & ~everywhere
+    apart = wide & (np.maximum(start, other_start) > np.minimum(end, other_end))
+    joined = wide & ~apart
+    first = np.where(joined, np.minimum(start, other_start), np.where(apart, start, np.maximum(start, other_start)))
+    last = np.where(joined, np.maximum(end, other_end), np.where(apart, end, np.minimum(end, other_end)))
+    beacon, on_leg = (
+        np.concatenate([chords.beacon, chords.beacon[apart]]),
+        np.concatenate([chords.leg, chords.leg[apart]]),
+    )
+    first, last = np.concatenate([first, other_start[apart]]), np.concatenate([last, other_end[apart]])
+    kept = first <= last + _TOUCH
+    middle, touch = 0.5 * (first + last), first > last  # by rounding only
+    return _Chords(
+        beacon[kept], on_leg[kept], np.where(touch, middle, first)[kept], np.where(touch, middle, last)[kept]
+    )
 
 
 def _merged(beacon: Ints, enter: Floats, leave: Floats, length: float) -> Passes:

@@ -2,8 +2,9 @@
 
 The model of a pass. Along a stretch within range the beacon is read where the stretch begins, where it ends and in
 between at most `BeaconKind.reading_spacing_m` apart; on a stretch of no length (a graze) once. Every reading is a fix
-whose error is fresh (the range and the reader's geometry are part of its standard deviation), and it *replaces* the
-measured part of the robot's error; nothing is averaged. Hence
+whose error is fresh (the range and the reader's geometry are part of its standard deviation). A robot with a filter
+fuses it (`driftplan.model.filter_state`). For a robot that resets, the default, it *replaces* the measured part of the
+robot's error; nothing is averaged. Hence
 
 * within range the drift is that of the fix, grown over the odometry since the last reading; it grows on from where the
   path leaves the range;
@@ -23,12 +24,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Bools, Floats, Ints
+from driftplan.arrays import Bools, Floats, Ints, as_plane
 from driftplan.beacons.beacon import Beacon
-from driftplan.beacons.passes import Passes, passes_of
+from driftplan.beacons.passes import Passes, Views, passes_of
 from driftplan.model.drift import Drift, PointDrift, predict_drift
-from driftplan.model.noise import Noises, OdometryNoise
-from driftplan.model.readings import Fix, Readings
+from driftplan.model.noise import NO_SPREAD, Noises, OdometryNoise, SystematicSpread
+from driftplan.model.readings import Estimator, Fix, Readings
 from driftplan.world.world import World
 
 _POINT_M = 1e-6  # a pass shorter than this is one reading
@@ -54,12 +55,12 @@ def beacon_passes(path: Any, beacon: Beacon, world: World | None = None) -> Floa
 
     Examples
     --------
+    >>> from driftplan.beacons.beacon import BeaconKind
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> beacon_passes([(0, 0), (10, 0), (0, 0)], Beacon(tag, x=4.0, y=1.0)).tolist()
     [[4.0, 4.0], [16.0, 16.0]]
     """
-    columns = BeaconColumns.of([beacon])
-    found = passes_of(waypoints_of(path), columns.xy, columns.range_m, columns.must_see, world)
+    found = BeaconColumns.of([beacon]).passes(waypoints_of(path), world)
     return np.stack([found.enter, found.leave], axis=-1)
 
 
@@ -68,20 +69,30 @@ def beacon_fixes(path: Any, beacons: Sequence[Beacon], world: World | None = Non
 
     Examples
     --------
+    >>> from driftplan.beacons.beacon import BeaconKind
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> [fix.s_m for fix in beacon_fixes([(0, 0), (10, 0)], [Beacon(tag, x=4.0, y=0.0)])]
     [3.0, 5.0]
     """
     found = readings_on(waypoints_of(path), BeaconColumns.of(beacons), world)
-    fixes = []
-    for k in np.lexsort((found.rank, found.s_m)).tolist():
-        kind = beacons[int(found.source[k])].kind
-        position_cov = None if kind.position_std_m is None else kind.position_std_m**2 * np.eye(2)
-        s_m, chance = float(found.s_m[k]), float(found.chance[k])
-        fixes.append(
-            Fix(s_m=s_m, position_cov=position_cov, heading_std=kind.heading_std, detection_probability=chance)
-        )
-    return fixes
+    found = found[np.lexsort((found.rank, found.s_m))]
+    return [_fix(found, k) for k in range(len(found))]
+
+
+def _fix(found: Readings, k: int) -> Fix:
+    """A beacon's reading as a fix."""
+    columns = (found.square, found.heading_var, found.range_var, found.bearing_var)
+    square, *variances = (None if np.isnan(x[k]) else float(x[k]) for x in columns)
+    heading_std, range_std_m, bearing_std = (None if var is None else var**0.5 for var in variances)
+    return Fix(
+        s_m=float(found.s_m[k]),
+        position_cov=None if square is None else square / 2 * np.eye(2),
+        heading_std=heading_std,
+        detection_probability=float(found.chance[k]),
+        range_std_m=range_std_m,
+        bearing_std=bearing_std,
+        anchor=None if np.isnan(found.anchor[k]) else as_plane(found.anchor[k]),
+    )
 
 
 def drift_with_beacons(
@@ -91,6 +102,9 @@ def drift_with_beacons(
     world: World | None = None,
     *,
     fixes: Sequence[Fix] = (),
+    estimator: Estimator = "reset",
+    spread: SystematicSpread = NO_SPREAD,
+    start_heading: float | None = None,
 ) -> Drift:
     """Drift along a path of a robot that reads ``beacons`` on its way; exact under the model of this module.
 
@@ -103,6 +117,8 @@ def drift_with_beacons(
         Its walls block sight and its zones have their own noise; the result then has a waypoint at every zone border.
     fixes : sequence of Fix
         Further fixes, such as one at 0 for an uncertain start. At one place they come before the beacons'.
+    estimator, spread, start_heading :
+        As for `predict_drift`: what the robot does with a reading, and where it faces before its first turn.
 
     Returns
     -------
@@ -110,6 +126,7 @@ def drift_with_beacons(
 
     Examples
     --------
+    >>> from driftplan.beacons.beacon import BeaconKind
     >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> drift = drift_with_beacons([(0, 0), (30, 0), (30, 10)], noise, [Beacon(tag, x=30.0, y=0.0)])
@@ -119,7 +136,7 @@ def drift_with_beacons(
     xy = waypoints_of(path)
     readings = Readings.of(fixes) + readings_on(xy, BeaconColumns.of(beacons), world)
     xy, noises = floor_of(xy, noise, world)
-    return predict_drift(xy, noises, fixes=readings)
+    return predict_drift(xy, noises, fixes=readings, estimator=estimator, spread=spread, start_heading=start_heading)
 
 
 def waypoints_of(path: Any) -> Floats:
@@ -155,6 +172,10 @@ class BeaconColumns(NamedTuple):
     position_std_m: Floats  # NaN where the position is not measured
     heading_std: Floats  # NaN where the heading is not measured
     rank: Ints  # of readings at one place the one with the highest rank, the most accurate, comes last
+    range_std_m: Floats  # NaN where the distance is not measured
+    bearing_std: Floats  # NaN where the direction is not measured
+    std_per_m: Floats
+    views: Views
 
     @classmethod
     def of(cls, beacons: Sequence[Beacon]) -> BeaconColumns:
@@ -176,37 +197,57 @@ class BeaconColumns(NamedTuple):
             np.array([kind.position_std_m for kind in kinds], dtype=float),  # None: NaN
             np.array([kind.heading_std for kind in kinds], dtype=float),
             np.array([rank[key] for key in accuracy], dtype=np.intp),
+            np.array([kind.range_std_m for kind in kinds], dtype=float),
+            np.array([kind.bearing_std for kind in kinds], dtype=float),
+            np.array([kind.std_per_m for kind in kinds], dtype=float),
+            Views(
+                np.radians(np.array([b.facing_deg or 0.0 for b in beacons], dtype=float)),
+                np.radians(np.array([kind.view_angle_deg for kind in kinds], dtype=float)) / 2,
+                np.radians(np.array([kind.sensor_view_deg for kind in kinds], dtype=float)) / 2,
+            ),
         )
 
     def passes(self, path: Floats, world: World | None) -> Passes:
         """Where a path (n, 2) passes them."""
-        return passes_of(path, self.xy, self.range_m, self.must_see, world)
+        return passes_of(path, self.xy, self.range_m, self.must_see, world, self.views)
 
 
 def readings_on(path: Floats, beacons: BeaconColumns, world: World | None) -> Readings:
     """All readings along a path (n, 2), by beacon, in driving order; ``source`` is the beacon."""
-    return readings_of_passes(beacons.passes(path, world), beacons)[0]
+    return readings_of_passes(path, beacons.passes(path, world), beacons)[0]
 
 
-def readings_of_passes(passes: Passes, beacons: BeaconColumns) -> tuple[Readings, Ints]:
-    """The readings of passes, and the pass of each."""
+def readings_of_passes(path: Floats, passes: Passes, beacons: BeaconColumns) -> tuple[Readings, Ints]:
+    """The readings of passes of a path (n, 2), and the pass of each."""
     length = passes.leave - passes.enter
     parts = np.maximum(np.ceil(length / beacons.reading_spacing_m[passes.beacon] - 1e-6), 1)
     count = np.where(length < _POINT_M, 1, parts + 1).astype(np.intp)
     k = np.repeat(np.arange(len(count)), count)
     step = np.arange(len(k)) - np.repeat(np.cumsum(count) - count, count)
     beacon = passes.beacon[k]
-    square = 2 * beacons.position_std_m[beacon] ** 2
+    s_m = passes.enter[k] + length[k] * step / np.maximum(count[k] - 1, 1)
+    looser = beacons.std_per_m[beacon] * _distances(path, s_m, beacons.xy[beacon])
+    ranging = ~np.isnan(beacons.range_std_m[beacon]) | ~np.isnan(beacons.bearing_std[beacon])
     readings = Readings(
-        s_m=passes.enter[k] + length[k] * step / np.maximum(count[k] - 1, 1),
-        square=square,
+        s_m=s_m,
+        square=2 * (beacons.position_std_m[beacon] + looser) ** 2,
         skew=np.zeros(len(k), dtype=complex),
         heading_var=beacons.heading_std[beacon] ** 2,
         chance=1 - (1 - beacons.detection_probability[beacon]) ** (1 / count[k]),
         rank=beacons.rank[beacon],
         source=beacon,
+        anchor=np.where(ranging, beacons.xy[beacon] @ _PLANE, np.nan),
+        range_var=(beacons.range_std_m[beacon] + looser) ** 2,
+        bearing_var=beacons.bearing_std[beacon] ** 2,
     )
     return readings, k
+
+
+def _distances(path: Floats, s_m: Floats, xy: Floats) -> Floats:
+    """From places along a path (k,) to points (k, 2), metres."""
+    steps = np.diff(path, axis=0)
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
+    return np.hypot(*(np.interp(s_m, driven, path[:, axis]) - xy[:, axis] for axis in (0, 1)))
 
 
 class DetectionChance(NamedTuple):
@@ -225,6 +266,8 @@ def detection_chances(
     world: World | None = None,
     *,
     fixes: Sequence[Fix] = (),
+    estimator: Estimator = "reset",
+    spread: SystematicSpread = NO_SPREAD,
 ) -> list[DetectionChance]:
     """For every pass of a path, the probability that the robot really comes within range.
 
@@ -238,7 +281,7 @@ def detection_chances(
 
     Parameters
     ----------
-    path, noise, beacons, world, fixes :
+    path, noise, beacons, world, fixes, estimator, spread :
         As for `drift_with_beacons`.
 
     Returns
@@ -252,11 +295,11 @@ def detection_chances(
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> tags = [Beacon(tag, x=10.0, y=0.5), Beacon(tag, x=55.0, y=0.5)]
     >>> [round(c.probability, 2) for c in detection_chances([(0, 0), (60, 0)], noise, tags)]
-    [0.97, 0.22]
+    [0.97, 0.21]
     """
     xy, columns = waypoints_of(path), BeaconColumns.of(beacons)
     passes = columns.passes(xy, world)
-    drift = drift_with_beacons(xy, noise, beacons, world, fixes=fixes)
+    drift = drift_with_beacons(xy, noise, beacons, world, fixes=fixes, estimator=estimator, spread=spread)
     return chances_listed(beacons, passes, chances_of_passes(xy, passes, columns, drift.on_arrival(passes.enter)))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -122,6 +122,31 @@ class Layout:
     def worst_drift(self) -> float:
         """Greatest drift on any route, all beacons alive, metres."""
         return max(self.worst_drifts)
+
+    @cached_property
+    def worst_drift_if_fused(self) -> float:
+        """Greatest drift on any route of a robot that fuses the readings of these beacons, metres."""
+        scenario, everyone = replace(self.scenario, estimator="filter"), (*self.existing, *self.beacons)
+        return max(scenario.worst(scenario.drift(r, everyone)) for r in range(len(self.drifts)))
+
+    @property
+    def note(self) -> str:
+        """In a sentence, what a robot that fuses its readings would have, or where its filter stops being linear; empty
+        where there is nothing to say, and with a confidence."""
+        if self.scenario.confidence is not None:
+            return ""
+        if self.scenario.estimator == "reset":
+            return (
+                f"With the same beacons a robot that fuses its readings would drift at most "
+                f'{self.worst_drift_if_fused:.3g} m; with estimator="filter" fewer may do.'
+            )
+        beyond = [r for r, drift in enumerate(self.drifts) if len(drift.beyond_linear)]
+        if not beyond:
+            return ""
+        return (
+            f"On {len(beyond)} of {len(self.drifts)} routes, the first of them route {beyond[0]}, the heading is less "
+            "certain between readings than a filter can be trusted with."
+        )
 
     @cached_property
     def importance(self) -> tuple[Importance, ...]:

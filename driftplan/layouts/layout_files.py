@@ -32,6 +32,7 @@ class InstallerRow(NamedTuple):
     kind: str
     x_m: float
     y_m: float
+    facing_deg: float  # which way it looks, counter-clockwise from +x; nan where that does not matter
     new: bool
     nearest_wall_m: float  # nan without a map, or without walls
     wall_x_m: float
@@ -44,7 +45,7 @@ class InstallerRow(NamedTuple):
 def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
     """All beacons of a layout, the ones whose failure hurts most first."""
     world = layout.scenario.world
-    places = shapely.points([beacon.xy for beacon, *_ in layout.importance])
+    places = shapely.points(np.array([beacon.xy for beacon, *_ in layout.importance]).reshape(-1, 2))
     walls = np.full((len(places), 2), nan)
     if world is not None and not world.obstacles.is_empty:
         walls = shapely.get_coordinates(shapely.shortest_line(world.obstacles.boundary, places))[::2]
@@ -54,6 +55,7 @@ def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
             kind=beacon.kind.name,
             x_m=beacon.x,
             y_m=beacon.y,
+            facing_deg=nan if beacon.facing_deg is None else beacon.facing_deg,
             new=beacon in layout.beacons,
             nearest_wall_m=hypot(wall_x - beacon.x, wall_y - beacon.y),
             wall_x_m=wall_x,
@@ -130,9 +132,10 @@ def beacons_geojson(beacons: Sequence[Beacon]) -> bytes:
 def load_beacons(path: str | os.PathLike[str]) -> tuple[Beacon, ...]:
     """Beacons of a GeoJSON file, as `layout_geojson` and `beacons_geojson` write it.
 
-    Point features in metres; properties by the names of `BeaconKind` (``range_m`` and a ``position_std_m`` or
-    ``heading_std`` at least, ``kind`` for its name) and ``id``. Features that are no points are passed over, so a map
-    and its beacons may share a file; other properties are too. A file without features holds no beacons.
+    Point features in metres; properties by the names of `BeaconKind` (``range_m`` and a ``position_std_m``,
+    ``heading_std``, ``range_std_m`` or ``bearing_std`` at least, ``kind`` for its name), ``facing_deg`` and ``id``.
+    Features that are no points are passed over, so a map and its beacons may share a file; other properties are too. A
+    file without features holds no beacons.
 
     Raises
     ------
@@ -156,7 +159,8 @@ def load_beacons(path: str | os.PathLike[str]) -> tuple[Beacon, ...]:
         values = {"name": properties.get("kind", "beacon")} | {k: properties[k] for k in _KIND[1:] if k in properties}
         try:
             x, y = geometry["coordinates"][:2]
-            found.append(Beacon(BeaconKind(**values), x, y, id=str(properties.get("id", ""))))
+            facing, name = properties.get("facing_deg"), str(properties.get("id", ""))
+            found.append(Beacon(BeaconKind(**values), x, y, id=name, facing_deg=facing))
         except (KeyError, TypeError, ValueError) as err:
             raise MapError(f"{where}: expected a beacon: {err}") from err
     if features and not found:
@@ -166,8 +170,9 @@ def load_beacons(path: str | os.PathLike[str]) -> tuple[Beacon, ...]:
 
 def _feature(beacon: Beacon, **more: Any) -> dict[str, Any]:
     kind = {name: value for name, value in asdict(beacon.kind).items() if name != "name" and value is not None}
+    facing = {} if beacon.facing_deg is None else {"facing_deg": beacon.facing_deg}
     return {
         "type": "Feature",
         "geometry": {"type": "Point", "coordinates": [beacon.x, beacon.y]},
-        "properties": {"id": beacon.id, "kind": beacon.kind.name, **kind, **more},
+        "properties": {"id": beacon.id, "kind": beacon.kind.name, **kind, **facing, **more},
     }

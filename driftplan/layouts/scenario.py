@@ -10,11 +10,10 @@ import numpy as np
 
 from driftplan.arrays import Floats, keywords_checked, whole
 from driftplan.beacons.beacon import Beacon
-from driftplan.beacons.passes import passes_of
 from driftplan.beacons.readings import BeaconColumns, drift_with_beacons, waypoints_of
 from driftplan.model.drift import Drift, PointDrift
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.readings import Fix
+from driftplan.model.readings import Estimator, Fix, checked_estimator
 from driftplan.model.worst import worst_radius, worst_rms
 from driftplan.world.world import World
 
@@ -85,6 +84,8 @@ class Scenario:
         Uncertainty at the start of every route.
     confidence, redundancy :
         Of the `DriftLimit`.
+    estimator : {"reset", "filter"}
+        What the robot does with a reading.
     """
 
     world: World | None
@@ -93,12 +94,25 @@ class Scenario:
     start_fix: Fix | None = None
     confidence: float | None = None
     redundancy: int = 1
+    estimator: Estimator = "reset"
 
     @classmethod
     def of(
-        cls, world: World | None, routes: Any, noise: OdometryNoise, limit: DriftLimit, start_fix: Fix | None = None
+        cls,
+        world: World | None,
+        routes: Any,
+        noise: OdometryNoise,
+        limit: DriftLimit,
+        start_fix: Fix | None = None,
+        estimator: Estimator = "reset",
     ) -> Scenario:
         """A scenario of one route or several, each (n, 2) or an object with a ``path``; all of it checked."""
+        checked_estimator(estimator)
+        if estimator == "filter" and limit.confidence is not None:
+            raise ValueError(
+                f"expected confidence only for estimator='reset', got {limit.confidence:g}: with a filter limits are "
+                "on the rms"
+            )
         if start_fix is not None and not (isinstance(start_fix, Fix) and start_fix.s_m == 0):
             raise ValueError(f"expected start_fix to be a Fix at s_m=0, got {start_fix!r}")
         _check_continuous("noise", noise)
@@ -111,12 +125,14 @@ class Scenario:
             start_fix=start_fix,
             confidence=limit.confidence,
             redundancy=limit.redundancy,
+            estimator=estimator,
         )
 
     def drift(self, route: int, beacons: Sequence[Beacon]) -> Drift:
         """Drift along one route with the given beacons alive."""
         fixes = () if self.start_fix is None else (self.start_fix,)
-        return drift_with_beacons(self.routes[route], self.noise, beacons, self.world, fixes=fixes)
+        path, estimator = self.routes[route], self.estimator
+        return drift_with_beacons(path, self.noise, beacons, self.world, fixes=fixes, estimator=estimator)
 
     def score(self, drift: PointDrift) -> Floats:
         """The score that limits are about: rms, or the radius at the confidence."""
@@ -134,7 +150,7 @@ class Scenario:
 def beacons_in_range(world: World | None, path: Floats, beacons: Sequence[Beacon]) -> list[Beacon]:
     """Those of the beacons that a path comes within range of, and in sight where they must be seen."""
     columns = BeaconColumns.of(beacons)
-    found = passes_of(path, columns.xy, columns.range_m, columns.must_see, world)
+    found = columns.passes(path, world)
     return [beacons[i] for i in np.unique(found.beacon)]
 
 

@@ -38,6 +38,9 @@ class SiteGroup:
     at_most: int | None = None
 
 
+_FACINGS_DEG = (0.0, 90.0, 180.0, 270.0)
+
+
 @keywords_checked()
 @dataclass(frozen=True, eq=False)
 class Sites:
@@ -46,7 +49,8 @@ class Sites:
     Parameters
     ----------
     kind : BeaconKind or several
-        What may be placed at ``points``; each kind at each point is one site.
+        What may be placed at ``points``; each kind at each point is one site, or four, looking four ways, if it is not
+        seen from everywhere (with ``costs`` or other facings: give Beacons as ``points``).
     points : (n, 2) in metres, or Beacons
         None: a grid over the world's free space (without a world: points along the routes), ``spacing_m`` apart
         (default: the smallest range), as far as a route comes into range.
@@ -148,7 +152,12 @@ class Sites:
             return list(points)
         if points is None:
             points = self._generated(world, routes, [kind.range_m for kind in kinds])
-        return [Beacon(kind, x, y) for x, y in points.tolist() for kind in kinds]
+        return [
+            Beacon(kind, x, y, facing_deg=facing)
+            for x, y in points.tolist()
+            for kind in kinds
+            for facing in (_FACINGS_DEG if kind.view_angle_deg < 360 and self.costs is None else (None,))
+        ]
 
     def _generated(self, world: World | None, routes: Sequence[Floats], ranges_m: Sequence[float]) -> Floats:
         """A grid over free space, or points along the routes without a world."""

@@ -5,7 +5,8 @@ paths                           what the robot drives: turns on the spot and run
 moments, elements               the error-moment algebra, and what a run and a turn are in it
 readings, drive                 a fix, what it makes of the errors; the engine that carries them along a path
 drift, worst, scores            predict_drift; the greatest drift on the way; radii and probabilities
-simulation                      Monte Carlo dead reckoning, the oracle
+covariance, filter_state, fusion  the same for a robot that fuses its readings in a Kalman filter
+simulation                      Monte Carlo dead reckoning, with resets or a real filter: the oracle
 spatial                         the same in space
 calibration                     noise from recorded drives
 """

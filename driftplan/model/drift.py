@@ -13,10 +13,20 @@ from driftplan.arrays import Array, Floats, Ints, as_covariance, as_plane, finit
 from driftplan.model import scores
 from driftplan.model.drive import Driven, drive
 from driftplan.model.elements import of_legs
+from driftplan.model.filter_state import LINEAR_HEADING_STD_RAD
+from driftplan.model.fusion import Beliefs, fuse
 from driftplan.model.moments import Moments, compose
-from driftplan.model.noise import Noises, OdometryNoise, drives_to_average, noise_of_legs
+from driftplan.model.noise import (
+    NO_SPREAD,
+    Noises,
+    OdometryNoise,
+    SystematicSpread,
+    drives_to_average,
+    noise_of_legs,
+    spread_of,
+)
 from driftplan.model.paths import Runs, read_path, same_place_within
-from driftplan.model.readings import Fix, Readings
+from driftplan.model.readings import Estimator, Fix, Readings, checked_estimator
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,6 +134,7 @@ class Drift(PointDrift):
     _noise_of_leg: Ints
     _driven: Driven  # at every leg border
     _border_distance: Floats
+    _beliefs: Beliefs | None = None  # of a robot with a filter
     _drives: tuple[tuple[float, Drift], ...] = ()  # weights and drifts, where systematic errors differ between drives
 
     @property
@@ -179,10 +190,55 @@ class Drift(PointDrift):
         if self._drives:
             return _averaged([(weight, one.departures()) for weight, one in self._drives])
         turns, begun = self.runs.turns, self._driven.leaving[:-1]
-        if not any(noise.turns_matter for noise in self.noises):
+        if self._beliefs is None and not any(noise.turns_matter for noise in self.noises):
             return replace(begun, u=begun.u * np.exp(1j * turns))
         zero = np.zeros(turns.shape)
-        return compose(begun, of_legs(turns, zero, zero, self._noise_of_leg, self.noises))
+        return self._onward(begun, np.arange(len(turns)), turns, zero, zero, self._noise_of_leg)
+
+    def inside_legs(self, shares: Floats) -> Moments:
+        """Moments at these shares (k,) of every leg's run, for one path, (legs, k)."""
+        if self._drives:
+            return _averaged([(weight, one.inside_legs(shares)) for weight, one in self._drives])
+        runs, last = self.runs, len(self.runs.lengths)
+        border = np.repeat(np.arange(last)[:, None], len(shares), axis=1)
+        begin = self._driven.leaving[border]
+        driven, which = runs.lengths[:, None] * shares, self._noise_of_leg[border]
+        return self._onward(begin, border, runs.turns[border], driven, runs.curvatures[border], which)
+
+    @property
+    def is_fused(self) -> bool:
+        """Whether this is the drift of a robot with a filter."""
+        return self._beliefs is not None
+
+    @property
+    def has_systematic(self) -> bool:
+        """Whether known systematic errors or those of a spread act on it."""
+        spread = self._beliefs is not None and bool(self._beliefs.spread.names)
+        return spread or any(noise.is_systematic for noise in self.noises)
+
+    def _onward(
+        self, begin: Moments, border: Ints, turns: Floats, lengths: Floats, curvatures: Floats, which: Ints
+    ) -> Moments:
+        """Moments after driving on from borders, where they are ``begin``: the one place where the engines differ."""
+        if self._beliefs is not None:
+            return self._beliefs.onward(begin, border, (turns, lengths, curvatures, which))
+        return compose(begin, of_legs(turns, lengths, curvatures, which, self.noises))
+
+    @property
+    def beyond_linear(self) -> Floats:
+        """Where along one path a filter's prediction is not to be trusted, metres driven, (k, 2): stretches on which
+        the heading's standard deviation exceeds 0.15 rad. The filter itself goes wrong there. Without a filter none:
+        resets are predicted without linearisation."""
+        if self.distance.ndim != 1:
+            raise ValueError(f"expected the drift of one path, got a batch of shape {self.distance.shape[:-1]}")
+        if self._beliefs is None:
+            return np.zeros((0, 2))
+        limit, ends = LINEAR_HEADING_STD_RAD**2, self._border_distance
+        begin = PointDrift(ends[:-1], self.departures()).heading_std ** 2
+        end = np.maximum(PointDrift(ends[1:], self._driven.arriving[1:]).heading_std ** 2, begin)
+        leg = np.flatnonzero(end > limit)
+        share = np.clip((limit - begin[leg]) / np.maximum(end[leg] - begin[leg], 1e-300), 0.0, 1.0)
+        return np.stack([ends[leg] + share * self.runs.lengths[leg], ends[leg + 1]], axis=-1)
 
     def profile(self, spacing_m: float | None = None) -> PointDrift:
         """Drift along one path for plotting: the leg borders, points every ``spacing_m`` metres (default: 200 in all)
@@ -229,7 +285,7 @@ class Drift(PointDrift):
         driven = np.clip(s - pick(borders, border), 0.0, None)
         turns = np.where(driven > 0, pick(self.runs.turns, leg), 0.0)
         curvatures, which = pick(self.runs.curvatures, leg), pick(self._noise_of_leg, leg)
-        return PointDrift(s, compose(begin, of_legs(turns, driven, curvatures, which, self.noises)))
+        return PointDrift(s, self._onward(begin, border, turns, driven, curvatures, which))
 
 
 def predict_drift(
@@ -238,12 +294,14 @@ def predict_drift(
     *,
     start_heading: float | ArrayLike | None = None,
     fixes: Sequence[Fix] | Readings = (),
+    estimator: Estimator = "reset",
+    spread: SystematicSpread = NO_SPREAD,
 ) -> Drift:
     """How far odometry will have drifted at every point of a path: bias, covariance and rms, in closed form.
 
     The robot follows ``path`` exactly, starting from a known pose; its odometry errs as `OdometryNoise` says,
-    independently on disjoint stretches. Exact first and second moments for any amount of noise, no linearisation.
-    A path costs O(waypoints), whatever the number of odometry steps.
+    independently on disjoint stretches. Exact first and second moments for any amount of noise, no linearisation (for
+    a robot that resets). A path costs O(waypoints), whatever the number of odometry steps.
 
     Parameters
     ----------
@@ -259,6 +317,13 @@ def predict_drift(
     fixes : sequence of Fix, or Readings
         Absolute measurements on the way (one path only), ordered as `driftplan.model.readings` says. A fix at 0 sets
         the uncertainty of the start.
+    estimator : {"reset", "filter"}
+        What the robot does with a fix. ``reset``: it replaces what is measured; safe to assume of every robot.
+        ``filter``: it is fused in an extended Kalman filter, so that a position fix also corrects heading and a further
+        fix never hurts. Then the drift is the filter's covariance, linearised about the path: within a few per cent
+        outside of `Drift.beyond_linear`. Known systematic errors shift the filter's mean, they are not corrected.
+    spread : SystematicSpread
+        Systematic errors that differ from drive to drive and are estimated by the filter as it goes.
 
     Returns
     -------
@@ -267,7 +332,8 @@ def predict_drift(
     Raises
     ------
     ValueError
-        For paths of fewer than 2 waypoints, wrong shapes, values that are not finite, fixes off the path.
+        For paths of fewer than 2 waypoints, wrong shapes, values that are not finite, fixes off the path; for ranges
+        and bearings, and a spread, with ``reset``.
 
     Notes
     -----
@@ -283,8 +349,13 @@ def predict_drift(
     >>> drift.at(15.0).rms.round(3).item()
     0.195
     """
+    checked_estimator(estimator)
+    if estimator == "reset" and spread.names:
+        raise ValueError(f"a spread of {', '.join(spread.names)} is for estimator='filter', which estimates it")
     runs = read_path(path, start_heading)
     noises, noise_of_leg = noise_of_legs(noise, runs.lengths.shape[-1], runs.legs_per_waypoint)
+    if estimator == "filter" and not spread.names:
+        noises, spread = spread_of(noises)
     if any(one.varies_between_drives for one in noises):
         kinds = [noise] if isinstance(noise, OdometryNoise) else list(noise)
         some = [
@@ -300,17 +371,23 @@ def predict_drift(
     waypoints = np.arange(0, runs.lengths.shape[-1] + 1, runs.legs_per_waypoint)
     zero = np.zeros(np.shape(runs.start))
     start = Moments(np.exp(1j * runs.heading), runs.start, *([zero] * 8))
+    readings: Readings | None = None
+    at: Ints | None = None
     if len(fixes):
         readings = fixes if isinstance(fixes, Readings) else Readings.of(fixes)
         runs, at, borders = runs.cut(readings.s_m)
         waypoints, noise_of_leg = borders[waypoints], np.repeat(noise_of_leg, np.diff(borders))
-    legs = of_legs(runs.turns, runs.lengths, runs.curvatures, noise_of_leg, noises)
-    driven = drive(legs, start, readings, at) if len(fixes) else drive(legs, start)
+    beliefs: Beliefs | None = None
+    if estimator == "filter":
+        driven, beliefs = fuse(runs, noise_of_leg, noises, spread, start, readings, at)
+    else:
+        legs = of_legs(runs.turns, runs.lengths, runs.curvatures, noise_of_leg, noises)
+        driven = drive(legs, start, readings, at)
     distance = np.concatenate([zero[..., None], np.cumsum(runs.lengths, axis=-1)], axis=-1)
     at_waypoints, moments = distance[..., waypoints], driven.leaving[..., waypoints]
     for array in (distance, at_waypoints, *(x for part in (moments, *driven) for x in part.arrays())):
         array.setflags(write=False)
-    return Drift(at_waypoints, moments, runs, noises, noise_of_leg, driven, distance)
+    return Drift(at_waypoints, moments, runs, noises, noise_of_leg, driven, distance, beliefs)
 
 
 def _averaged(moments: Sequence[tuple[float, Moments]]) -> Moments:

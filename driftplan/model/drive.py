@@ -42,16 +42,24 @@ def drive(legs: Moments, start: Moments, readings: Readings | None = None, at: I
     if readings is None or at is None:
         states = scan(legs, start)
         return Driven(states, states)
-    of_start = (at == 0) & (readings.rank < 0)
-    for k in np.flatnonzero(of_start).tolist():
-        start = readings[k].resets().apply(start)
-    readings, at = readings[~of_start], at[~of_start]
-    order = np.lexsort((readings.rank, at))
+    start, order = start_and_order(start, readings, at)
     due: dict[int, list[Resets]] = {}
     for border, reset in zip(at[order].tolist(), readings[order].resets().numbers(), strict=True):
         due.setdefault(border, []).append(reset)
     last = legs.shape[-1]
     return (_leg_by_leg if last <= _SHORT_HOP_LEGS * len(due) else _hop_by_hop)(legs, start, due)
+
+
+def start_and_order(start: Moments, readings: Readings, at: Ints) -> tuple[Moments, Ints]:
+    """The start with the errors that fixes at border 0 say it has, and the other readings in the order of driving.
+
+    Fixes at the start replace what was known about it, whatever the estimator.
+    """
+    of_start = (at == 0) & (readings.rank < 0)
+    for k in np.flatnonzero(of_start).tolist():
+        start = readings[k].resets().apply(start)
+    order = np.lexsort((readings.rank, at))
+    return start, order[~of_start[order]]
 
 
 def _leg_by_leg(legs: Moments, start: Moments, due: dict[int, list[Resets]]) -> Driven:

@@ -30,8 +30,12 @@ _VARIANCES = (
     "distance_var_per_step",
     "lateral_var_per_step",
 )
-_SYSTEMATIC = ("heading_bias_per_m", "heading_bias_per_rad", "distance_scale_error")
-_BETWEEN_DRIVES = ("heading_bias_std_per_m", "heading_bias_std_per_rad", "distance_scale_std")
+SYSTEMATIC = ("heading_bias_per_m", "heading_bias_per_rad", "distance_scale_error")
+BETWEEN_DRIVES = {
+    "heading_bias_per_m": "heading_bias_std_per_m",
+    "heading_bias_per_rad": "heading_bias_std_per_rad",
+    "distance_scale_error": "distance_scale_std",
+}
 _NODES = (  # of a standard normal variable: the moments of a mixture over 5 (3) are exact to the 9th (5th) power of it
     (
         (-2.8569700138728056, -1.355626179974266, 0.0, 1.355626179974266, 2.8569700138728056),
@@ -116,9 +120,9 @@ class OdometryNoise:
     distance_scale_std: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in (*_VARIANCES, *_SYSTEMATIC, *_BETWEEN_DRIVES, "heading_distance_corr"):
+        for name in (*_VARIANCES, *SYSTEMATIC, *BETWEEN_DRIVES.values(), "heading_distance_corr"):
             object.__setattr__(self, name, number(name, getattr(self, name)))
-        for name in (*_VARIANCES, *_BETWEEN_DRIVES):
+        for name in (*_VARIANCES, *BETWEEN_DRIVES.values()):
             if getattr(self, name) < 0:
                 raise ValueError(f"expected {name} >= 0, got {getattr(self, name)!r}")
         if not -1 <= self.heading_distance_corr <= 1:
@@ -251,7 +255,7 @@ class OdometryNoise:
         """
         factor = not_negative("std_factor", std_factor)
         changed = {name: getattr(self, name) * factor**2 for name in _VARIANCES}
-        changed |= {name: getattr(self, name) * factor for name in (*_SYSTEMATIC, *_BETWEEN_DRIVES)}
+        changed |= {name: getattr(self, name) * factor for name in (*SYSTEMATIC, *BETWEEN_DRIVES.values())}
         return replace(self, **changed)
 
     def heading_std_after(self, length_m: float, turn_rad: float = 0.0) -> float:
@@ -264,7 +268,7 @@ class OdometryNoise:
     @property
     def varies_between_drives(self) -> bool:
         """Whether systematic errors differ from one drive to the next."""
-        return any(getattr(self, name) != 0 for name in _BETWEEN_DRIVES)
+        return any(getattr(self, name) != 0 for name in BETWEEN_DRIVES.values())
 
     def on_drive(self, deviations: Sequence[float]) -> OdometryNoise:
         """The noise on a drive whose three systematic errors (heading per metre and per radian, distance scale) lie so
@@ -277,16 +281,16 @@ class OdometryNoise:
         """
         shifted: dict[str, Any] = {
             name: getattr(self, name) + z * getattr(self, std)
-            for name, std, z in zip(_SYSTEMATIC, _BETWEEN_DRIVES, deviations, strict=True)
+            for name, std, z in zip(SYSTEMATIC, BETWEEN_DRIVES.values(), deviations, strict=True)
         }
         shifted["distance_scale_error"] = max(shifted["distance_scale_error"], -0.99)
-        shifted |= dict.fromkeys(_BETWEEN_DRIVES, 0.0)
+        shifted |= dict.fromkeys(BETWEEN_DRIVES.values(), 0.0)
         return replace(self, **shifted)
 
     @property
     def is_systematic(self) -> bool:
         """Whether any systematic error (bias or scale) is set."""
-        return any(getattr(self, name) != 0 for name in _SYSTEMATIC)
+        return any(getattr(self, name) != 0 for name in SYSTEMATIC)
 
     @property
     def is_plain(self) -> bool:
@@ -306,12 +310,49 @@ class OdometryNoise:
         return f"OdometryNoise({', '.join(said)})"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SystematicSpread:
+    """Constants of the odometry that differ from drive to drive; the robot's filter estimates them as it goes.
+
+    Parameters
+    ----------
+    heading_bias_per_m, heading_bias_per_rad, distance_scale_error : float
+        Standard deviation, between drives, of the constants of these names of `OdometryNoise`: rad/m, rad/rad, m/m.
+
+    Examples
+    --------
+    >>> SystematicSpread(distance_scale_error=0.02).names
+    ('distance_scale_error',)
+    """
+
+    heading_bias_per_m: float = 0.0
+    heading_bias_per_rad: float = 0.0
+    distance_scale_error: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            object.__setattr__(self, field.name, not_negative(field.name, getattr(self, field.name)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those that are not zero: the further states, in this order."""
+        return tuple(field.name for field in fields(self) if getattr(self, field.name) > 0)
+
+    @property
+    def variances(self) -> tuple[float, ...]:
+        """Of the further states."""
+        return tuple(getattr(self, name) ** 2 for name in self.names)
+
+
+NO_SPREAD = SystematicSpread()
+
+
 def drives_to_average(noises: Sequence[OdometryNoise]) -> list[tuple[float, tuple[float, ...]]]:
     """Weights and deviations (`OdometryNoise.on_drive`) of a few drives whose average is that over all drives of a
     robot with these noises, on whatever floor; one drive where nothing differs."""
     axes = [
         nodes if any(getattr(noise, std) != 0 for noise in noises) else ((0.0,), (1.0,))
-        for nodes, std in zip(_NODES, _BETWEEN_DRIVES, strict=True)
+        for nodes, std in zip(_NODES, BETWEEN_DRIVES.values(), strict=True)
     ]
     return [
         (prod(weights), deviations)
@@ -319,6 +360,16 @@ def drives_to_average(noises: Sequence[OdometryNoise]) -> list[tuple[float, tupl
             product(*(places for places, _ in axes)), product(*(weights for _, weights in axes)), strict=True
         )
     ]
+
+
+def spread_of(noises: Sequence[OdometryNoise]) -> tuple[tuple[OdometryNoise, ...], SystematicSpread]:
+    """Noises without spread, and the spread that a filter estimates: one for all floors, since it is the robot's."""
+    spreads = {
+        SystematicSpread(**{name: getattr(noise, std) for name, std in BETWEEN_DRIVES.items()}) for noise in noises
+    }
+    if len(spreads) > 1:
+        raise ValueError("expected noises whose systematic errors differ alike between drives, got several spreads")
+    return tuple(noise.on_drive((0, 0, 0)) for noise in noises), spreads.pop()
 
 
 def steps_in(length_m: ArrayLike, step_m: float) -> NDArray[np.float64]:

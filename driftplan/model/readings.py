@@ -7,30 +7,50 @@ the robot turns on the spot. Every engine (predictions, itineraries, placement) 
 `driftplan.model.paths.Runs.cut`, which says so once.
 
 What a reading does. The estimator ``reset`` replaces what is measured, see `Resets.apply`, the one place that says so.
+The estimator ``filter`` fuses it in a Kalman filter, see `driftplan.model.filter_state`; only it can use a range or a
+bearing, which tell neither position nor heading by themselves.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from math import hypot
+from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from driftplan.arrays import Array, Bools, Complexes, Floats, Ints, covariance, not_negative, number
+from driftplan.arrays import Array, Bools, Complexes, Floats, Ints, as_plane, covariance, not_negative, number, shaped
+from driftplan.model.filter_state import Row, bearing_row, heading_row, position_rows, range_row
 from driftplan.model.heading_laws import law_moments
 from driftplan.model.moments import Moments, identity
+
+Estimator = Literal["reset", "filter"]
+NEEDS_FILTER = (
+    "a range or a bearing tells neither position nor heading by itself, "
+    "a robot that replaces what it reads cannot use it"
+)
+_NEAREST_ANCHOR_M = 0.01  # a range or bearing from nearer is left out: no direction, and nothing linear about it
+
+
+def checked_estimator(estimator: str) -> None:
+    """Whether it is one."""
+    if estimator not in get_args(Estimator):
+        raise ValueError(f"expected estimator one of {get_args(Estimator)}, got {estimator!r}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fix:
     """An absolute measurement at the distance ``s_m`` along a path.
 
-    The measured quantity's error is replaced by the measurement's, independent of all before: a full fix replaces
-    position and heading error, a position fix (RFID) leaves the heading error, a heading fix the position error.
-    Nothing is fused: a fix less accurate than the estimate makes it worse, and a filter that used the correlation of
-    position and heading error would also gain heading from a position fix. In the step model (``step_m``) a fix ends a
-    step: the run it lies in counts its steps anew on either side, whether or not the fix is detected.
+    A robot that resets replaces the measured quantity's error by the measurement's, independent of all before: a full
+    fix replaces position and heading error, a position fix (RFID) leaves the heading error, a heading fix the position
+    error. A fix less accurate than the estimate then makes it worse. A robot with a filter fuses it: a position fix
+    also corrects heading, and no fix ever hurts. Ranges and bearings need a filter.
+
+    In the step model (``step_m``) a fix ends a step: the run it lies in counts its steps anew on either side, whether
+    or not the fix is detected.
 
     Attributes
     ----------
@@ -42,6 +62,11 @@ class Fix:
         Standard deviation of the measured heading, rad (Gaussian); None: heading not measured.
     detection_probability : float
         Probability that the measurement happens at all; otherwise the drift goes on as if there were no fix.
+    range_std_m, bearing_std : float or None
+        Standard deviation of the measured distance to ``anchor`` (m), and of its measured direction in the robot's
+        frame (rad).
+    anchor : (2,) array or None
+        Where the beacon is to which a range or bearing is measured, metres, world frame.
 
     Raises
     ------
@@ -53,13 +78,23 @@ class Fix:
     position_cov: Floats | None = None
     heading_std: float | None = None
     detection_probability: float = 1.0
+    range_std_m: float | None = None
+    bearing_std: float | None = None
+    anchor: Floats | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "s_m", not_negative("s_m", self.s_m))
-        if self.position_cov is None and self.heading_std is None:
+        if all(x is None for x in (self.position_cov, self.heading_std, self.range_std_m, self.bearing_std)):
             raise ValueError("expected a fix to measure position_cov, heading_std or both, got neither")
-        if self.heading_std is not None:
-            object.__setattr__(self, "heading_std", not_negative("heading_std", self.heading_std))
+        for name in ("heading_std", "range_std_m", "bearing_std"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, not_negative(name, getattr(self, name)))
+        if (self.range_std_m is None and self.bearing_std is None) != (self.anchor is None):
+            raise ValueError("expected an anchor with a range or bearing, and only then")
+        if self.anchor is not None:
+            anchor = shaped("anchor", self.anchor, (2,)).copy()
+            anchor.setflags(write=False)
+            object.__setattr__(self, "anchor", anchor)
         if not 0 <= number("detection_probability", self.detection_probability) <= 1:
             raise ValueError(f"expected detection_probability in [0, 1], got {self.detection_probability!r}")
         if self.position_cov is not None:
@@ -93,6 +128,32 @@ class Fix:
         """Heading only: a compass, a wall of known direction."""
         return cls(s_m=s_m, heading_std=heading_std, detection_probability=detection_probability)
 
+    @classmethod
+    def range(cls, s_m: float, *, anchor: ArrayLike, range_std_m: float, detection_probability: float = 1.0) -> Fix:
+        """Distance to an anchor only: an ultra-wideband radio. It needs a filter.
+
+        Examples
+        --------
+        >>> Fix.range(10.0, anchor=(3.0, 4.0), range_std_m=0.1).anchor
+        array([3., 4.])
+        """
+        return cls(
+            s_m=s_m,
+            anchor=np.asarray(anchor),
+            range_std_m=range_std_m,
+            detection_probability=detection_probability,
+        )
+
+    @classmethod
+    def bearing(cls, s_m: float, *, anchor: ArrayLike, bearing_std: float, detection_probability: float = 1.0) -> Fix:
+        """Direction (rad, robot's frame) of a landmark that a camera or laser recognises. It needs a filter."""
+        return cls(
+            s_m=s_m,
+            anchor=np.asarray(anchor),
+            bearing_std=bearing_std,
+            detection_probability=detection_probability,
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
@@ -106,6 +167,8 @@ class Readings:
     chance : probability that the reading succeeds
     rank : of readings at one place the one with the highest rank comes last
     source : which fix or beacon gives it
+    anchor : complex, metres: to what a range or bearing is measured; NaN where neither is
+    range_var, bearing_var : variances of a distance (m²) and of a direction (rad²) that are read; NaN where none is
 
     Examples
     --------
@@ -120,6 +183,9 @@ class Readings:
     chance: Floats
     rank: Ints
     source: Ints
+    anchor: Complexes
+    range_var: Floats
+    bearing_var: Floats
 
     @classmethod
     def of(cls, fixes: Sequence[Fix]) -> Readings:
@@ -135,6 +201,9 @@ class Readings:
             np.array([fix.detection_probability for fix in fixes], dtype=float),
             np.full(count, -1),
             np.arange(count),
+            np.array([np.nan if f.anchor is None else complex(*f.anchor) for f in fixes], dtype=complex),
+            np.array([fix.range_std_m for fix in fixes], dtype=float) ** 2,
+            np.array([fix.bearing_std for fix in fixes], dtype=float) ** 2,
         )
 
     def __len__(self) -> int:
@@ -149,7 +218,7 @@ class Readings:
 
     def arrays(self) -> tuple[Array, ...]:
         """The arrays, in the order of the attributes."""
-        return (self.s_m, self.square, self.skew, self.heading_var, self.chance, self.rank, self.source)
+        return tuple(getattr(self, field.name) for field in fields(self))
 
     @property
     def read_position(self) -> Bools:
@@ -160,7 +229,15 @@ class Readings:
         return ~np.isnan(self.heading_var)
 
     def resets(self) -> Resets:
-        """What the estimator ``reset`` makes of them."""
+        """What the estimator ``reset`` makes of them.
+
+        Raises
+        ------
+        ValueError
+            For a range or a bearing: they need a filter.
+        """
+        if not (np.isnan(self.range_var) & np.isnan(self.bearing_var)).all():
+            raise ValueError(f"{NEEDS_FILTER}; expected estimator='filter'")
         places, turns = self.read_position, self.read_heading
         law = law_moments("gaussian", np.where(turns, self.heading_var, 0.0))
         placed, turned = self.chance * places, self.chance * turns
@@ -174,6 +251,25 @@ class Readings:
             keep_cross=1 - self.chance,
             lever=(turned - placed * turns) * law.d1,
         )
+
+    def rows(self, k: int, position: complex) -> tuple[tuple[Row, ...], float | None]:
+        """What the estimator ``filter`` makes of reading ``k``, taken at a true ``position`` (x + jy, metres): the
+        numbers that are measured, and the chance, None for certainty."""
+        rows: list[Row] = []
+        if not np.isnan(self.square[k]):
+            square, skew = float(self.square[k]), complex(self.skew[k])
+            xx, yy, xy = (square + skew.real) / 2, (square - skew.real) / 2, skew.imag / 2
+            rows += position_rows(np.array([[xx, xy], [xy, yy]]))
+        if not np.isnan(self.heading_var[k]):
+            rows.append(heading_row(float(self.heading_var[k])))
+        towards = complex(self.anchor[k]) - position
+        if hypot(towards.real, towards.imag) > _NEAREST_ANCHOR_M:  # NaN, hence not, where there is no anchor
+            if not np.isnan(self.range_var[k]):
+                rows.append(range_row(as_plane(towards), float(self.range_var[k])))
+            if not np.isnan(self.bearing_var[k]):
+                rows.append(bearing_row(as_plane(towards), float(self.bearing_var[k])))
+        chance = float(self.chance[k])
+        return tuple(rows), None if chance == 1 else chance
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,17 +1,30 @@
-"""Monte Carlo dead reckoning: the independent oracle for `drift`. It shares the reading of paths, and no formula."""
+"""Monte Carlo dead reckoning, with resets or a real Kalman filter: the independent oracle for `drift`.
+
+It shares the reading of paths, and no formula.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats
-from driftplan.model.noise import Noises, OdometryNoise, noise_of_legs, steps_in
+from driftplan.arrays import Complexes, Floats
+from driftplan.model.noise import (
+    BETWEEN_DRIVES,
+    NO_SPREAD,
+    SYSTEMATIC,
+    Noises,
+    OdometryNoise,
+    SystematicSpread,
+    noise_of_legs,
+    spread_of,
+    steps_in,
+)
 from driftplan.model.paths import Runs, read_path
-from driftplan.model.readings import Fix
+from driftplan.model.readings import Estimator, Fix, checked_estimator
 
 
 def simulate_drift(
@@ -23,6 +36,8 @@ def simulate_drift(
     start_heading: float | ArrayLike | None = None,
     fixes: Sequence[Fix] = (),
     substep_m: float | None = None,
+    estimator: Estimator = "reset",
+    spread: SystematicSpread = NO_SPREAD,
 ) -> Floats:
     """Position errors at every waypoint of a path in ``runs`` simulated drives.
 
@@ -37,6 +52,11 @@ def simulate_drift(
         In the continuous model each run is driven in substeps of at most this length (default: 1/400 of the path),
         with half of a substep's heading error before and half after it moves: the error of E|e|² falls with the square
         of the length.
+    estimator : {"reset", "filter"}
+        What the robot does with a fix: ``reset`` replaces what is measured, ``filter`` fuses it in an extended Kalman
+        filter, linearised at the robot's own estimate.
+    spread : SystematicSpread
+        Further systematic errors, drawn anew for every drive. A filter estimates them, resets do not.
 
     Returns
     -------
@@ -53,6 +73,7 @@ def simulate_drift(
         raise ValueError(f"expected runs a whole number >= 1, got {runs!r}")
     if substep_m is not None and not substep_m > 0:
         raise ValueError(f"expected substep_m > 0, got {substep_m!r}")
+    checked_estimator(estimator)
     legs = read_path(path, start_heading)
     if legs.lengths.ndim != 1:
         raise ValueError(f"expected one path, got a batch of shape {legs.lengths.shape[:-1]}: simulate one by one")
@@ -65,24 +86,43 @@ def simulate_drift(
         waypoints, which = borders[waypoints], np.repeat(which, np.diff(borders))
         for border, fix in zip(at.tolist(), ordered, strict=True):
             due.setdefault(border, []).append(fix)
+    if estimator == "filter" and not spread.names:
+        noises, spread = spread_of(noises)
     of_leg = [noises[k] for k in which.tolist()]
-    return _Drives(of_leg, runs, np.random.default_rng(rng), legs, substep_m).errors(due)[:, waypoints]
+    drives = _FusingDrives if estimator == "filter" else _Drives
+    return drives(of_leg, runs, np.random.default_rng(rng), legs, substep_m, spread).errors(due)[:, waypoints]
+
+
+class _Variances(NamedTuple):
+    """Of one move's errors: rad², m², m²."""
+
+    heading: float
+    distance: float
+    lateral: float
 
 
 class _Drives:
     """Many drives at once: heading error and estimated position of each, beside the one true pose."""
 
     def __init__(
-        self, noises: list[OdometryNoise], count: int, rng: np.random.Generator, legs: Runs, substep_m: float | None
+        self,
+        noises: list[OdometryNoise],
+        count: int,
+        rng: np.random.Generator,
+        legs: Runs,
+        substep_m: float | None,
+        spread: SystematicSpread,
     ) -> None:
-        self.noises, self.rng, self.legs, self.count = noises, rng, legs, count
+        self.noises, self.rng, self.legs, self.count, self.spread = noises, rng, legs, count, spread
+        self.constants = {name: rng.normal(0.0, getattr(spread, name), count) for name in spread.names}
+        self.learnt = {name: np.zeros(count) for name in spread.names}  # what the robot has found them to be
+        varies = any(noise.varies_between_drives for noise in noises)
+        self.deviations = dict(zip(SYSTEMATIC, rng.standard_normal((3, count)), strict=True)) if varies else {}
         self.substep_m = substep_m or max(float(legs.lengths.sum()), 1e-300) / 400
         self.theta = np.zeros(count)  # heading error
         self.p_hat = np.full(count, complex(legs.start))
         self.p = complex(legs.start)
         self.u = complex(np.exp(1j * legs.heading))
-        varies = any(noise.varies_between_drives for noise in noises)
-        self.deviations = rng.standard_normal((3, count)) if varies else np.zeros((3, 1))  # of each drive, for good
 
     def errors(self, due: dict[int, list[Fix]]) -> Floats:
         out = np.empty((self.count, len(self.legs.lengths) + 1, 2))
@@ -93,7 +133,7 @@ class _Drives:
                 self._turn(float(self.legs.turns[k]))
                 self._run(float(self.legs.lengths[k]), float(self.legs.curvatures[k]))
             for fix in due.get(border, ()):
-                self._fix(fix)
+                (self._fix if border > 0 else self._start)(fix)
             e = self.p_hat - self.p
             out[:, border] = np.stack([e.real, e.imag], axis=-1)
         return out
@@ -110,10 +150,7 @@ class _Drives:
             self._move(
                 piece,
                 0.0,
-                heading_var=noise.heading_var_per_rad * abs(piece),
-                heading_mean=(noise.heading_bias_per_rad + self.deviations[1] * noise.heading_bias_std_per_rad) * piece,
-                distance_var=noise.distance_var_per_rad * abs(piece),
-                lateral_var=0.0,
+                _Variances(noise.heading_var_per_rad * abs(piece), noise.distance_var_per_rad * abs(piece), 0.0),
             )
 
     def _run(self, length: float, curvature: float) -> None:
@@ -124,52 +161,53 @@ class _Drives:
         d = length / steps
         bend = abs(curvature)
         per_step = noise.step_m is not None
-        bias_per_m = noise.heading_bias_per_m + self.deviations[0] * noise.heading_bias_std_per_m
-        bias_per_rad = noise.heading_bias_per_rad + self.deviations[1] * noise.heading_bias_std_per_rad
         for _ in range(steps):
             self._move(
                 curvature * d,
                 d,
-                heading_var=noise.heading_var_per_step * per_step
-                + (noise.heading_var_per_m + noise.heading_var_per_rad * bend) * d,
-                heading_mean=(bias_per_m + bias_per_rad * curvature) * d,
-                distance_var=noise.distance_var_per_step * per_step
-                + (noise.distance_var_per_m + noise.distance_var_per_rad * bend) * d,
-                lateral_var=noise.lateral_var_per_step * per_step + noise.lateral_var_per_m * d,
+                _Variances(
+                    noise.heading_var_per_step * per_step
+                    + (noise.heading_var_per_m + noise.heading_var_per_rad * bend) * d,
+                    noise.distance_var_per_step * per_step
+                    + (noise.distance_var_per_m + noise.distance_var_per_rad * bend) * d,
+                    noise.lateral_var_per_step * per_step + noise.lateral_var_per_m * d,
+                ),
             )
 
-    def _move(
-        self,
-        turn: float,
-        length: float,
-        *,
-        heading_var: float,
-        heading_mean: Floats,
-        distance_var: float,
-        lateral_var: float,
-    ) -> None:
+    def _move(self, turn: float, length: float, variances: _Variances) -> None:
         """One true arc and its estimates: all of a step's heading error first (step model), or half of it."""
         noise = self.noise
-        random_part = self._heading_errors(heading_var)
-        change = random_part + heading_mean
+        random_part = self._heading_errors(variances.heading)
+        change = random_part + self._bias("heading_bias_per_m") * length + self._bias("heading_bias_per_rad") * turn
         fresh = self.rng.standard_normal(self.count)
-        if noise.heading_distance_corr and heading_var > 0:
+        if noise.heading_distance_corr and variances.heading > 0:
             rho = noise.heading_distance_corr
-            fresh = rho * random_part / np.sqrt(heading_var) + np.sqrt(1 - rho * rho) * fresh
+            fresh = rho * random_part / np.sqrt(variances.heading) + np.sqrt(1 - rho * rho) * fresh
         chord = length if turn == 0 else 2 * length / turn * np.sin(turn / 2)
-        error = np.sqrt(distance_var) * fresh
-        if lateral_var > 0:
-            error = error + 1j * np.sqrt(lateral_var) * self.rng.standard_normal(self.count)
+        error = np.sqrt(variances.distance) * fresh
+        if variances.lateral > 0:
+            error = error + 1j * np.sqrt(variances.lateral) * self.rng.standard_normal(self.count)
         if noise.step_m is None:
             facing, along = self.theta + change / 2, np.exp(1j * turn / 2)
         else:
             facing, along = self.theta + change, np.exp(1j * turn / (2 if length > 0 else 1))
         direction = self.u * along
-        scale = 1 + noise.distance_scale_error + self.deviations[2] * noise.distance_scale_std
-        self.p_hat += direction * np.exp(1j * facing) * (chord * scale + error)
+        estimated_direction = direction * np.exp(1j * facing)
+        estimate = estimated_direction * (chord * (1 + self._bias("distance_scale_error")) + error)
+        self.p_hat += estimate
         self.p += direction * chord
         self.u *= np.exp(1j * turn)
         self.theta += change
+        self._moved(turn, length, estimate, estimated_direction, variances)
+
+    def _bias(self, name: str) -> Any:
+        """A systematic error as far as the robot does not correct it: one number, or one per drive."""
+        known = getattr(self.noise, name)
+        drawn = self.deviations[name] * getattr(self.noise, BETWEEN_DRIVES[name]) if self.deviations else 0.0
+        return known + self.constants[name] - self.learnt[name] if name in self.constants else known + drawn
+
+    def _moved(self, turn: float, length: float, estimate: Complexes, facing: Complexes, variances: _Variances) -> None:
+        """What else changes with a move: nothing, for a robot that resets."""
 
     def _heading_errors(self, variance: float) -> Floats:
         law, count = self.noise.heading_law, self.count
@@ -183,10 +221,108 @@ class _Drives:
             return self.rng.vonmises(0.0, 1 / variance, count)
         return self.rng.normal(0.0, np.sqrt(variance), count)
 
+    def _start(self, fix: Fix) -> None:
+        self._fix(fix)
+
     def _fix(self, fix: Fix) -> None:
+        if fix.anchor is not None:
+            raise ValueError("a range or a bearing cannot replace anything: expected estimator='filter'")
         seen = self.rng.random(self.count) < fix.detection_probability
         if fix.position_cov is not None:
             x = self.rng.multivariate_normal(np.zeros(2), fix.position_cov, self.count)
             self.p_hat = np.where(seen, self.p + x[:, 0] + 1j * x[:, 1], self.p_hat)
         if fix.heading_std is not None:
             self.theta = np.where(seen, self.rng.normal(0.0, fix.heading_std, self.count), self.theta)
+
+
+class _FusingDrives(_Drives):
+    """Drives of robots with an extended Kalman filter, each with its own covariance, Jacobians and gains.
+
+    Everything is linearised where the robot believes itself to be, from what its odometry reported: the true pose
+    enters through the measurements only. The filter knows the variances of the noise, not its systematic errors; the
+    constants of the spread it estimates.
+    """
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self.size = 3 + len(self.spread.names)
+        self.P = np.zeros((self.count, self.size, self.size))
+        self.P[:, range(3, self.size), range(3, self.size)] = self.spread.variances
+
+    def _moved(self, turn: float, length: float, estimate: Complexes, facing: Complexes, variances: _Variances) -> None:
+        """P ← F P Fᵀ + G Q Gᵀ: ``estimate`` is the displacement the robot believes in, ``facing`` its direction."""
+        share = 0.5 if self.noise.step_m is None else 1.0  # of the step's heading error that turns the step itself
+        swung = np.stack([-estimate.imag, estimate.real], axis=-1)
+        F = np.tile(np.eye(self.size), (self.count, 1, 1))
+        F[:, :2, 2] = swung
+        for k, name in enumerate(self.spread.names, start=3):  # what is learnt is taken off what odometry reports
+            if name == "distance_scale_error":
+                F[:, :2, k] = -np.stack([estimate.real, estimate.imag], axis=-1)
+            else:
+                heading = length if name == "heading_bias_per_m" else turn
+                F[:, 2, k], F[:, :2, k] = -heading, -share * heading * swung
+        G = np.zeros((self.count, self.size, 3))
+        G[:, 0, 0], G[:, 1, 0] = facing.real, facing.imag
+        G[:, 0, 1], G[:, 1, 1] = -facing.imag, facing.real
+        G[:, :2, 2], G[:, 2, 2] = share * swung, 1.0
+        Q = np.diag([variances.distance, variances.lateral, variances.heading])
+        Q[0, 2] = Q[2, 0] = self.noise.heading_distance_corr * np.sqrt(variances.distance * variances.heading)
+        self.P = F @ self.P @ F.transpose(0, 2, 1) + G @ Q @ G.transpose(0, 2, 1)
+
+    def _start(self, fix: Fix) -> None:
+        """A fix at the start says how well the start is known."""
+        super()._fix(fix)
+        if fix.position_cov is not None:
+            self.P[:, :2, :2] = fix.position_cov
+        if fix.heading_std is not None:
+            self.P[:, 2, 2] = fix.heading_std**2
+
+    def _fix(self, fix: Fix) -> None:
+        innovation, H, R = self._measured(fix)
+        HP = H @ self.P
+        gain = np.swapaxes(np.linalg.pinv(HP @ np.swapaxes(H, 1, 2) + R, hermitian=True) @ HP, 1, 2)
+        seen = self.rng.random(self.count) < fix.detection_probability
+        gain = np.where(seen[:, None, None], gain, 0.0)
+        step = np.squeeze(gain @ innovation[..., None], axis=-1)
+        self.p_hat = self.p_hat + step[:, 0] + 1j * step[:, 1]
+        self.theta = self.theta + step[:, 2]
+        for k, name in enumerate(self.spread.names, start=3):
+            self.learnt[name] = self.learnt[name] + step[:, k]
+        rest = np.eye(self.size) - gain @ H
+        self.P = rest @ self.P @ np.swapaxes(rest, 1, 2) + gain @ R @ np.swapaxes(gain, 1, 2)
+
+    def _measured(self, fix: Fix) -> tuple[Floats, Floats, Floats]:
+        """Innovations (count, k), their Jacobian in the state (count, k, size) and the covariance of the readings."""
+        innovations, jacobians, variances = [], [], []
+        if fix.position_cov is not None:
+            error = self.rng.multivariate_normal(np.zeros(2), fix.position_cov, self.count)
+            off = self.p - self.p_hat
+            innovations += [off.real + error[:, 0], off.imag + error[:, 1]]
+            jacobians += [np.eye(self.size)[k] + np.zeros((self.count, 1)) for k in (0, 1)]
+            variances.append(np.asarray(fix.position_cov))
+        if fix.heading_std is not None:
+            innovations.append(self.rng.normal(0.0, fix.heading_std, self.count) - self.theta)
+            jacobians.append(np.eye(self.size)[2] + np.zeros((self.count, 1)))
+            variances.append(np.array([[fix.heading_std**2]]))
+        if fix.anchor is not None:
+            anchor = complex(*fix.anchor)
+            seen, believed = anchor - self.p, anchor - self.p_hat
+            distance = np.abs(believed)
+            away = np.stack([-believed.real, -believed.imag], axis=-1) / distance[:, None]
+            none = np.zeros((self.count, self.size - 2))
+            if fix.range_std_m is not None:
+                innovations.append(abs(seen) + self.rng.normal(0.0, fix.range_std_m, self.count) - distance)
+                jacobians.append(np.concatenate([away, none], axis=1))
+                variances.append(np.array([[fix.range_std_m**2]]))
+            if fix.bearing_std is not None:
+                misfit = np.angle(seen / believed * np.exp(1j * self.theta))
+                innovations.append(misfit + self.rng.normal(0.0, fix.bearing_std, self.count))
+                none[:, 0] = -1.0
+                across = np.stack([-away[:, 1], away[:, 0]], axis=-1) / distance[:, None]
+                jacobians.append(np.concatenate([across, none], axis=1))
+                variances.append(np.array([[fix.bearing_std**2]]))
+        sizes = np.cumsum([0, *map(len, variances)])
+        R = np.zeros((sizes[-1], sizes[-1]))
+        for k, block in zip(sizes.tolist(), variances, strict=False):
+            R[k : k + len(block), k : k + len(block)] = block
+        return np.stack(innovations, axis=-1), np.stack(jacobians, axis=1), R

@@ -8,6 +8,9 @@ point of every straight run. On a run E|e|² is almost convex in the distance. I
 
 so between two points h apart it rises above their chord by at most (2 |1+γ| |μ| M + c²) s (h - s)/2, M the greatest
 rms there. Stretches on which that lets it rise above the greatest value found are cut until none is left.
+
+For a robot with a filter E|e|² is a polynomial in the distance on a straight run: of degree three and convex, so that
+it is greatest at an end, or of degree four where something systematic acts, and then known by five of its values.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from driftplan.model.noise import OdometryNoise
 
 _CLOSE = 1e-10  # relative: what E|e|² may rise above the greatest value found
 _PARTS = 8  # into which a stretch is cut
+_QUARTERS = np.linspace(0.0, 1.0, 5)  # of a run: where a polynomial of degree four is taken
 _TINY = 1e-300  # m², for what is divided by
 _RADIUS_POINTS = 200  # along a path at which radii are taken, beside its borders
 _RADIUS_ROUNDS = 3  # of looking closer at the greatest
@@ -51,6 +55,8 @@ def worst_rms(drift: Drift) -> float:
     begun, (before, after) = drift.departures(), drift._driven
     end = before.N.real[1:]
     greatest = np.array([max(after.N.real.max(), begun.N.real.max(), end.max(), 0.0)])
+    if drift.is_fused:
+        return float(np.sqrt(max(greatest[0], _greatest_of_quartics(drift))))
     group, which = np.zeros(len(end), dtype=np.intp), drift._noise_of_leg
     return float(np.sqrt(greatest_between(begun, drift.runs.lengths, which, drift.noises, end, group, greatest)[0]))
 
@@ -171,6 +177,19 @@ def exceeds_between(
     """Whether E|e|² exceeds a ``limit`` (n,), m², inside straight stretches whose ends keep it; the rest as in
     `greatest_between`, and as exact."""
     return np.asarray(greatest_between(begun, length, which, noises, end, np.arange(len(length)), limit) > limit)
+
+
+def _greatest_of_quartics(drift: Drift) -> float:
+    """The greatest E|e|² inside the runs of a robot with a filter, m², from five values on each."""
+    if not drift.has_systematic:
+        return 0.0
+    values = drift.inside_legs(_QUARTERS).N.real
+    greatest = 0.0
+    for polynomial in np.linalg.solve(np.vander(_QUARTERS), values.T).T:
+        peaks = np.roots(np.polyder(polynomial))
+        inside = peaks.real[(np.abs(peaks.imag) < 1e-9) & (peaks.real > 0) & (peaks.real < 1)]
+        greatest = max(greatest, float(np.max(np.polyval(polynomial, inside), initial=0.0)))
+    return greatest
 
 
 def _check(drift: Drift) -> None:

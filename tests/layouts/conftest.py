@@ -47,6 +47,7 @@ class Instance:
     fixed: int = 0  # bits of the sites that exist
     groups: tuple = ()  # of (members, at_least, at_most)
     confidence: float | None = None
+    estimator: str = "reset"
     _worst: dict = field(default_factory=dict)
 
     @cached_property
@@ -71,7 +72,7 @@ class Instance:
     def _worst_on(self, r, subset):
         key = r, subset & self.meets[r]
         if key not in self._worst:
-            drift = drift_with_beacons(self.paths[r], self.noise, self.named(key[1]))
+            drift = drift_with_beacons(self.paths[r], self.noise, self.named(key[1]), estimator=self.estimator)
             self._worst[key] = worst_rms(drift) if self.confidence is None else worst_radius(drift, self.confidence)
         return self._worst[key]
 

@@ -41,7 +41,9 @@ def test_a_layout_written_as_geojson_is_read_back_exactly(layout, tmp_path):
 
 def test_every_kind_of_beacon_survives_a_file(tmp_path):
     kinds = [SIGN, BeaconKind.rfid(1.0, 0.0), BeaconKind.heading(3.0, 0.1, line_of_sight=True)]
-    beacons = tuple(Beacon(kind, 1.0 / 3.0, -k, f"id {k}") for k, kind in enumerate(kinds))
+    kinds += [BeaconKind.range_only(30.0, 0.1, std_per_m=0.01), BeaconKind.bearing(9.0, 0.02, sensor_view_deg=70.0)]
+    kinds += [BeaconKind(name="tag", range_m=2.0, position_std_m=0.1, view_angle_deg=150.0)]
+    beacons = tuple(Beacon(kind, 1.0 / 3.0, -k, f"id {k}", facing_deg=30.0 * k) for k, kind in enumerate(kinds))
     file = tmp_path / "beacons.geojson"
     file.write_bytes(beacons_geojson(beacons))
     assert load_beacons(file) == beacons
@@ -120,6 +122,23 @@ def test_a_file_of_no_beacons_is_refused_by_name_and_feature(text, said, tmp_pat
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(MapError, match=r"nowhere\.geojson: cannot be read"):
         load_beacons(tmp_path / "nowhere.geojson")
+
+
+def test_installers_learn_which_way_a_tag_looks():
+    front = BeaconKind(name="tag", range_m=2.5, position_std_m=0.05, heading_std=0.01, view_angle_deg=180.0)
+    points = [(x, y) for x in (8, 16, 24, 32) for y in (1, 2)]
+    layout = place_beacons(WORLD, ROUTES[:1], NOISE, 0.9, Sites(front, points))
+    facing = {b.id: b.facing_deg for b in layout.beacons}
+    assert {row.id: row.facing_deg for row in installer_table(layout)} == facing
+    assert set(facing.values()) <= {0.0, 90.0, 180.0, 270.0}
+    row = next(csv.DictReader(io.StringIO(layout_csv(layout).decode())))
+    assert float(row["facing_deg"]) == facing[row["id"]]
+    old = place_beacons(WORLD, ROUTES[:1], NOISE, 9.0, Sites(front, points, existing=[OLD]))
+    assert [np.isnan(row.facing_deg) for row in installer_table(old)] == [True]
+
+
+def test_a_layout_of_no_beacons_has_an_empty_table():
+    assert installer_table(place_beacons(WORLD, ROUTES[:1], NOISE, 9.0, SIGN)) == ()
 
 
 def test_files_print_numbers_as_people_write_them_and_say_that_they_are_local_metres():

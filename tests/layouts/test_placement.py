@@ -1,6 +1,7 @@
 """place_beacons against brute force, against a second formulation, against Monte Carlo, and on what users ask of it."""
 
 from collections import Counter
+from dataclasses import replace
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -47,6 +48,7 @@ def place(instance, *, words=False, groups=(), min_spacing_m=0.0, **options):
                 groups=groups,
                 min_spacing_m=min_spacing_m,
             ),
+            estimator=instance.estimator,
             **options,
         )
     except InfeasibleError:
@@ -75,15 +77,17 @@ def check_against_brute_force(instance, allowed=lambda subset: True, **options):
     assert layout.worst_drift == pytest.approx(instance.worst(subset), rel=1e-9)
 
 
+@pytest.mark.parametrize("estimator", ["reset", "filter"])
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("seed", [200, 201])
-def test_the_optimum_is_that_of_brute_force(name, seed, one_of_them):
-    check_against_brute_force(one_of_them(name, seed, sites=(4, 5)))
+def test_the_optimum_is_that_of_brute_force(name, seed, estimator, one_of_them):
+    check_against_brute_force(replace(one_of_them(name, seed, sites=(4, 5)), estimator=estimator))
 
 
 @pytest.mark.slow
-def test_the_optimum_is_that_of_brute_force_on_200_instances(of_two_hundred, one_of_them):
-    check_against_brute_force(one_of_them(*of_two_hundred))
+@pytest.mark.parametrize("estimator", ["reset", "filter"])
+def test_the_optimum_is_that_of_brute_force_on_200_instances(of_two_hundred, estimator, one_of_them):
+    check_against_brute_force(replace(one_of_them(*of_two_hundred), estimator=estimator))
 
 
 def test_the_200_instances_have_every_variation(one_of_them):
@@ -175,10 +179,11 @@ def test_stopped_early_the_optimum_lies_between_the_bound_and_the_cost(name, see
     assert instance.acceptable(subset_of(instance, layout))
 
 
+@pytest.mark.parametrize("estimator", ["reset", "filter"])
 @pytest.mark.parametrize("seed", range(400, 403))
-def test_groups_caps_and_spacing_are_those_of_brute_force(seed, make_instance, kinds_named):
+def test_groups_caps_and_spacing_are_those_of_brute_force(seed, estimator, make_instance, kinds_named):
     instance = make_instance(seed, kinds_named["mixed"], sites=(5, 6))
-    instance.redundancy = 1
+    instance.redundancy, instance.estimator = 1, estimator
     n = len(instance.sites)
     crowd, pair = [0, 1, 2], [n - 2, n - 1]
     apart = 3.0

@@ -10,7 +10,19 @@ import numpy as np
 import pytest
 import shapely
 
-from driftplan import PRESETS, OdometryNoise, World, Zone, compare_routes, plan_route, predict_drift, save_noise
+from driftplan import (
+    PRESETS,
+    Beacon,
+    BeaconKind,
+    OdometryNoise,
+    World,
+    Zone,
+    compare_routes,
+    plan_route,
+    predict_drift,
+    save_noise,
+)
+from driftplan.layouts.layout_files import beacons_geojson
 from driftplan.planning.ompl.solve import PLANNERS as OMPL_PLANNERS
 from driftplan.planning.roadmap.prices import exact_drift
 from driftplan.planning.routes import ROADMAP
@@ -89,6 +101,24 @@ def test_the_start_heading_is_given_in_degrees(run, path_file):
     _, out, _ = run("predict", path_file, "--heading-var-per-rad", 0.01, "--start-heading-deg", -90, "--json")
     expected = predict_drift(PATH, turning, start_heading=-np.pi / 2)
     assert json.loads(out)["paths"][0]["points"][-1]["rms_m"] == pytest.approx(float(expected.end.rms), rel=1e-12)
+
+
+def test_predict_for_a_robot_that_fuses_what_it_reads(run, path_file, tmp_path):
+    beacons = tmp_path / "tags.geojson"
+    tag = BeaconKind.range_only(range_m=50.0, range_std_m=0.1)
+    beacons.write_bytes(beacons_geojson([Beacon(tag, x=3.0, y=7.0)]))
+    words = ("predict", path_file, "--heading-deg", 1, "--distance-m", 0.05, "--after-m", 10)
+    alone, fused = (
+        json.loads(run(*words, "--json", *more).out) for more in ((), ("--beacons", beacons, "--estimator", "filter"))
+    )
+    assert fused["estimator"] == "filter"
+    assert fused["paths"][0]["points"][-1]["rms_m"] < 0.9 * alone["paths"][0]["points"][-1]["rms_m"]
+    assert fused["paths"][0]["beyond_linear_m"] == []
+    refused = run(*words, "--beacons", beacons)
+    assert refused.code == 2
+    assert "filter" in refused.err
+    lost = run("predict", path_file, "--heading-deg", 20, "--distance-m", 0, "--after-m", 1, "--estimator", "filter")
+    assert "0.15 rad" in lost.out
 
 
 def test_predict_draws_a_picture(run, path_file, tmp_path):

@@ -134,3 +134,13 @@ def test_what_cannot_be_done_has_an_exit_code_of_its_own(refused, files):
 )
 def test_bad_input_is_refused(refused, files, words, said):
     refused("place", *files, *words, match=said)
+
+
+def test_a_robot_that_fuses_needs_fewer_and_both_answers_say_what_it_has(place):
+    words, counts = ("--max-drift", 0.5, "--heading-deg", 3, "--distance-m", 0.05, "--after-m", 10), []
+    for estimator in ("reset", "filter"):
+        layout = json.loads(place(*words, "--estimator", estimator, "--json").out)["layout"]
+        assert layout["estimator"] == estimator
+        assert ("fuses its readings would drift at most" in layout["note"]) == (estimator == "reset")
+        counts.append(len(layout["beacons"]))
+    assert counts[1] < counts[0]

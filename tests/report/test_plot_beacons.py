@@ -44,7 +44,9 @@ def test_ranges_and_beacons_are_drawn_where_they_are(layout, ax):
     assert [tuple(circle.center) for circle in drawn.ranges] == [(b.x, b.y) for b in everyone]
     assert [circle.radius for circle in drawn.ranges] == [b.kind.range_m for b in everyone]
     np.testing.assert_array_equal(drawn.beacons[1].get_xydata(), [b.xy for b in layout.beacons])
-    assert {text.get_text() for text in ax.texts} == {b.id for b in everyone}
+    starts = {text.get_text(): text.xy for text in ax.texts if text.get_text().startswith("route")}
+    assert {text.get_text() for text in ax.texts} - {""} == {b.id for b in everyone} | set(starts)
+    assert [tuple(starts[f"route {r}"]) for r in range(len(ROUTES))] == [tuple(route[0]) for route in ROUTES]
 
 
 def test_routes_are_coloured_by_their_drift_up_to_the_limit(layout, ax):
@@ -74,7 +76,7 @@ def test_by_default_the_routes_nearest_to_their_limits_have_a_style_and_the_othe
     assert len(lines) == 5
     worst = sorted(range(7), key=lambda r: -many.worst_drifts[r])[:5]
     assert {line.get_label() for line in lines} == {f"route {r}" for r in worst}
-    assert sum(to_rgba(line.get_color()) == to_rgba("0.8") for line in ax.lines) == 2
+    assert sum(to_rgba(line.get_color()) == to_rgba("0.6") for line in ax.lines) == 2
 
 
 def test_the_trade_off_steps_down_through_its_points(ax):

@@ -257,3 +257,31 @@ def test_bad_arguments_are_refused(ax, world):
         plot_route(drift, ax=ax, magnify=-1)
     with pytest.raises(ValueError, match="expected at least one route"):
         plot_comparison(world, {})
+
+
+def test_the_title_says_what_was_found(world):
+    routes = two_routes()
+    low, high = sorted(float(drift.end.rms) for drift in routes.values())
+    least = min(routes, key=lambda label: routes[label].end.rms)
+    assert (
+        plot_comparison(world, routes).axes[0].get_title().startswith(f"{least}: {100 * (1 - low / high):.0f} % less")
+    )
+    (name, drift), _ = routes.items()
+    assert plot_comparison(world, {name: drift}).axes[0].get_title().startswith("lowest drift: rms drift of ")
+    assert "about the same" in plot_comparison(world, {"a": drift, "b": drift}).axes[0].get_title()
+
+
+def test_of_many_routes_the_worst_are_named_and_the_others_counted():
+    drifts = {f"r{k}": predict_drift(PATH, NOISE.scaled(k + 1.0)) for k in range(9)}
+    figure = plot_comparison(None, drifts)
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert [label.partition(":")[0] for label in labels[:5]] == ["r4", "r5", "r6", "r7", "r8"]
+    assert labels[5].startswith("4 more, rms ")
+    assert len(figure.axes[1].lines) == 9
+
+
+def test_an_arrow_says_which_way_a_route_is_driven(ax):
+    plot_route(predict_drift([(0, 0), (10, 0), (10, -20)], NOISE), ax=ax)
+    (arrow,) = ax.texts
+    assert arrow.xyann[0] == pytest.approx(10.0)
+    assert arrow.xy[1] < arrow.xyann[1] < 0

@@ -29,7 +29,7 @@ def failures(scenario: Scenario, beacons: Sequence[Beacon], route: int) -> Itera
 def worst_of_failures(scenario: Scenario, beacons: Sequence[Beacon], least_limit_m: float) -> Floats:
     """Greatest score on every route with the worst set of at most redundancy - 1 dead beacons, metres."""
     number = len(scenario.routes)
-    if scenario.confidence is not None:
+    if scenario.confidence is not None or scenario.estimator == "filter":
         routes = range(number)
         return np.array([max(scenario.worst(drift) for _, drift in failures(scenario, beacons, r)) for r in routes])
     table, worst = table_of(scenario, beacons, least_limit_m), np.zeros(number)
@@ -44,7 +44,7 @@ def worst_without(
     scenario: Scenario, beacons: Sequence[Beacon], cases: Sequence[tuple[int, int]], least_limit_m: float
 ) -> list[float]:
     """Greatest score, metres, in each case of (the beacon that is dead, by position; the route)."""
-    if scenario.confidence is not None:
+    if scenario.confidence is not None or scenario.estimator == "filter":
         return [scenario.worst(scenario.drift(r, [*beacons[:k], *beacons[k + 1 :]])) for k, r in cases]
     if not cases:
         return []

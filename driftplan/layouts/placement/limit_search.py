@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from copy import copy
 from functools import cached_property
 from typing import NamedTuple
 
@@ -14,8 +15,11 @@ from driftplan.layouts.placement.covering import Cover, Outcome, cheapest_cover
 from driftplan.layouts.placement.cut_pool import Cut
 from driftplan.layouts.placement.drives import drives_of, worst_squares
 from driftplan.layouts.placement.failures import worst_of_failures
+from driftplan.layouts.placement.fused_requirements import FusedRequirements
+from driftplan.layouts.placement.fused_routes import FusedRoute
 from driftplan.layouts.placement.interval_moments import IntervalMoments
 from driftplan.layouts.placement.problem import PlacementProblem
+from driftplan.layouts.placement.requirements import DriftRequirements
 from driftplan.layouts.placement.route_table import RouteTable
 
 Progress = Callable[[float, float, float], None]
@@ -47,6 +51,12 @@ class LimitSearch:
     def __init__(self, problem: PlacementProblem, table: RouteTable, deadline: float, progress: Progress | None = None):
         self.problem, self.table, self.deadline, self.progress = problem, table, deadline, progress
 
+    def like(self, problem: PlacementProblem, deadline: float) -> LimitSearch:
+        """The same tables for other rules."""
+        other = copy(self)
+        other.problem, other.deadline = problem, deadline
+        return other
+
     @cached_property
     def _intervals(self) -> IntervalMoments:
         return IntervalMoments(self.table)
@@ -61,7 +71,7 @@ class LimitSearch:
     ) -> Cover:
         """The cheapest layout that keeps the limits (None: whatever its drift) and, if ``ruled``, the rules."""
         problem = self.problem
-        requirements = None if limits is None else problem.requirements(self.table, limits)
+        requirements = None if limits is None else self.requirements(limits)
         return cheapest_cover(
             problem.cost,
             requirements or _Anything(),
@@ -73,6 +83,10 @@ class LimitSearch:
             time_limit=max(self.deadline - time.monotonic(), 0.01),
             progress=self.progress,
         )
+
+    def requirements(self, limits: Sequence[float]) -> DriftRequirements | FusedRequirements:
+        """What the limits demand."""
+        return self.problem.requirements(self.table, limits)
 
     def excess(self, limits: Sequence[float], chosen: Bools) -> float:
         """The greatest drift over its limit, on any route, with the beacons dead that may be."""
@@ -96,6 +110,25 @@ class LimitSearch:
             else:
                 return LeastFactor(best, factor, ruled_out, False)
         return LeastFactor(best, factor, ruled_out, True)
+
+
+class FusedLimitSearch(LimitSearch):
+    """The same for a robot that fuses its readings."""
+
+    def __init__(
+        self,
+        problem: PlacementProblem,
+        routes: tuple[FusedRoute, ...],
+        deadline: float,
+        progress: Progress | None = None,
+    ):
+        self.problem, self.routes, self.deadline, self.progress = problem, routes, deadline, progress
+
+    def requirements(self, limits: Sequence[float]) -> FusedRequirements:
+        return FusedRequirements(self.routes, limits, self.problem.scenario.redundancy)
+
+    def excess(self, limits: Sequence[float], chosen: Bools) -> float:
+        return self.requirements(limits).excess(chosen)
 
 
 class _Anything:

@@ -8,7 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from driftplan.layouts.placement.covering import Cover, Outcome
+from driftplan.layouts.placement.cut_pool import Cut
 from driftplan.layouts.placement.failures import failures, worst_of_failures
+from driftplan.layouts.placement.fused_requirements import FusedRequirements
+from driftplan.layouts.placement.fused_routes import fused_routes
 from driftplan.layouts.placement.limit_search import LeastFactor, LimitSearch
 from driftplan.layouts.placement.problem import PlacementProblem
 from driftplan.layouts.placement.requirements import DriftRequirements
@@ -29,7 +32,27 @@ class Obstacle(NamedTuple):
 
 
 def explain(search: LimitSearch, limits: Sequence[float], cover: Cover) -> str:
-    """What to tell the user when ``cover`` has no layout."""
+    """What to tell the user when ``cover`` has no layout, and whether a robot that fuses its readings has one."""
+    if cover.outcome is Outcome.INFEASIBLE and search.problem.scenario.estimator == "reset":
+        return _why(search, limits, cover) + _if_fused(search.problem, limits)
+    return _why(search, limits, cover)
+
+
+def _if_fused(problem: PlacementProblem, limits: Sequence[float]) -> str:
+    """Whether all sites together keep the limits of a robot that fuses its readings: then some layout does."""
+    if problem.scenario.confidence is not None:
+        return ""
+    try:
+        routes = fused_routes(problem.scenario, problem.sites)
+    except ValueError:  # its odometry has a known systematic error
+        return ""
+    needs = FusedRequirements(routes, limits, problem.scenario.redundancy)
+    if needs.holds(np.ones(len(problem.sites), dtype=bool)):
+        return '; a robot that fuses its readings keeps the limit with these sites: estimator="filter"'
+    return "; nor can a robot that fuses its readings"
+
+
+def _why(search: LimitSearch, limits: Sequence[float], cover: Cover) -> str:
     problem = search.problem
     if cover.outcome is not Outcome.INFEASIBLE:
         ruled_out = f" (one would cost at least {cover.lower_bound:g})" if cover.lower_bound > 0 else ""
@@ -40,7 +63,11 @@ def explain(search: LimitSearch, limits: Sequence[float], cover: Cover) -> str:
     if cover.hopeless is not None and cover.hopeless.where[0] == -2:
         return f"group {cover.hopeless.where[1]} demands more beacons than it has sites outside the forbidden areas"
     if cover.hopeless is not None:
-        found = obstacle(problem, problem.requirements(search.table, limits), *cover.hopeless.where)
+        needs = search.requirements(limits)
+        if isinstance(needs, FusedRequirements):
+            found = fused_obstacle(problem, needs, cover.hopeless)
+        else:
+            found = obstacle(problem, needs, *cover.hopeless.where)
         named = ", ".join(
             f"{problem.sites[i].id} at ({problem.sites[i].x:g}, {problem.sites[i].y:g})" for i in found.sites
         )
@@ -81,6 +108,26 @@ def obstacle(problem: PlacementProblem, requirements: DriftRequirements, route: 
     best = [_nearest(requirements, route, j, problem.scenario.redundancy) for j in range(begin, end + 1)]
     least, sites = max(best, key=lambda pair: pair[0])
     return Obstacle(route, float(distance[begin]), float(distance[last]), least, sites)
+
+
+def fused_obstacle(problem: PlacementProblem, requirements: FusedRequirements, hopeless: Cut) -> Obstacle:
+    """The stretch that all sites together cannot hold, but for those that may be dead, and the last ones before it."""
+    r, border = hopeless.where
+    route, scenario = requirements.routes[r], problem.scenario
+    alive = sorted(route.sites.difference(hopeless.columns.tolist()))
+    profile = scenario.drift(r, [problem.sites[i] for i in alive]).profile()
+    beyond = profile.rms > requirements.limits_m[r]
+    there = int(np.flatnonzero(beyond & (profile.distance <= route.distance[border]))[-1])
+    first = there + 1 - int(np.argmin(np.append(beyond[: there + 1][::-1], False)))
+    last = there + int(np.argmin(np.append(beyond[there:], False))) - 1
+    before = [reading.site for here in route.readings[:border][::-1] for reading in here]
+    return Obstacle(
+        r,
+        float(profile.distance[first]),
+        float(profile.distance[last]),
+        float(profile.rms[first : last + 1].max()),
+        tuple(dict.fromkeys(before))[:_MAX_NEAREST_SITES],
+    )
 
 
 def _nearest(requirements: DriftRequirements, route: int, slot: int, redundancy: int) -> tuple[float, tuple[int, ...]]:

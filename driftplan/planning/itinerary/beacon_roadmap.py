@@ -139,6 +139,8 @@ class BeaconRoadmap:
         if self.world is not None:
             asked = inside & columns.must_see
             inside[asked] = self.world.line_of_sight(here[asked], columns.xy[asked])
+        inside &= columns.views.sensor_half_angle >= np.pi  # whoever stands does not know yet where it will look
+        inside &= columns.views.at(np.arange(len(inside)), here - columns.xy, np.zeros(len(inside)))
         readings = _readings(self.beacons)
         for site in sorted(np.flatnonzero(inside).tolist(), key=lambda i: int(columns.rank[i])):
             if site != dead:
@@ -263,7 +265,8 @@ def _readings(beacons: Sequence[Beacon]) -> Floats:
     for beacon in beacons:
         kind = beacon.kind
         if kind not in known:
-            cov = None if kind.position_std_m is None else kind.position_std_m**2 * np.eye(2)
+            farthest_m = kind.std_per_m * kind.range_m  # on the safe side; finished routes are checked
+            cov = None if kind.position_std_m is None else (kind.position_std_m + farthest_m) ** 2 * np.eye(2)
             known[kind] = fix_matrix(Fix(s_m=0.0, position_cov=cov, heading_std=kind.heading_std))
     return np.stack([*(known[beacon.kind] for beacon in beacons), np.eye(SIZE)])
 
@@ -366,5 +369,7 @@ def _edge_readings(
         asked = np.flatnonzero(keep & beacons.must_see[site])
         places = a[edge[asked]] + s[asked, None] * along[edge[asked]]
         keep[asked] = world.line_of_sight(places, beacons.xy[site[asked]])
+    away = a[edge] + s[:, None] * along[edge] - beacons.xy[site]
+    keep &= beacons.views.at(site, away, np.arctan2(along[edge, 1], along[edge, 0]))
     edge, site, s = edge[keep], site[keep], s[keep]
     return edge, site, s, beacons.detection_probability[site]

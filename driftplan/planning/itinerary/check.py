@@ -20,7 +20,7 @@ from driftplan.beacons.readings import (
 )
 from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.readings import Fix, Readings
+from driftplan.model.readings import NEEDS_FILTER, Fix, Readings
 from driftplan.model.worst import worst_rms
 from driftplan.world.world import World
 
@@ -57,6 +57,8 @@ class ItineraryCheck:
     _columns: BeaconColumns = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        if any(beacon.kind.needs_filter for beacon in self.beacons):
+            raise ValueError(f"{NEEDS_FILTER}: routes are planned for robots that reset")
         object.__setattr__(self, "_columns", BeaconColumns.of(self.beacons))
 
     def met(self, path: Floats) -> list[int]:
@@ -98,7 +100,7 @@ class ItineraryCheck:
     def _readings(self, path: Floats) -> Readings:
         """The readings that count."""
         passes = self._columns.passes(path, self.world)
-        found, of_pass = readings_of_passes(passes, self._columns)
+        found, of_pass = readings_of_passes(path, passes, self._columns)
         if self.min_capture == 0 or not len(found):
             return found
         counted = np.ones(len(passes.beacon), dtype=bool)

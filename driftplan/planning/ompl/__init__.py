@@ -3,6 +3,7 @@
 objective, motion_prices        DriftObjective, and the prices of single motions for its callbacks
 spaces, curves, zone_lookup     which spaces can be priced, Dubins and Reeds-Shepp curves, zones one motion at a time
 collision                       validity of states and motions over a World
-paths, solve                    the exact drift of OMPL's paths; one quiet run of an OMPL planner
+paths, polish                   the exact drift of OMPL's paths; better paths near them
+solve                           one quiet run of an OMPL planner
 roadmap                         RoadmapPlanner, with roadmap_spaces and roadmap_targets: what it plans in and for
 """

@@ -32,7 +32,8 @@ class DriftObjective(ob.OptimizationObjective):
     priced exactly, arc by arc where they are curves; noise per radian turned is priced wherever states have
     headings (in R^2 turns lie between motions, where OMPL has no price for them; `driftplan.plan_route` with
     ``planner="roadmap"`` has). See `driftplan.planning.cost` for what the additive cost leaves out, and
-    `predict_ompl_path` for the exact drift of the path found.
+    `predict_ompl_path` for the exact drift of the path found. OMPL's ``simplifySolution()`` shortens paths whatever the
+    objective says, and can more than double the cost where a floor is bad: use `polish_ompl_path`.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> Answer:
         if not is_free:
             talk(f"{file}: not free of collisions for a robot of radius {world.robot_radius:g} m; taken as it is")
     talk(f"placing beacons for {counted(len(routes), 'route')} on {args.map}, at most {args.time_limit:g} s")
-    effort = {"budget": args.budget, "time_limit": args.time_limit}
+    effort = {"budget": args.budget, "time_limit": args.time_limit, "estimator": args.estimator}
     if args.tradeoff is None:
         asked = {"max_beacons": args.max_beacons, "progress": _tell, **effort}
         return _layout_answer(args, noise, place_beacons(world, routes, noise, limit, sites, **asked), free)
@@ -85,6 +85,8 @@ def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layou
         ]
         found = {
             "beacons": installer_table(layout),
+            "estimator": layout.scenario.estimator,
+            "note": layout.note,
             **record(layout, "cost", "lower_bound", "proven", "status", "drift_bound_m", "worst_drift_m", "seconds"),
             "routes": routes,
         }
@@ -129,7 +131,7 @@ def _layout_text(args: argparse.Namespace, layout: Layout) -> str:
         hurts = f"The failure that hurts most is that of {rows[0].id}: {rows[0].worst_drift_if_dead_m:.3g} m. "
     parts.append(
         f"{counted(len(layout.beacons), 'new beacon')} of cost {layout.cost:g}; worst {what} "
-        f"{layout.worst_drift:.3g} m. {hurts}{_proof(layout)}"
+        f"{layout.worst_drift:.3g} m. {hurts}{_proof(layout)} {layout.note}".rstrip()
     )
     return "\n\n".join(parts)
 
@@ -181,6 +183,7 @@ _WANTED = Group("what is wanted", (
     Option("confidence", "P", "the limit is on the radius that holds the estimate with this probability (0.75 to "
            "1), instead of the rms"),
     Option("redundancy", "K", "hold with any K-1 beacons dead", int, 1),
+    shared.ESTIMATOR,
     Option("max_beacons", "N", "at most so many new beacons", int),
     Option("budget", "COST", "new beacons cost at most this"),
     Option("tradeoff", "N", "instead of one layout: the least worst drift for every number of beacons up to N", int),

@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer
 from driftplan.report.commands.option import Command, Group, Option, input_file, label, metres
 
+if TYPE_CHECKING:
+    from driftplan.arrays import Floats
+
 
 def run(args: argparse.Namespace) -> Answer:
     """Drift at every waypoint, or at the distances asked for."""
-    from driftplan import predict_drift, read_path
+    from driftplan import drift_with_beacons, load_beacons, predict_drift, read_path
     from driftplan.report.figures.comparison import plot_comparison
     from driftplan.report.records import drift_as_json, drift_table
 
     noise, heading = shared.noise_from(args), shared.start_heading_from(args)
-    drifts = [predict_drift(read_path(file), noise, start_heading=heading) for file in args.paths]
+    given: dict[str, Any] = {"start_heading": heading, "estimator": args.estimator}
+    beacons = load_beacons(args.beacons) if args.beacons else None
+    paths = [read_path(file) for file in args.paths]
+    if beacons is None:
+        drifts = [predict_drift(path, noise, **given) for path in paths]
+    else:
+        drifts = [drift_with_beacons(path, noise, beacons, **given) for path in paths]
     files = [label(file) for file in args.paths]
     shown = [
         (file, float(drift.length), drift.at(args.at) if args.at else drift)
@@ -25,12 +35,33 @@ def run(args: argparse.Namespace) -> Answer:
     return Answer(
         payload=lambda: {
             "noise": shared.noise_as_json(noise),
+            "estimator": args.estimator,
             "paths": [
-                {"file": file, "length_m": length, "points": drift_as_json(points)} for file, length, points in shown
+                {
+                    "file": file,
+                    "length_m": length,
+                    "points": drift_as_json(points),
+                    "beyond_linear_m": drift.beyond_linear.tolist(),
+                }
+                for (file, length, points), drift in zip(shown, drifts, strict=True)
             ],
         },
-        text=lambda: "\n\n".join(f"{file}: {length:.2f} m\n{drift_table(points)}" for file, length, points in shown),
+        text=lambda: "\n\n".join(
+            f"{file}: {length:.2f} m\n{drift_table(points)}{_warning(drift.beyond_linear)}"
+            for (file, length, points), drift in zip(shown, drifts, strict=True)
+        ),
         files={"picture": lambda: plot_comparison(None, dict(zip(files, drifts, strict=True)))},
+    )
+
+
+def _warning(beyond_linear: Floats) -> str:
+    """What to say of stretches on which a filter's prediction is not to be trusted."""
+    if not len(beyond_linear):
+        return ""
+    first, last = beyond_linear[0, 0], beyond_linear[-1, 1]
+    return (
+        f"\nBetween {first:.1f} m and {last:.1f} m the heading is known to worse than 0.15 rad: a filter goes "
+        "wrong there, and so does this prediction."
     )
 
 
@@ -48,6 +79,8 @@ COMMAND = Command(
         Group("", (
             Option("at", "S", "only after S metres; several: S,S,... (default: every waypoint)", metres),
             shared.START_HEADING,
+            Option("beacons", "FILE.geojson", "beacons that are read on the way", str),
+            shared.ESTIMATOR,
         )),
         *shared.NOISE,
     ),

@@ -63,6 +63,8 @@ NOISE = (
     Group("odometry noise, as rates (instead of spreads; those that are not given are 0, like systematic errors)",
           (*_RATES, *_SYSTEMATIC), folded=True),
 )
+ESTIMATOR = Option("estimator", "", "what the robot does with a reading: it replaces what is measured, or it is fused "
+                   "in a Kalman filter", str, "reset", ("reset", "filter"))
 START_HEADING = Option("start_heading_deg", "DEG", "heading at the start, degrees from +x to the left; then the "
                        "first turn counts too (default: the robot already faces its first leg)")
 START_SPREAD = (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import cycle
 from math import floor, log10
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +33,8 @@ def plot_comparison(
 ) -> Figure:
     """Routes on the map with their error ellipses, and beside it their rms drift against the distance driven.
 
+    Of more than five routes those that drift most have a style and ellipses; the others are grey, and counted.
+
     Parameters
     ----------
     world : World or None
@@ -55,14 +56,35 @@ def plot_comparison(
     drawn_world = plot_world(world, ax=on_map) if world is not None else WorldArtists(None, [])
     drawn: list[RouteArtists] = []
     handles: list[Any] = []
-    for (label, drift), own in zip(drifts.items(), cycle(style.ROUTE_STYLES)):
+    ranked = sorted(drifts, key=lambda label: -float(drifts[label].end.rms))
+    others = ranked[len(style.ROUTE_STYLES) :]
+    named = {label: drift for label, drift in drifts.items() if label not in others}
+    for (label, drift), own in zip(named.items(), style.ROUTE_STYLES, strict=False):
         drawn.append(plot_route(drift, ax=on_map, magnify=magnify, spacing_m=spacing, confidence=confidence, **own))
         said = f"{label}: {_metric(float(drift.length))} m, rms {_metric(float(drift.end.rms))} m at the end"
         handles += plot_drift(drift, ax=on_drift, label=said, spacing_m=spacing, **own)
+    for label in others:
+        grey = on_map.plot(*drifts[label].xy.T, **style.OTHER_ROUTE)
+        plot_drift(drifts[label], ax=on_drift, spacing_m=spacing, **style.OTHER_ROUTE)
+        if label == others[0]:
+            grey[0].set_label(f"{len(others)} more, rms {_metric(float(drifts[label].end.rms))} m or less at the end")
+            handles += grey
+    on_map.set_title(_finding(drifts), fontsize=10)
     handles += [drawn[0].start, drawn[0].goal, drawn[0].ellipses[0]]
     handles += [patch for patch in (drawn_world.obstacles, *drawn_world.zones[:1]) if patch is not None]
     style.legend_below(figure, handles)
     return figure
+
+
+def _finding(drifts: Mapping[str, Drift]) -> str:
+    """Which route drifts least, and by how much less than the one that drifts most."""
+    least, *_, most = sorted(drifts, key=lambda label: float(drifts[label].end.rms)) * (2 if len(drifts) == 1 else 1)
+    low, high = (float(drifts[label].end.rms) for label in (least, most))
+    if len(drifts) == 1:
+        return f"{least}: rms drift of {_metric(low)} m at the end"
+    if not low < 0.995 * high:
+        return f"all end with about the same drift, {_metric(low)} m rms"
+    return f"{least}: {100 * (1 - low / high):.0f} % less drift at the end than {most}"
 
 
 def _metric(value_m: float) -> str:

@@ -188,15 +188,10 @@ def plot_coverage(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None)
     ax = style.current_axes(ax)
     drawn = []
     lines: dict[int, Any] = {0: "-", 1: "--", 2: ":"} if len(checks) <= _MAX_ALL_LEVELS else {1: "-"}
-    for level, line in ((LEVELS[k], line) for k, line in lines.items()):
-        ax.axhline(100 * level, color="0.4", linewidth=0.8, linestyle=line, zorder=1)
-        ax.annotate(
-            f"{100 * level:g} %",
-            (1.01, 100 * level),
-            xycoords=("axes fraction", "data"),
-            va="bottom" if level == LEVELS[-1] else "center" if level == LEVELS[0] else "top",
-            fontsize="small",
-        )
+    look: dict[str, Any] = {"color": "0.4", "linewidth": 0.8, "zorder": 1}
+    keys = [
+        ax.axhline(100 * LEVELS[k], linestyle=line, label=f"{100 * LEVELS[k]:g} %", **look) for k, line in lines.items()
+    ]
     for (label, check), own in zip(checks.items(), _looks(len(checks)), strict=True):
         aside = 1.02 ** (2 * list(checks).index(label) - len(checks))  # so that bars do not hide each other
         length = [row.length_m * (aside if len(checks) > 1 else 1.0) for row in check.lengths]
@@ -207,6 +202,7 @@ def plot_coverage(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None)
             drawn.append(_points(ax, own, name, length, share, yerr=chance, linestyle=line, linewidth=1.0))
     what = "region" if len(lines) > 1 else "90 % region"
     ax.set(xscale="log", xlabel="length of segment (m)", ylabel=f"inside the predicted {what} (%)", ylim=(0, 105))
+    ax.legend(handles=keys, title="should hold", loc="lower right", fontsize=8)
     _tidy(ax)
     return drawn
 

@@ -11,6 +11,7 @@ import numpy as np
 from driftplan.report.figures import style
 from driftplan.report.figures.drift import plot_drift
 from driftplan.report.figures.maps import plot_beacons, plot_route, plot_world
+from driftplan.tables import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,6 +44,11 @@ def plot_itinerary(
     lines = plot_drift(itinerary, ax=on_drift, label=label, **own)
     if itinerary.max_drift is not None:
         lines.append(on_drift.axhline(itinerary.max_drift, label=f"limit {itinerary.max_drift:g} m", **style.LIMIT))
+    limit = "" if itinerary.max_drift is None else f", under the limit of {itinerary.max_drift:g} m"
+    on_map.set_title(
+        f"{counted(len(itinerary.beacons), 'beacon')} counted on: worst drift {itinerary.worst_drift:.3g} m{limit}",
+        fontsize=10,
+    )
     ends = [route.start, route.goal, *route.ellipses[:1]]
     style.legend_below(figure, [*lines, *ends, *drawn.marks])
     return figure

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from driftplan.layouts.layout import Layout
 
 _MAX_ROUTES = 5  # sawtooth lines with a style of their own; others are grey
+_MAX_LABELS = 12  # routes that are named on the map
 _MAX_BARS = 25
 _SPACING_M = 0.25
 
@@ -50,6 +51,8 @@ def route_segments(layout: Layout) -> tuple[Floats, Floats]:
 def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True, **line_kwargs: Any) -> LayoutArtists:
     """Draw a layout on its map: beacons with their ranges and ids, routes coloured by their drift.
 
+    Up to twelve routes are named at their starts, with arrows the way they are driven.
+
     Parameters
     ----------
     layout : Layout
@@ -73,6 +76,11 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
     routes.set_array(drift[order])
     routes.set_clim(0.0, max(layout.max_drift))
     ax.add_collection(routes)
+    if len(layout.drifts) <= _MAX_LABELS:
+        for r, path in enumerate(drift.xy for drift in layout.drifts):
+            style.arrow_along(ax, path, "black")
+            ax.annotate(f"route {r}", path[0], (5, -9), textcoords="offset points", fontsize=8, weight="bold", zorder=5)
+            ax.plot(*path[0], zorder=4, **{**style.START, "markersize": 6, "markeredgewidth": 1.5})
     everyone = (*layout.existing, *layout.beacons)
     beacons = plot_beacons(everyone, ax=ax, used=layout.beacons, labels=("new beacon", "existing beacon"))
     style.in_metres(ax)
@@ -202,9 +210,10 @@ def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
     on_map = figure.add_subplot(grid[0, :])
     plot_layout(layout, ax=on_map)
     proof = "proven fewest" if layout.proven else f"at least {layout.lower_bound:g} needed"
+    cost = "" if layout.cost == len(layout.beacons) else f" of cost {layout.cost:g}"
+    keep = f"keep {counted(len(layout.drifts), 'route')} under {max(layout.max_drift):.3g} m"
     on_map.set_title(
-        f"{counted(len(layout.beacons), 'beacon')} of cost {layout.cost:g} ({proof}), worst drift "
-        f"{layout.worst_drift:.3g} m",
+        f"{counted(len(layout.beacons), 'beacon')}{cost} ({proof}) {keep}; worst {layout.worst_drift:.3g} m",
         fontsize=10,
     )
     if on_map.get_legend_handles_labels()[0]:

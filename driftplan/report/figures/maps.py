@@ -134,6 +134,7 @@ def plot_route(
             zip(*centre.T, *error_ellipse(at.cov, confidence), strict=True)
         )
     ]
+    style.arrow_along(ax, profile.xy, line.get_color())
     ends: dict[str, Any] = {"linestyle": "none", "zorder": 4}
     (start,) = ax.plot(*profile.xy[0], **style.START, **ends, label="start")
     (goal,) = ax.plot(*profile.xy[-1], **style.GOAL, **ends, label="goal")

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -20,7 +22,7 @@ ROUTE_STYLES: tuple[dict[str, Any], ...] = (  # colours of Okabe and Ito, told a
     {"color": "#000000", "linestyle": ":", "marker": "D"},
     {"color": "#AA4499", "linestyle": (0, (6, 1, 1, 1, 1, 1)), "marker": "v"},
 )
-OTHER_ROUTE: dict[str, Any] = {"color": "0.8", "linewidth": 0.6, "zorder": 1}
+OTHER_ROUTE: dict[str, Any] = {"color": "0.6", "linewidth": 0.8, "zorder": 1.2}
 OBSTACLE: dict[str, Any] = {"facecolor": "0.80", "edgecolor": "0.45", "linewidth": 0.5}
 ZONE: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.5", "linewidth": 0.8, "hatch": "///"}
 START: dict[str, Any] = {
@@ -89,6 +91,17 @@ def in_metres(ax: Axes) -> None:
     """Axes of a map."""
     ax.set_aspect("equal", adjustable="box")
     ax.set(xlabel="x (m)", ylabel="y (m)")
+
+
+def arrow_along(ax: Axes, xy: Any, colour: Any) -> None:
+    """An arrow half-way along a polyline (n, 2): which way it is driven."""
+    step = np.hypot(*np.diff(xy, axis=0).T)
+    if not step.sum() > 0:
+        return
+    leg = int(np.searchsorted(np.cumsum(step), 0.5 * step.sum()))
+    middle, ahead = (xy[leg] + xy[leg + 1]) / 2, (xy[leg + 1] - xy[leg]) / step[leg]
+    head: dict[str, Any] = {"arrowstyle": "-|>", "color": colour, "mutation_scale": 16, "shrinkA": 0, "shrinkB": 0}
+    ax.annotate("", middle + 1e-3 * step.sum() * ahead, middle, arrowprops=head, zorder=3.5, annotation_clip=True)
 
 
 def quiet_grid(ax: Axes) -> None:

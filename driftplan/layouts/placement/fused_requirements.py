@@ -1,0 +1,158 @@
+"""What a drift limit demands of a layout when the robot fuses its readings: an oracle for `covering`.
+
+A filter's covariance never grows when a site is added, so acceptable layouts form an up-set: if the living sites M fail
+somewhere, every layout needs sites outside M, and with any k - 1 dead still one, hence k of them. A cut is the stronger
+the larger M is.
+
+* Known beforehand: from every place of a route, in the best state that all sites can give there, the farthest stretch
+  that holds when nothing is read; k sites must be read inside it.
+* Weighted: in such a stretch let m(v) be 1 if site v alone keeps the limit, 2 if it does with one other that does not
+  alone either, else 3. What keeps the limit holds a least set that does, of the size of each of its members at most
+  … m(v), so Σ y_v / m(v) >= 1 for every layout that keeps it.
+* For a layout that fails: of the sites read in the shortest stretch before the failure that fails even from the best
+  state, as many are added one by one as leave it failing; the rest is the cut. Then one of the rest is added and the
+  search goes on, so that a layout gives several cuts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+
+import numpy as np
+
+from driftplan.arrays import Bools
+from driftplan.layouts.placement.cut_pool import Cut
+from driftplan.layouts.placement.fused_routes import NEVER, FusedRoute
+from driftplan.model.filter_state import FilterState
+
+_CUTS_PER_ROUTE = 8  # at a time
+_ROUNDING = 1e-9  # relative, of tr P
+
+
+class FusedRequirements:
+    """Oracle for `covering.cheapest_cover`: does a layout keep the limits of fused routes?
+
+    Parameters
+    ----------
+    routes : sequence of FusedRoute
+    limits_m : sequence of float
+        On the rms, one per route.
+    redundancy : int
+        1: all beacons live; k: any k - 1 of them may be dead.
+    seed : int
+    """
+
+    def __init__(self, routes: Sequence[FusedRoute], limits_m: Sequence[float], redundancy: int = 1, seed: int = 0):
+        self.routes, self.redundancy = tuple(routes), redundancy
+        self.limits_m = tuple(limits_m)
+        self.most = [float(limit) ** 2 * (1 + _ROUNDING) for limit in limits_m]  # of tr P
+        self.random = np.random.default_rng(seed)
+        self.known: dict[tuple[int, frozenset[int]], int] = {}
+        self.routes_meeting: dict[int, list[int]] = {}
+        for r, route in enumerate(self.routes):
+            for site in sorted(route.sites):
+                self.routes_meeting.setdefault(site, []).append(r)
+
+    def rows(self) -> list[Cut]:
+        """Cuts that are known before any layout is judged."""
+        found = []
+        for r, route in enumerate(self.routes):
+            stretches = route.unread(self.most[r])
+            sets = [self._read_between(route, first, last) for first, last in stretches]
+            bits = [sum(1 << site for site in sites) for sites in sets]
+            for mine, sites, (_, last) in zip(bits, sets, stretches, strict=True):
+                if not any(other != mine and other & mine == other for other in bits):
+                    found.append(self._at_least(sites, (r, last)))
+        return found
+
+    def cuts(self, chosen: Bools, near: int | None = None) -> list[Cut]:
+        """Cuts that ``chosen`` violates, none if it holds; ``near`` as in `covering`: then one will do."""
+        everyone = set(np.flatnonzero(chosen).tolist())
+        some = range(len(self.routes)) if near is None else self.routes_meeting.get(near, [])
+        found: list[Cut] = []
+        for r in some:
+            for alive in self._survivors(r, everyone):
+                border = self._breach(r, alive)
+                if border != NEVER:
+                    if near is not None:
+                        return [self._at_least(self.routes[r].sites - alive, (r, border))]
+                    found += self._repaired(r, set(alive), border)
+                    break
+        return found
+
+    def holds(self, chosen: Bools) -> bool:
+        """Whether the layout keeps the limits."""
+        return not self.cuts(chosen)
+
+    def excess(self, chosen: Bools) -> float:
+        """The greatest drift over its limit, on any route, with the beacons dead that may be."""
+        everyone, worst = set(np.flatnonzero(chosen).tolist()), 0.0
+        for r, route in enumerate(self.routes):
+            drift = max(route.worst(alive) for alive in self._survivors(r, everyone))
+            worst = max(worst, drift / self.limits_m[r])
+        return worst
+
+    def _survivors(self, r: int, everyone: set[int]) -> Iterator[frozenset[int]]:
+        """Sites of a route that live, for every set that may be dead: as many as may, fewer fail only if these do."""
+        here = self.routes[r].sites & everyone
+        for dead in combinations(sorted(here), min(self.redundancy - 1, len(here))):
+            yield frozenset(here.difference(dead))
+
+    def _breach(self, r: int, alive: frozenset[int]) -> int:
+        key = r, alive
+        if key not in self.known:
+            self.known[key] = self.routes[r].breach(alive, self.most[r])
+        return self.known[key]
+
+    def _repaired(self, r: int, alive: set[int], border: int) -> list[Cut]:
+        """Cuts for a route that fails, while it is repaired by adding a site of each cut."""
+        found: list[Cut] = []
+        while border != NEVER and len(found) < _CUTS_PER_ROUTE:
+            needed = self._outside(r, alive, border)
+            found.append(self._at_least(needed, (r, border)))
+            if not needed:
+                break
+            alive.add(sorted(needed)[int(self.random.integers(len(needed)))])
+            border = self.routes[r].breach(alive, self.most[r])
+        return found
+
+    def _outside(self, r: int, alive: set[int], border: int) -> set[int]:
+        """Sites outside a largest set, ``alive`` among it, that fails at a border."""
+        route = self.routes[r]
+
+        def fails(state: FilterState, first: int, living: set[int]) -> bool:
+            return bool(route.arriving(state, first, border, living).trace > self.most[r])
+
+        if fails(route.best[border - 1], border - 1, alive):
+            return set()
+        low, high = -1, border - 1  # the best state at low fails (-1: the start, with nothing else read), at high not
+        while high - low > 1:
+            middle = (low + high) // 2
+            if fails(route.best[middle], middle, alive):
+                low = middle
+            else:
+                high = middle
+        inside, outside = set(alive), set()
+        state, here = (route.start, 0) if low < 0 else (route.best[low], low)
+        for stop in range(max(low + 1, 0), border):
+            for site in {reading.site: None for reading in route.readings[stop]}:
+                if site not in inside and site not in outside:
+                    arriving = route.driven(state, here, stop) if stop > here else state
+                    with_it = inside | {site}
+                    if fails(route.read(arriving, stop, with_it), stop, with_it):
+                        inside = with_it
+                    else:
+                        outside.add(site)
+            if any(reading.site in inside for reading in route.readings[stop]):
+                arriving = route.driven(state, here, stop) if stop > here else state
+                state, here = route.read(arriving, stop, inside), stop
+        return outside
+
+    def _read_between(self, route: FusedRoute, first: int, last: int) -> frozenset[int]:
+        return frozenset(reading.site for here in route.readings[first:last] for reading in here)
+
+    def _at_least(self, sites: set[int] | frozenset[int], where: tuple[int, int]) -> Cut:
+        """At least as many of these as leave one whichever others are dead."""
+        columns = np.array(sorted(sites), dtype=np.intp)
+        return Cut(columns, np.ones(len(columns)), float(self.redundancy), where)

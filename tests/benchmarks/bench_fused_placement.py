@@ -1,0 +1,58 @@
+"""place_beacons for robots that fuse their readings: how many beacons, the bound, the gap, the time.
+
+The demo's rounds, a corridor, ten aisles, and the routes of the warehouse of `bench_placement`, with resets beside.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from driftplan import BeaconKind, OdometryNoise, Sites, bundled_map, load_world, place_beacons
+from driftplan.report.commands.demo_beacons import ROUNDS
+from tests.benchmarks.bench_placement import shelf_routes, sites_of, warehouse
+
+ROUGH = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
+FINE = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
+TAG, SHORT_TAG = BeaconKind.rfid(1.5, 0.1), BeaconKind.rfid(1.0, 0.1)
+TIME_LIMIT_S = 60.0
+
+
+def aisles(number: int, length_m: float) -> list[tuple[float, float]]:
+    """Aisles 3 m apart, driven one after the other, there and back in turn."""
+    return [point for k in range(number) for point in ((3.0 * k, 0.0), (3.0 * k, length_m))[:: 1 - 2 * (k % 2)]]
+
+
+def cases() -> dict[str, tuple[Any, Any, OdometryNoise, float, Sites]]:
+    hall = load_world(bundled_map("warehouse"), robot_radius=0.4)
+    world, middles, cross = warehouse(1.0)
+    routes = shelf_routes(60, middles, cross, np.random.default_rng(1))
+    return {
+        "demo's rounds": (hall, ROUNDS, ROUGH, 0.8, Sites(TAG, spacing_m=1.5)),
+        "corridor 500 m": (None, [(0, 0), (500, 0)], FINE, 0.3, Sites(SHORT_TAG, spacing_m=1.0)),
+        "ten aisles": (None, aisles(10, 40.0), FINE, 0.3, Sites(SHORT_TAG, spacing_m=1.0)),
+        "60 shelf routes": (world, routes, ROUGH, 0.8, Sites(TAG, points=sites_of(world, 1250))),
+    }
+
+
+def main() -> None:
+    """Print the table."""
+    titles = ("case", "estimator", "sites", "beacons", "bound", "gap %", "wall s", "cpu s")
+    print("".join(f"{title:>{width}}" for title, width in zip(titles, (16, 11, 7, 9, 7, 7, 8, 7), strict=True)))
+    for name, case in cases().items():
+        world, routes, noise, limit, sites = case
+        for estimator in ("reset", "filter"):
+            begin, cpu = time.perf_counter(), time.process_time()
+            layout = place_beacons(world, routes, noise, limit, sites, estimator=estimator, time_limit=TIME_LIMIT_S)
+            number = len(sites.listed(world, layout.scenario.routes).new)
+            print(
+                f"{name:>16} {estimator:>10} {number:6d} {len(layout.beacons):8d} {layout.lower_bound:6g} "
+                f"{100 * layout.gap:6.1f} {time.perf_counter() - begin:7.1f} {time.process_time() - cpu:6.1f}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
