@@ -175,13 +175,7 @@ def _merged(beacon: Ints, enter: Floats, leave: Floats, length: float) -> Passes
 
 
 def _in_sight(
-    chords: _Chords,
-    path: Floats,
-    steps: Floats,
-    lengths: Floats,
-    xy: Floats,
-    must_see: NDArray[np.bool_],
-    world: World,
+    chords: _Chords, path: Floats, steps: Floats, lengths: Floats, xy: Floats, must_see: NDArray[np.bool_], world: World
 ) -> _Chords:
     """The parts of chords from which the beacon is seen."""
     along = steps / np.where(lengths > 0, lengths, 1.0)[:, None]

@@ -120,10 +120,6 @@ def drift_with_beacons(
     estimator, spread, start_heading :
         As for `predict_drift`: what the robot does with a reading, and where it faces before its first turn.
 
-    Returns
-    -------
-    Drift
-
     Examples
     --------
     >>> from driftplan.beacons.beacon import BeaconKind

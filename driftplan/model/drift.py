@@ -325,10 +325,6 @@ def predict_drift(
     spread : SystematicSpread
         Systematic errors that differ from drive to drive and are estimated by the filter as it goes.
 
-    Returns
-    -------
-    Drift
-
     Raises
     ------
     ValueError

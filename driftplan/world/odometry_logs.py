@@ -61,11 +61,7 @@ _ALIASES: Mapping[str, Sequence[str]] = {
 }
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _POSE = ("x", "y", "z", *_QUATERNION)
-_NAMELESS: Mapping[int, Sequence[str]] = {
-    3: ("time", "x", "y"),
-    4: ("time", "x", "y", "heading"),
-    8: ("time", *_POSE),
-}
+_NAMELESS: Mapping[int, Sequence[str]] = {3: ("time", "x", "y"), 4: ("time", "x", "y", "heading"), 8: ("time", *_POSE)}
 _NAMELESS_STEPS: Mapping[str, Sequence[str]] = {
     "increments": ("time", "distance", "turn"),
     "velocities": ("time", "speed", "turn_rate"),

@@ -109,10 +109,6 @@ def cheapest_cover(
     progress : callable, optional
         Called with seconds, cost of the best layout and lower bound whenever one of them changes.
 
-    Returns
-    -------
-    Cover
-
     Examples
     --------
     Three sites, of which the oracle wants two neighbours:

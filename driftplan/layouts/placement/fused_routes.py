@@ -40,20 +40,12 @@ class FusedReading:
 
 @dataclass(frozen=True, eq=False)
 class FusedRoute:
-    """One route with all that could be read on it.
-
-    Attributes
-    ----------
-    start : FilterState
-    legs : Legs, shape (m,)
-    readings : for every border, m + 1 of them, the readings there in order
-    distance : (m + 1,), metres driven
-    """
+    """One route with all that could be read on it."""
 
     start: FilterState
-    legs: Legs
-    readings: tuple[tuple[FusedReading, ...], ...]
-    distance: Floats
+    legs: Legs  # (m,)
+    readings: tuple[tuple[FusedReading, ...], ...]  # for every border, m + 1 of them, the readings there in order
+    distance: Floats  # (m + 1,), metres driven
 
     @cached_property
     def sites(self) -> frozenset[int]:

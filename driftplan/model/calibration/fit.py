@@ -237,10 +237,6 @@ def fit_noise(
     seed : int
         Of the bootstrap.
 
-    Returns
-    -------
-    NoiseFit
-
     Raises
     ------
     ValueError

@@ -79,11 +79,7 @@ def checked(
     variances = np.array([between[name] for name in SYSTEMATIC]) ** 2
     cov = cov + np.einsum("nki,k,nkj->nij", slopes, variances, slopes)
     found = check_segments(
-        segments,
-        noise,
-        truth,
-        moments=(mean, cov),
-        rms_intervals_m=None if spread is None else spread.intervals,
+        segments, noise, truth, moments=(mean, cov), rms_intervals_m=None if spread is None else spread.intervals
     )
     errors = {name: hypot((std_errors or {}).get(name, 0.0), std) for name, std in between.items()}
     shifts = systematic_notes(noise, values, errors)

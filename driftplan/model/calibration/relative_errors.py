@@ -98,10 +98,6 @@ def relative_errors(
     step : int
         Frames from one segment's start to the next (KITTI only).
 
-    Returns
-    -------
-    RelativeErrors
-
     Raises
     ------
     ValueError

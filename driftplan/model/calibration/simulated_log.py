@@ -45,10 +45,6 @@ def simulate_log(
     truth_position_std_m, truth_heading_std : float
         White errors of the recorded truth: metres per coordinate, rad.
 
-    Returns
-    -------
-    OdometryLog, Trajectory
-
     Examples
     --------
     >>> odometry, truth = simulate_log([(0, 0), (10, 0), (10, 5)], OdometryNoise(distance_scale_error=0.02))

@@ -73,10 +73,6 @@ def umbmark(clockwise: ArrayLike, counterclockwise: ArrayLike, *, side_m: float 
     side_m : float
         Side of the square, metres, as the odometry counts it.
 
-    Returns
-    -------
-    Umbmark
-
     Raises
     ------
     ValueError
