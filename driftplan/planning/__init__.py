@@ -1,12 +1,11 @@
 """Routes of least drift: prices of motions, OMPL's planners and the project's own. The only wing that imports OMPL.
 
-routes                          plan_route, Route
-comparison                      compare_routes
-cost                            the additive drift cost, its bracket, the geodesic bound
-bounds                          what no route can do better
+routes, request, status         plan_route, Route; what is asked, checked once; why a search ended
+unaided                         paths for robots that read nothing on the way
+comparison, pareto              compare_routes, pareto_routes
+cost, bounds                    the additive drift cost, its bracket; what no route can do better
 taut_strings                    what no route among the obstacles can do better, and a first route
-plan                            plan_route as scripts know it, with beacons or without
-roadmap                         the roadmap: growing, pricing, searching, polishing
-ompl                            OMPL, for scripts of one's own
-itinerary                       routes from beacon to beacon
+roadmap                         the roadmap: growing, pricing, searching, polishing, with beacons or without
+ompl                            OMPL, for scripts of one's own; RoadmapPlanner
+itinerary                       the exact model of drift among beacons
 """

@@ -81,10 +81,10 @@ def compare_routes(
     if names is not None and len(names) != len(routes):
         raise ValueError(f"expected a name for each of {len(routes)} routes, got {len(names)}")
     rows = tuple(_row(route, None if names is None else names[k], world) for k, route in enumerate(routes))
-    counted = [getattr(route, "beacons", None) for route in routes]  # of an Itinerary
-    if any(some is not None for some in counted):
-        for row, some in zip(rows, counted, strict=True):
-            row["beacons"] = len(some or ())
+    planned = [route if isinstance(route, Route) else None for route in routes]
+    if any(route is not None and route.captures for route in planned):
+        for row, route in zip(rows, planned, strict=True):
+            row["beacons"] = 0 if route is None else len(route.beacons)
     return Comparison(rows=rows)
 
 

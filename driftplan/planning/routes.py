@@ -1,35 +1,36 @@
-"""plan_route: the route on which a robot arrives with the least drift."""
+"""plan_route: the route on which a robot arrives with the least drift, or that keeps a limit on the way."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from dataclasses import replace as changed
-from typing import Literal, NamedTuple, get_args
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats
-from driftplan.errors import NoPathError
+from driftplan.arrays import Floats, keywords_checked
+from driftplan.beacons.beacon import Beacon
+from driftplan.beacons.readings import DetectionChance
+from driftplan.errors import InfeasibleError
 from driftplan.model.drift import Drift
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.bounds import DeadReckoningBound
-from driftplan.planning.roadmap.polish import polished
-from driftplan.planning.roadmap.prices import Pricing, exact_drift, noises_of
-from driftplan.planning.roadmap.search import Status, check_connected, checked_ends, plan_on_roadmap, said
+from driftplan.model.readings import Fix
+from driftplan.model.worst import worst_rms
+from driftplan.planning.bounds import DeadReckoningBound, least_end_drift, least_length, least_worst_drift
+from driftplan.planning.request import ROADMAP, Objective, PlanRequest, Reliance, check_connected
+from driftplan.planning.roadmap.beacon_search import BeaconSearch
+from driftplan.planning.roadmap.beacon_walks import ROUNDING
+from driftplan.planning.roadmap.diagnosis import why_infeasible
+from driftplan.planning.roadmap.prices import exact_drift, length_of, noises_of
+from driftplan.planning.status import Status
+from driftplan.planning.unaided import UnaidedPath, least_drift_path, shortest_path
 from driftplan.world.world import World
-from driftplan.world.zones import Zone
 
-Minimise = Literal["drift", "length"]
-ROADMAP = "roadmap"
-_SHARE_OF_SHORTEST = 0.2  # of the time, for the shortest route, whose polished form is a candidate too
-_DETOUR_TRIALS = 5
-_SEEDS = 2**31  # what OMPL takes, and one less
-_SECONDS = 1.0  # of search, unless told otherwise
-_NO_LIMIT_S = 1e8  # three years
+_UNAIDED_SHARE = 0.3  # of the time limit, for the route that would be best without a limit
+_SEARCH_SHARE = 0.75  # of it for all searches; the rest is for shortening what was found
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -41,30 +42,51 @@ class Route:
     path : (n, 2) array
         Waypoints in metres, world frame.
     drift : Drift
-        Exact along the path, with the noise of the zones it crosses.
+        Exact along the path, with the noise of the zones it crosses and the readings of the beacons it counts on.
     planner : str
         Which planner found it.
-    minimise : {"drift", "length"}
+    minimise : {"drift", "length", "worst_drift"}
         What it minimises.
     status : Status
         Why the search ended, a sentence for people.
     bound : float
-        Proven lower bound of what was minimised: rms drift at the goal or length, in metres. Of the paths of the
-        roadmap, when that found the route; else of all routes, taking no notice of obstacles.
+        Lower bound of what was minimised, metres.
     bound_covers : {"roadmap", "all routes"}
-        Which of the two.
+        Of what it is a bound: of the paths of the roadmap whose heading error at the goal has a standard deviation of
+        up to ``bound_heading_std``, or of all routes, taking no notice of obstacles, redundancy and min_capture.
+    bound_heading_std : float
+        rad; infinite where the bound covers all paths.
     shortest : Route or None
-        The shortest route that the same search came by; this one has no more drift. None if this is a shortest one.
+        The shortest route that the same search came by, drift or not. None if this is a shortest one.
+    beacons : tuple of Beacon
+        Those it counts on, in the order of their first reading.
+    captures : tuple of DetectionChance
+        Every pass of a beacon and the probability that it happens.
+    max_drift : float or None
+        The limit asked for.
+    worst_drift : float
+        Greatest rms drift anywhere on the way, metres, all beacons alive.
+    worst_guaranteed : float
+        The same with any one beacon dead where ``redundancy`` was 2.
+    labels : int
+        How many partial routes the search kept.
     """
 
     path: Floats
     drift: Drift
     planner: str
-    minimise: Minimise
+    minimise: Objective
     status: Status
     bound: float
     bound_covers: Literal["roadmap", "all routes"]
+    bound_heading_std: float = math.inf
     shortest: Route | None = None
+    beacons: tuple[Beacon, ...] = ()
+    captures: tuple[DetectionChance, ...] = ()
+    max_drift: float | None = None
+    worst_drift: float
+    worst_guaranteed: float
+    labels: int = 0
 
     @property
     def length(self) -> float:
@@ -76,66 +98,98 @@ class Route:
         """rms drift at the goal, metres."""
         return float(self.drift.end.rms)
 
+    @property
+    def shortest_length(self) -> float:
+        """Of the shortest route found, drift or not, metres."""
+        return (self.shortest or self).length
+
+    @property
+    def is_among_beacons(self) -> bool:
+        """Whether beacons, a limit or the worst drift had a say in it."""
+        return bool(self.captures) or self.max_drift is not None or self.minimise == "worst_drift"
+
     def __repr__(self) -> str:
         """What a person would want to know, not a page of waypoints."""
+        counted = f", {len(self.beacons)} beacons" if self.captures else ""
         return (
-            f"{type(self).__name__}({self.length:.2f} m, rms {self.rms:.4g} m at the goal, least {self.minimise} of "
-            f"{self.planner}, {len(self.path)} waypoints, {self.status.name.lower()})"
+            f"Route({self.length:.2f} m, rms {self.rms:.4g} m at the goal, least {self.minimise} of {self.planner}, "
+            f"{len(self.path)} waypoints{counted}, {self.status.name.lower()})"
         )
 
 
+@keywords_checked()
 def plan_route(
     world: World,
     start: ArrayLike,
     goal: ArrayLike,
     noise: OdometryNoise,
     *,
-    minimise: Minimise = "drift",
-    planner: str = ROADMAP,
+    beacons: Sequence[Beacon] = (),
+    minimise: Objective = "drift",
+    max_drift: float | None = None,
     max_detour: float | None = None,
-    candidates: Iterable[ArrayLike] = (),
+    redundancy: int = 1,
+    min_capture: float = 0.9,
+    start_fix: Fix | None = None,
     start_heading: float | None = None,
+    planner: str = ROADMAP,
+    initial_paths: Iterable[ArrayLike] = (),
+    max_nodes: int = 1000,
     time_limit: float | None = None,
     iterations: int | None = None,
     seed: int = 0,
 ) -> Route:
-    """The collision-free route on which odometry drifts least by the time the robot is at the goal.
+    """The collision-free route on which odometry drifts least, or the shortest one that keeps a limit.
 
-    The planner minimises the additive upper bound of E|e|² (`driftplan.planning.cost`); what it finds is polished, and
-    of all candidates (as found, polished, the shortest route the same planner finds, that polished, and yours) the
-    one with the least exact drift is returned.
+    Without beacons and limits the planner minimises the additive upper bound of E|e|² (`driftplan.planning.cost`); what
+    it finds is polished, and of all paths (as found, polished, the shortest route, that polished, and yours) the one
+    with the least exact drift is returned. With beacons, a limit, or the worst drift to be least, a label search among
+    the beacons does it (`driftplan.planning.roadmap.beacon_search`), and what is returned has been checked by the exact
+    model: everywhere on the way, with every beacon dead that may be, and without beacons that the robot would probably
+    miss.
 
     Parameters
     ----------
     world : World
-        Its zones override ``noise`` where they are.
+        Its walls block sight, its zones override ``noise`` where they are.
     start, goal : (2,)
         Metres, world frame.
     noise : OdometryNoise
-    minimise : {"drift", "length"}
-        rms drift at the goal, or length.
-    planner : str
-        "roadmap", or of OMPL "rrtstar", "informed_rrtstar", "sorrtstar", "bitstar".
+        With beacons or a limit, of the continuous kind (no ``step_m``).
+    beacons : sequence of Beacon
+    minimise : {"drift", "length", "worst_drift"}
+        rms drift at the goal, length, or the greatest rms drift on the way (to within 2 %).
+    max_drift : float, optional
+        Greatest rms drift anywhere on the way, metres.
     max_detour : float, optional
-        Greatest length as a multiple of the shortest route found, >= 1.
-    candidates : iterable of (n, 2)
-        Other paths from start to goal to be considered; the route is never worse than the best of them. A path that
-        collides is refused.
+        Greatest length as a multiple of the shortest route found, >= 1. Default: 1.5 with beacons unless length is
+        minimised, else none.
+    redundancy : {1, 2}
+        2: all of it also holds with any one beacon dead, and what is minimised is the worst of those cases.
+    min_capture : float in [0, 1)
+        A beacon that the drifting robot would come within range of less surely than this on one of its passes
+        (`driftplan.beacons.readings.detection_chances`) is not counted on.
+    start_fix : Fix, optional
+        Uncertainty at the start; default: the start is known.
     start_heading : float, optional
         Heading at the start, rad: then the first turn counts too.
+    planner : str
+        "roadmap", or without beacons and limits of OMPL "rrtstar", "informed_rrtstar", "sorrtstar", "bitstar".
+    initial_paths : iterable of (n, 2)
+        Other paths from start to goal to be considered; the route is never worse than the best of them that keeps the
+        limit. A path that collides is refused.
+    max_nodes : int
+        Of the roadmap among beacons, about.
     time_limit : float, optional
-        Seconds of search; default 1, and none with ``iterations``. While no path is known, four batches of the roadmap
-        are completed in any case. Not counted: growing the obstacles by the robot's radius, once for a world, and
-        polishing the paths of OMPL's planners.
+        Seconds of search; default 1, with beacons or a limit 5, and none with ``iterations``. While no path is known,
+        four batches of the roadmap are completed in any case. Among beacons work is counted in labels and trials, and
+        the time limit only cuts it short; saying why there is no route may take as long again. Not counted: growing
+        the obstacles by the robot's radius, once for a world, and polishing the paths of OMPL's planners.
     iterations : int, optional
-        Ends every search after so many: batches of the roadmap (each has twice as many samples as the one before), or
-        iterations of OMPL's planners. The same seed then gives the same route, to the last bit.
+        Ends every search without beacons after so many: batches of the roadmap (each has twice as many samples as the
+        one before), or iterations of OMPL's planners. The same seed then gives the same route, to the last bit.
     seed : int
         Same seed, same samples; how many are drawn depends on the time, unless ``iterations`` says.
-
-    Returns
-    -------
-    Route
 
     Raises
     ------
@@ -143,220 +197,175 @@ def plan_route(
         If start or goal is not in free space; the message names the nearest point that is.
     NoPathError
         If no route leads there: the message says what part of the map the start can reach.
+    InfeasibleError
+        If no route of the roadmap keeps the limit (or none was found in time): the message says how near it gets, and
+        why.
     PlannerError
-        For planners that cannot minimise drift, with the reason.
+        For planners that cannot minimise drift, with the reason, and those that know of no beacons.
     ValueError
         For numbers that make no sense.
+    KeywordError
+        For keywords that there are not, with the nearest one.
 
     Examples
     --------
+    >>> from driftplan.beacons.beacon import BeaconKind
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
     >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
     >>> route = plan_route(world, (2, 2), (8, 2), noise, time_limit=0.3)
     >>> 13 < route.length < 14.5, 0 < route.bound <= route.rms < 0.2
     (True, True)
+    >>> sign = BeaconKind.landmark(range_m=3.0, position_std_m=0.05, heading_std=0.01)
+    >>> hall = World.from_polygons([], bounds=(0, 0, 60, 30), robot_radius=0.5)
+    >>> asked = {"max_drift": 1.8, "minimise": "length", "max_nodes": 200, "time_limit": 60}
+    >>> found = plan_route(hall, (2, 5), (58, 5), noise.scaled(3.0), beacons=[Beacon(sign, 30, 11)], **asked)
+    >>> len(found.beacons), 56 < found.length < 62, found.worst_drift <= 1.8
+    (1, True, True)
     """
-    if minimise not in get_args(Minimise):
-        raise ValueError(f"expected minimise one of {get_args(Minimise)}, got {minimise!r}")
-    if max_detour is not None and not (math.isfinite(max_detour) and max_detour >= 1):
-        raise ValueError(f"expected max_detour >= 1, got {max_detour!r}")
-    if max_detour is not None and minimise == "length":
-        raise ValueError("expected no max_detour with minimise='length', which makes none: got both")
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < _SEEDS:
-        raise ValueError(f"expected seed a whole number >= 0 and < {_SEEDS}, got {seed!r}")
-    if iterations is not None and not (isinstance(iterations, (int, np.integer)) and iterations >= 1):
-        raise ValueError(f"expected iterations a whole number >= 1, got {iterations!r}")
-    if planner != ROADMAP:
-        from driftplan.planning.ompl.solve import check_planner
+    began = time.monotonic()
+    request = PlanRequest.of(
+        world,
+        start,
+        goal,
+        noise,
+        Reliance(
+            beacons=tuple(beacons),
+            max_drift=math.inf if max_drift is None else max_drift,
+            max_detour=max_detour,
+            redundancy=redundancy,
+            min_capture=min_capture,
+            start_fix=start_fix,
+            start_heading=start_heading,
+        ),
+        minimise=minimise,
+        planner=planner,
+        initial_paths=initial_paths,
+        max_nodes=max_nodes,
+        time_limit=time_limit,
+        iterations=iterations,
+        seed=seed,
+    )
+    check_connected(world, request.ends)
+    if not request.needs_labels:
+        return _unaided_route(request)
+    if (request.ends[0] == request.ends[1]).all():
+        raise ValueError(f"expected start and goal apart, got {request.ends[0].tolist()} for both")
+    known = request.initial_paths
+    if not request.reliance.beacons and minimise == "drift":  # a limit that does not bind changes nothing
+        free = _unaided_route(replace(request, time_limit=_UNAIDED_SHARE * request.time_limit))
+        if free.worst_drift <= request.reliance.max_drift:
+            return replace(free, max_drift=max_drift)
+        known = (*known, free.path)
+    return _route_among_beacons(request, known, began)
 
-        check_planner(planner, also=(ROADMAP,))
-    seconds = time_limit if time_limit is not None else _SECONDS if iterations is None else _NO_LIMIT_S
-    ends = checked_ends(world, start, goal, noise, minimise, seconds, None, start_heading)
-    check_connected(world, ends)
-    given = [_candidate(world, ends, path) for path in candidates]
-    search = _Search(world, ends, noise, planner, start_heading, int(seed), iterations)
-    if (ends[0] == ends[1]).all():
-        return search.route(ends, minimise, _Found((ends,), Status.OPTIMAL, 0.0))
+
+def search_for(search: BeaconSearch, minimise: Objective) -> Floats | None:
+    """The best path that keeps the limit of the search's `Reliance`, or None."""
+    limit, longest = search.reliance.max_drift, search.max_length(minimise)
+    if math.isfinite(limit) and least_length(search.ends, search.noises, search.beacons, limit) > longest:
+        return None  # whatever the roadmap
     if minimise == "length":
-        found = search.run("length", world, seconds, candidates=given)
-        pool = [*found.paths, *given]
-        return search.route(min(search.some(pool, seconds), key=_length), "length", found)
-
-    brief = search.run("length", world, _SHARE_OF_SHORTEST * seconds, candidates=given)
-    known = [*given, *brief.paths]
-    shares = 1 if max_detour is None else 1 + _DETOUR_TRIALS
-    each = (1 - _SHARE_OF_SHORTEST) * seconds / shares
-    found = search.run("drift", world, each, candidates=known)
-    pool = [*known, *found.paths]
-    if planner != ROADMAP:  # which has polished what it was given
-        pool += [search.polish(path) for path in brief.paths]
-    shortest = min(search.some(pool, seconds), key=_length)
-    longest = math.inf if max_detour is None else max_detour * _length(shortest)
-    if found.paths and all(_length(path) > longest for path in found.paths):
-        pool += search.within_detour(longest, each)
-    fitting = [path for path in pool if _length(path) <= longest * (1 + 1e-9)]
-    route = search.route(min(fitting, key=search.mean_square), "drift", found)
-    return changed(route, shortest=search.route(shortest, "length", brief))
+        return search.shortest_within(limit, longest)
+    if minimise == "drift":
+        return search.least_end_drift(limit, longest)
+    return search.least_worst_drift(limit, longest)
 
 
-class _Found(NamedTuple):
-    """What one search came back with; the bound is of its roadmap, in m² or m."""
-
-    paths: tuple[Floats, ...]
-    status: Status
-    bound: float | None
-
-
-class _Search:
-    """The searches of one call of `plan_route`."""
-
-    def __init__(
-        self,
-        world: World,
-        ends: Floats,
-        noise: OdometryNoise,
-        planner: str,
-        start_heading: float | None,
-        seed: int,
-        iterations: int | None,
-    ) -> None:
-        self.world, self.ends, self.noise = world, ends, noise
-        self.planner, self.start_heading, self.seed, self.iterations = planner, start_heading, seed, iterations
-
-    def some(self, pool: list[Floats], time_limit: float) -> list[Floats]:
-        """The paths, if there are any."""
-        if not pool:
-            within = f"{time_limit:g} s" if self.iterations is None else f"{self.iterations} iterations"
-            raise NoPathError(
-                f"{self.planner} found no path from {said(self.ends[0])} to {said(self.ends[1])} within {within}, "
-                "though free space connects them: allow more"
-                + (f", or use planner={ROADMAP!r}" if self.planner != ROADMAP else "")
-            )
-        return pool
-
-    def run(
-        self,
-        minimise: Minimise,
-        world: World,
-        time_limit: float,
-        noise: OdometryNoise | None = None,
-        candidates: Sequence[Floats] = (),
-    ) -> _Found:
-        """The planner's best path, as it is and polished; no path if it found none in time.
-
-        The roadmap begins with the ``candidates``; OMPL's planners cannot be told.
-        """
-        noise = noise or self.noise
-        if self.planner == ROADMAP:
-            try:
-                result = plan_on_roadmap(
-                    world,
-                    self.ends[0],
-                    self.ends[1],
-                    noise,
-                    minimise=minimise,
-                    time_limit=time_limit,
-                    batches=self.iterations,
-                    seed=self.seed,
-                    start_heading=self.start_heading,
-                    candidates=candidates,
-                )
-            except NoPathError:
-                return _Found((), Status.TIME_LIMIT, None)
-            return _Found((result.path,), result.status, result.bound)
-        from driftplan.planning.ompl.solve import solve
-
-        priced = noise if minimise == "drift" else None
-        began = time.perf_counter()
-        raw = solve(
-            world,
-            self.ends[0],
-            self.ends[1],
-            priced,
-            planner=self.planner,
-            time_limit=time_limit,
-            iterations=self.iterations,
-            seed=self.seed,
-        )
-        in_time = self.iterations is not None and time.perf_counter() - began < time_limit
-        status = Status.ITERATIONS_DONE if in_time else Status.TIME_LIMIT
-        if raw is None:
-            return _Found((), status, None)
-        pricing = Pricing(world, self.ends[1], noise, minimise)
-        return _Found((raw, polished(pricing, raw, self.start_heading)), status, None)
-
-    def polish(self, path: Floats) -> Floats:
-        return polished(Pricing(self.world, self.ends[1], self.noise, "drift"), path, self.start_heading)
-
-    def within_detour(self, longest: float, time_limit: float) -> list[Floats]:
-        """Paths of low drift no longer than ``longest``: a price on length is raised until they fit, then refined.
-
-        A price per metre is a distance variance per metre to the additive cost, here and in the zones. It finds the
-        routes that are best for some price, which not every route that is best for its length is.
-        """
-        straight = float(np.linalg.norm(self.ends[1] - self.ends[0]))
-        low, high = 0.0, self.noise.heading_var_per_m * straight**2 + self.noise.distance_var_per_m + 1e-9
-        fitting: list[Floats] = []
-        for _ in range(_DETOUR_TRIALS):
-            price = high if not fitting else math.sqrt(max(low, high * 1e-3) * high)
-            zones = tuple(Zone(zone.polygon, _dearer(zone.noise, price)) for zone in self.world.zones)
-            world = changed(self.world, zones=zones) if zones else self.world
-            paths = self.run("drift", world, time_limit, noise=_dearer(self.noise, price)).paths
-            fits = [path for path in paths if _length(path) <= longest]
-            fitting += fits
-            if fits:
-                high = price
-            else:
-                low, high = price, (4 * price if not fitting else high)
-        return fitting
-
-    def mean_square(self, path: Floats) -> float:
-        return float(exact_drift(self.world, path, self.noise, self.start_heading).end.rms ** 2)
-
-    def route(self, path: Floats, minimise: Minimise, found: _Found) -> Route:
-        drift = exact_drift(self.world, path, self.noise, self.start_heading)
-        straight = float(np.linalg.norm(self.ends[1] - self.ends[0]))
-        score = float(drift.length) if minimise == "length" else float(drift.end.rms) ** 2
-        bound = found.bound
-        if bound is None:
-            unaided = DeadReckoningBound(noises_of(self.world, self.noise), (), score)
-            bound = straight if minimise == "length" else min(float(unaided.square(np.asarray(straight))), score)
-        bound = min(bound, score)  # a candidate may beat the roadmap
-        return Route(
-            path=path,
-            drift=drift,
-            planner=self.planner,
-            minimise=minimise,
-            status=found.status,
-            bound=bound if minimise == "length" else math.sqrt(bound),
-            bound_covers="all routes" if found.bound is None else "roadmap",
-        )
+def route_along(search: BeaconSearch, path: Floats, minimise: Objective) -> Route:
+    """The route along a path that ``search`` found, from the exact model, with its bound."""
+    check, limit = search.check, search.reliance.max_drift
+    drift, verdict = check.drift(path), check.verdict(path)
+    given = search.ends, search.noises, search.beacons
+    if minimise == "length":
+        score, bound = float(drift.length), least_length(*given, limit if math.isfinite(limit) else None)
+    elif minimise == "drift":
+        score, bound = verdict.end, least_end_drift(*given, verdict.end)
+    else:
+        score, bound = verdict.worst, least_worst_drift(*given, verdict.worst)
+    status = Status.SEARCH_DONE
+    if score <= bound * (1 + ROUNDING):
+        status = Status.OPTIMAL
+    elif search.timed_out:
+        status = Status.TIME_LIMIT
+    elif search.exhausted:
+        status = Status.LABELS_DONE
+    shortest = None
+    if path is not search.shortest and length_of(path) > length_of(search.shortest) * (1 + ROUNDING):
+        shortest = route_along(search, search.shortest, "length")
+    return Route(
+        path=path,
+        drift=drift,
+        planner=ROADMAP,
+        minimise=minimise,
+        status=status,
+        bound=min(bound, score),
+        bound_covers="all routes",
+        shortest=shortest,
+        beacons=tuple(search.beacons[i] for i in check.met(path)),
+        captures=tuple(check.captures(path)),
+        max_drift=limit if math.isfinite(limit) else None,
+        worst_drift=replace(check, redundancy=1).verdict(path).worst,
+        worst_guaranteed=verdict.worst,
+        labels=search.labels,
+    )
 
 
-def _candidate(world: World, ends: Floats, path: ArrayLike) -> Floats:
-    """A path of the caller's, after it has been looked at."""
-    points = np.asarray(path, dtype=float)
-    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
-        raise ValueError(f"expected candidates of at least 2 finite waypoints, shape (n, 2), got shape {points.shape}")
-    if not (np.allclose(points[0], ends[0]) and np.allclose(points[-1], ends[1])):
-        raise ValueError(
-            f"expected candidates from {said(ends[0])} to {said(ends[1])}, got one from {said(points[0])} to "
-            f"{said(points[-1])}"
-        )
-    points = np.concatenate([ends[:1], points[1:-1], ends[1:]])  # to the last digit
-    free = world.segments_free(points[:-1], points[1:])
-    if not free.all():
-        leg = int(np.argmin(free))
-        raise ValueError(
-            f"expected candidates free of collisions, got one that collides between {said(points[leg])} and "
-            f"{said(points[leg + 1])}"
-        )
-    return points
+def _route_among_beacons(request: PlanRequest, known: Sequence[Floats], began: float) -> Route:
+    def late(share: float) -> bool:
+        return time.monotonic() - began > share * request.time_limit
+
+    search = BeaconSearch(
+        request.world,
+        request.world,
+        request.ends,
+        request.noise,
+        request.reliance,
+        max_nodes=request.max_nodes,
+        seed=request.seed,
+        stop=lambda: late(_SEARCH_SHARE),
+        stop_shortening=lambda: late(1.0),
+        known=known,
+    )
+    path = search_for(search, request.minimise)
+    if path is None:
+        search.stop = lambda: late(2.0)
+        raise InfeasibleError(why_infeasible(search, request.reliance.max_drift, search.max_length(request.minimise)))
+    return route_along(search, path, request.minimise)
 
 
-def _dearer(noise: OdometryNoise, price_per_m: float) -> OdometryNoise:
-    return changed(noise, distance_var_per_m=noise.distance_var_per_m + price_per_m)
+def _unaided_route(request: PlanRequest) -> Route:
+    if request.minimise == "length":
+        return _dead_reckoned(request, shortest_path(request))
+    lowest, shortest = least_drift_path(request)
+    if lowest.path is shortest.path and (request.ends[0] == request.ends[1]).all():
+        return _dead_reckoned(request, lowest)
+    route = _dead_reckoned(request, lowest)
+    return replace(route, shortest=_dead_reckoned(replace(request, minimise="length"), shortest))
 
 
-def _length(path: Floats) -> float:
-    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+def _dead_reckoned(request: PlanRequest, found: UnaidedPath) -> Route:
+    """The route along a path on which nothing is read."""
+    by_length = request.minimise == "length"
+    reliance = request.reliance
+    fixes = () if reliance.start_fix is None else (reliance.start_fix,)
+    drift = exact_drift(request.world, found.path, request.noise, reliance.start_heading, fixes)
+    straight = float(np.linalg.norm(request.ends[1] - request.ends[0]))
+    score = float(drift.length) if by_length else float(drift.end.rms) ** 2
+    bound = found.bound
+    if bound is None:
+        unaided = DeadReckoningBound(noises_of(request.world, request.noise), (), score)
+        bound = straight if by_length else float(unaided.square(np.asarray(straight)))
+    bound = min(bound, score)  # a path of the caller's may beat the roadmap
+    worst = worst_rms(drift)
+    return Route(
+        path=found.path,
+        drift=drift,
+        planner=request.planner,
+        minimise=request.minimise,
+        status=found.status,
+        bound=bound if by_length else math.sqrt(bound),
+        bound_covers="all routes" if found.bound is None else "roadmap",
+        bound_heading_std=found.bound_heading_std,
+        worst_drift=worst,
+        worst_guaranteed=worst,
+    )

@@ -9,7 +9,7 @@ import numpy as np
 
 from driftplan import InfeasibleError, OdometryNoise, Trip, World, bundled_map, co_design, load_world
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.planning.itinerary.itinerary import Itinerary, plan_itinerary
+from driftplan.planning.routes import Route, plan_route
 
 BERLIN = Path(__file__).resolve().parents[2] / "../shared/data/movingai/Berlin_1_256.map"
 NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.1, after_m=10.0)
@@ -25,10 +25,10 @@ def scattered(world: World, count: int, range_m: float) -> list[Beacon]:
     return [Beacon(sign if k % 4 == 0 else tag, *xy) for k, xy in enumerate(points)]
 
 
-def timed(title: str, world: World, ends: np.ndarray, beacons: list[Beacon], **asked: object) -> Itinerary | None:
+def timed(title: str, world: World, ends: np.ndarray, beacons: list[Beacon], **asked: object) -> Route | None:
     began, cpu = time.perf_counter(), time.process_time()
     try:
-        found = plan_itinerary(world, ends[0], ends[1], NOISE, beacons=beacons, **asked)  # type: ignore[arg-type]
+        found = plan_route(world, *ends, NOISE, beacons=beacons, **{"minimise": "length", **asked})  # type: ignore[arg-type]
         said = (
             f"{found.length:7.2f} m (shortest {found.shortest_length:.2f}), worst {found.worst_drift:.3f} m, "
             f"end {found.rms:.3f} m, {len(found.beacons)} beacons, {found.labels} labels"
@@ -53,11 +53,11 @@ def main() -> None:
         print("Berlin: map not there, left out")
     for name, (world, ends, range_m, limits) in places.items():
         beacons = scattered(world, 200, range_m)
-        timed(f"{name}: 200 beacons, no limit", world, ends, beacons, nodes=1000)
+        timed(f"{name}: 200 beacons, no limit", world, ends, beacons, max_nodes=1000)
         for limit in limits:
-            timed(f"{name}: 200 beacons, limit {limit:.2f} m", world, ends, beacons, nodes=1000, max_drift=limit)
+            timed(f"{name}: 200 beacons, limit {limit:.2f} m", world, ends, beacons, max_nodes=1000, max_drift=limit)
         limit = limits[0]
-        longer = {"nodes": 1000, "time_limit": 60.0}  # so that it ends by itself
+        longer = {"max_nodes": 1000, "time_limit": 60.0}  # so that it ends by itself
         timed(
             f"{name}: any one dead, limit {limit:.2f} m", world, ends, beacons, max_drift=limit, redundancy=2, **longer
         )
@@ -68,7 +68,7 @@ def main() -> None:
         timed(f"warehouse: {count} beacons, limit 1 m", world, ends, scattered(world, count, range_m), max_drift=1.0)
     for nodes in (250, 500, 1000, 2000, 4000):
         title = f"warehouse: 50 beacons, {nodes} nodes, limit 0.6 m"
-        timed(title, world, ends, scattered(world, 50, range_m), max_drift=0.6, nodes=nodes, time_limit=60.0)
+        timed(title, world, ends, scattered(world, 50, range_m), max_drift=0.6, max_nodes=nodes, time_limit=60.0)
     designed(world)
 
 

@@ -35,7 +35,7 @@ from driftplan.planning.cost import CostRates, edge_cost, geodesic_cost
 from driftplan.planning.ompl.collision import use_world
 from driftplan.planning.ompl.objective import DriftObjective
 from driftplan.planning.roadmap.growth import RoadmapSearch
-from driftplan.planning.roadmap.prices import Pricing
+from driftplan.planning.roadmap.prices import AdditiveCost
 from driftplan.world.mapfiles import bundled_map, load_world
 from driftplan.world.world import World
 
@@ -143,7 +143,7 @@ def nearest(xy: Points, free: NDArray[np.bool_], point: tuple[float, float]) -> 
 
 
 def roadmap(query: Query) -> Trace:
-    pricing = Pricing(query.world, np.array(query.goal), NOISE)
+    pricing = AdditiveCost(query.world, np.array(query.goal), NOISE)
     began = time.process_time()
     search = RoadmapSearch(pricing, np.array(query.start))
     trace: Trace = []

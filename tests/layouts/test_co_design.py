@@ -19,7 +19,8 @@ from driftplan.layouts.sites import SiteGroup, Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
-from driftplan.planning.itinerary.search import ItinerarySearch
+from driftplan.planning.request import Reliance
+from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.world.world import World
 
 NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
@@ -50,7 +51,7 @@ def designed(trips=TRIPS, limit=LIMIT, **options):
 def test_it_is_never_dearer_than_shortest_routes_and_then_beacons(price):
     found = designed(price_per_m=price)
     shortest = [
-        ItinerarySearch(WORLD, WORLD, np.array([trip.start, trip.goal]), NOISE, (), nodes=120).shortest
+        BeaconSearch(WORLD, WORLD, np.array([trip.start, trip.goal]), NOISE, Reliance(), max_nodes=120).shortest
         for trip in TRIPS
     ]
     layout = place_beacons(WORLD, shortest, NOISE, LIMIT, Sites(SIGN, spacing_m=4.0))
@@ -184,7 +185,9 @@ def brute_force(trips, limit, candidates, price):
             for trip in trips:
                 if cost < best:
                     ends = np.array([trip.start, trip.goal])
-                    search = ItinerarySearch(WORLD, WORLD, ends, NOISE, chosen, min_capture=0.0, nodes=120)
+                    search = BeaconSearch(
+                        WORLD, WORLD, ends, NOISE, Reliance(beacons=tuple(chosen), min_capture=0.0), max_nodes=120
+                    )
                     path = search.shortest_within(
                         limit, 1.5 * np.linalg.norm(np.diff(search.shortest, axis=0), axis=1).sum()
                     )

@@ -16,8 +16,7 @@ from driftplan.model.simulation import simulate_drift
 from driftplan.planning.bounds import least_length
 from driftplan.planning.comparison import compare_routes
 from driftplan.planning.itinerary.check import ItineraryCheck
-from driftplan.planning.itinerary.itinerary import plan_itinerary
-from driftplan.planning.routes import Route
+from driftplan.planning.routes import Route, plan_route
 from driftplan.world.mapfiles import bundled_map, load_world
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -28,7 +27,12 @@ TAG = BeaconKind.rfid(range_m=2.0, position_std_m=0.1)
 SIGN = BeaconKind.landmark(range_m=3.0, position_std_m=0.05, heading_std=0.01)
 HALL = World.from_polygons([], bounds=(0, 0, 80, 40), robot_radius=0.5)
 START, GOAL = (3.0, 10.0), (77.0, 10.0)
-QUICK = {"nodes": 250, "time_limit": 600.0}  # a clock that never decides
+QUICK = {"max_nodes": 250, "time_limit": 600.0}  # a clock that never decides
+
+
+def planned(*where, **asked):
+    """The shortest route unless something else is to be least."""
+    return plan_route(*where, **{"minimise": "length", **asked})
 
 
 def greatest(path, beacons, world=HALL, noise=NOISE, fixes=()):
@@ -118,7 +122,7 @@ ON_THE_WAY = [Beacon(SIGN, 28, 11), Beacon(SIGN, 52, 9)]
 
 
 def test_the_shortest_path_is_taken_when_it_keeps_the_limit():
-    found = plan_itinerary(HALL, START, GOAL, NOISE, beacons=ON_THE_WAY, max_drift=2.0, **QUICK)
+    found = planned(HALL, START, GOAL, NOISE, beacons=ON_THE_WAY, max_drift=2.0, **QUICK)
     assert found.length == pytest.approx(74.0)
     assert found.status.name == "OPTIMAL"
     assert found.bound == pytest.approx(74.0)
@@ -129,7 +133,7 @@ def test_a_detour_by_beacons_wins_where_the_shortest_path_gets_lost():
     beacons = [Beacon(SIGN, 22, 20), Beacon(SIGN, 40, 22), Beacon(SIGN, 58, 20)]
     limit = 1.5
     assert greatest(np.array([START, GOAL]), beacons) > 2 * limit
-    found = plan_itinerary(HALL, START, GOAL, NOISE, beacons=beacons, max_drift=limit, **QUICK)
+    found = planned(HALL, START, GOAL, NOISE, beacons=beacons, max_drift=limit, **QUICK)
     assert found.worst_drift <= limit
     assert greatest(found.path, beacons) <= limit * (1 + 1e-6)
     assert 74.0 < found.length < 82.0
@@ -146,7 +150,7 @@ def test_a_detour_by_beacons_wins_where_the_shortest_path_gets_lost():
 def test_a_short_detour_is_not_far_from_the_best_there_is():
     # One sign beside the way: no path is shorter than one that touches its range, by symmetry half-way.
     sign = Beacon(SIGN, 40, 18)
-    found = plan_itinerary(HALL, START, GOAL, NOISE, beacons=[sign], max_drift=2.7, min_capture=0.0, **QUICK)
+    found = planned(HALL, START, GOAL, NOISE, beacons=[sign], max_drift=2.7, min_capture=0.0, **QUICK)
     touching = 2 * float(np.hypot(37.0, 8.0 - SIGN.range_m))
     assert touching - 1e-6 <= found.length <= 1.003 * touching
     assert found.bound <= touching
@@ -155,14 +159,14 @@ def test_a_short_detour_is_not_far_from_the_best_there_is():
 def test_fewer_restrictions_never_make_a_route_longer():
     beacons = [Beacon(SIGN, 22, 18), Beacon(SIGN, 40, 20), Beacon(SIGN, 58, 17), Beacon(TAG, 30, 6)]
     lengths = [
-        plan_itinerary(HALL, START, GOAL, NOISE, beacons=beacons, max_drift=limit, min_capture=0.0, **QUICK).length
+        planned(HALL, START, GOAL, NOISE, beacons=beacons, max_drift=limit, min_capture=0.0, **QUICK).length
         for limit in (1.5, 1.8, 2.5)
     ]
     assert lengths[0] >= lengths[1] - 0.2 >= lengths[2] - 0.4  # shortening stops at a local best
 
 
 def test_without_beacons_the_limit_must_hold_alone():
-    found = plan_itinerary(HALL, START, (13.0, 10.0), NOISE, beacons=[], max_drift=0.5, **QUICK)
+    found = planned(HALL, START, (13.0, 10.0), NOISE, beacons=[], max_drift=0.5, **QUICK)
     assert found.beacons == ()
     assert found.worst_drift == pytest.approx(greatest(np.array([START, (13.0, 10.0)]), ()))
 
@@ -172,38 +176,43 @@ def test_position_fixes_alone_cannot_hold_a_limit_when_the_heading_is_never_fixe
     spots = [(x, 10.0) for x in range(7, 78, 7)]
     tags = [Beacon(TAG, *xy) for xy in spots]
     with pytest.raises(InfeasibleError, match=r"heading is never fixed.*heading the limit could be kept"):
-        plan_itinerary(HALL, START, GOAL, rough, beacons=tags, max_drift=0.7, nodes=150, time_limit=600.0)
+        planned(HALL, START, GOAL, rough, beacons=tags, max_drift=0.7, max_nodes=150, time_limit=600.0)
     signs = [Beacon(SIGN, *xy) for xy in spots]
-    found = plan_itinerary(HALL, START, GOAL, rough, beacons=signs, max_drift=0.7, **QUICK)
+    found = planned(HALL, START, GOAL, rough, beacons=signs, max_drift=0.7, **QUICK)
     assert found.worst_drift <= 0.7
 
 
 def test_an_itinerary_out_of_reach_says_how_near_it_gets():
     with pytest.raises(InfeasibleError, match=r"short of the goal; the beacon nearest to that place, A at .* m away"):
-        plan_itinerary(
-            HALL, START, GOAL, NOISE, beacons=[Beacon(SIGN, 10, 10, id="A")], max_drift=0.5, nodes=80, time_limit=600.0
+        planned(
+            HALL,
+            START,
+            GOAL,
+            NOISE,
+            beacons=[Beacon(SIGN, 10, 10, id="A")],
+            max_drift=0.5,
+            max_nodes=80,
+            time_limit=600.0,
         )
     with pytest.raises(InfeasibleError, match=r"would be missed: .*min_capture=0\.9"):
-        plan_itinerary(
-            HALL, START, GOAL, NOISE, beacons=[Beacon(SIGN, 40, 18)], max_drift=2.7, nodes=150, time_limit=600.0
+        planned(
+            HALL, START, GOAL, NOISE, beacons=[Beacon(SIGN, 40, 18)], max_drift=2.7, max_nodes=150, time_limit=600.0
         )
     with pytest.raises(InfeasibleError, match=r"most accurate beacon leaves an rms error of 0\.141"):
-        plan_itinerary(
-            HALL, START, GOAL, NOISE, beacons=[Beacon(TAG, 10, 10)], max_drift=0.1, nodes=80, time_limit=600.0
-        )
+        planned(HALL, START, GOAL, NOISE, beacons=[Beacon(TAG, 10, 10)], max_drift=0.1, max_nodes=80, time_limit=600.0)
     with pytest.raises(InfeasibleError, match="no beacon gives a position"):
-        plan_itinerary(HALL, START, GOAL, NOISE, beacons=[], max_drift=0.5, nodes=80, time_limit=600.0)
+        planned(HALL, START, GOAL, NOISE, beacons=[], max_drift=0.5, max_nodes=80, time_limit=600.0)
     unsure = Fix.full(0.0, position_std_m=1.0, heading_std=0.1)
     with pytest.raises(InfeasibleError, match="drift at the start is above it"):
-        plan_itinerary(
+        planned(
             HALL,
             START,
             GOAL,
             NOISE,
             beacons=[Beacon(SIGN, 40, 10)],
             max_drift=1.0,
-            initial=unsure,
-            nodes=80,
+            start_fix=unsure,
+            max_nodes=80,
             time_limit=600.0,
         )
 
@@ -212,7 +221,7 @@ def test_walls_block_the_sight_of_landmarks():
     wall = [(5, 12), (75, 12), (75, 13), (5, 13)]
     world = World.from_polygons([wall], bounds=(0, 0, 80, 40), robot_radius=0.5)
     hidden = [Beacon(SIGN, x, 14.0) for x in (20, 40, 60)]  # within range of the direct way, behind the wall
-    found = plan_itinerary(world, START, GOAL, NOISE, beacons=hidden, max_drift=2.2, **QUICK)
+    found = planned(world, START, GOAL, NOISE, beacons=hidden, max_drift=2.2, **QUICK)
     assert found.length > 75
     assert greatest(found.path, hidden, world) <= 2.2 * (1 + 1e-6)
     assert found.path[:, 1].max() > 13
@@ -221,7 +230,7 @@ def test_walls_block_the_sight_of_landmarks():
 def test_an_uncertain_start_is_taken_into_account():
     beacons = [Beacon(SIGN, 10, 12), *ON_THE_WAY]
     unsure = Fix.full(0.0, position_std_m=0.2, heading_std=0.1)
-    found = plan_itinerary(HALL, START, GOAL, NOISE, beacons=beacons, max_drift=1.3, initial=unsure, **QUICK)
+    found = planned(HALL, START, GOAL, NOISE, beacons=beacons, max_drift=1.3, start_fix=unsure, **QUICK)
     assert float(found.drift.rms[0]) == pytest.approx(0.2 * 2**0.5)
     assert greatest(found.path, found.beacons, fixes=[unsure]) <= 1.3 * (1 + 1e-6)
 
@@ -234,8 +243,8 @@ SPARE = [Beacon(SIGN, x, y) for x in (18, 32, 46, 60) for y in (11.0, 20.0)]
 def test_with_any_one_beacon_dead_the_limit_still_holds():
     beacons = [*SPARE, Beacon(TAG, 25, 9), Beacon(TAG, 53, 9)]
     limit = 1.9
-    found = plan_itinerary(HALL, START, GOAL, NOISE, beacons=beacons, max_drift=limit, redundancy=2, **QUICK)
-    assert found.worst_drift <= found.worst_if_dead <= limit
+    found = planned(HALL, START, GOAL, NOISE, beacons=beacons, max_drift=limit, redundancy=2, **QUICK)
+    assert found.worst_drift <= found.worst_guaranteed <= limit
     for beacon in found.beacons:
         rest = [b for b in found.beacons if b is not beacon]
         assert greatest(found.path, rest) <= limit * (1 + 1e-6)
@@ -244,9 +253,9 @@ def test_with_any_one_beacon_dead_the_limit_still_holds():
 def test_one_beacon_that_everything_hangs_on_is_not_enough():
     one, sure = [Beacon(SIGN, 40, 10)], 0.85  # read with 0.888 on the straight way
     asked = {"beacons": one, "max_drift": 2.5, "min_capture": sure}
-    plan_itinerary(HALL, START, GOAL, NOISE, **asked, **QUICK)
+    planned(HALL, START, GOAL, NOISE, **asked, **QUICK)
     with pytest.raises(InfeasibleError, match="with any one beacon dead"):
-        plan_itinerary(HALL, START, GOAL, NOISE, **asked, redundancy=2, nodes=80, time_limit=600.0)
+        planned(HALL, START, GOAL, NOISE, **asked, redundancy=2, max_nodes=80, time_limit=600.0)
 
 
 # Other objectives
@@ -254,9 +263,9 @@ def test_one_beacon_that_everything_hangs_on_is_not_enough():
 
 def test_the_beacon_next_to_the_goal_is_worth_a_detour_only_within_max_detour():
     beside = [Beacon(SIGN, 66, 26)]  # 16 m aside
-    opened = {"nodes": 150, "time_limit": 600.0, "min_capture": 0.0}
-    near = plan_itinerary(HALL, START, GOAL, NOISE, beacons=beside, minimise="drift", max_detour=1.05, **opened)
-    far = plan_itinerary(HALL, START, GOAL, NOISE, beacons=beside, minimise="drift", max_detour=1.5, **opened)
+    opened = {"max_nodes": 150, "time_limit": 600.0, "min_capture": 0.0}
+    near = planned(HALL, START, GOAL, NOISE, beacons=beside, minimise="drift", max_detour=1.05, **opened)
+    far = planned(HALL, START, GOAL, NOISE, beacons=beside, minimise="drift", max_detour=1.5, **opened)
     assert near.beacons == ()
     assert near.length <= 1.05 * 74 * (1 + 1e-9)
     assert far.beacons == tuple(beside)
@@ -266,13 +275,11 @@ def test_the_beacon_next_to_the_goal_is_worth_a_detour_only_within_max_detour():
 
 def test_the_least_worst_drift_is_below_that_of_the_shortest_path_and_cannot_be_kept_below():
     beacons = [Beacon(SIGN, 22, 20), Beacon(SIGN, 40, 22), Beacon(SIGN, 58, 20)]
-    found = plan_itinerary(HALL, START, GOAL, NOISE, beacons=beacons, minimise="worst_drift", **QUICK)
+    found = planned(HALL, START, GOAL, NOISE, beacons=beacons, minimise="worst_drift", **QUICK)
     assert found.worst_drift < 0.4 * greatest(np.array([START, GOAL]), beacons)
     assert found.bound <= found.worst_drift
     with pytest.raises(InfeasibleError):
-        plan_itinerary(
-            HALL, START, GOAL, NOISE, beacons=beacons, max_drift=0.85 * found.worst_drift, max_detour=1.5, **QUICK
-        )
+        planned(HALL, START, GOAL, NOISE, beacons=beacons, max_drift=0.85 * found.worst_drift, max_detour=1.5, **QUICK)
 
 
 # Oracle: drive it
@@ -281,7 +288,7 @@ def test_the_least_worst_drift_is_below_that_of_the_shortest_path_and_cannot_be_
 @pytest.mark.parametrize("kind", [SIGN, TAG], ids=["full", "position"])
 def test_robots_that_drive_the_itinerary_drift_as_predicted(kind):
     beacons = [Beacon(kind, x, 13 + x % 3) for x in (14, 26, 38, 50, 62)]
-    found = plan_itinerary(HALL, START, GOAL, BETTER, beacons=beacons, max_drift=1.2, min_capture=0.0, **QUICK)
+    found = planned(HALL, START, GOAL, BETTER, beacons=beacons, max_drift=1.2, min_capture=0.0, **QUICK)
     assert len(found.beacons) >= 2
     fixes = beacon_fixes(found.path, found.beacons, HALL)
     errors = simulate_drift(found.path, BETTER, runs=40_000, fixes=fixes, rng=5)
@@ -296,20 +303,20 @@ def test_robots_that_drive_the_itinerary_drift_as_predicted(kind):
 @pytest.mark.parametrize("minimise", ["length", "drift", "worst_drift"])
 def test_the_same_seed_gives_the_same_route_whatever_the_clock(minimise):
     beacons = [Beacon(SIGN, 22, 20), Beacon(SIGN, 40, 22), Beacon(SIGN, 58, 20)]
-    asked = {"beacons": beacons, "max_drift": 1.6, "minimise": minimise, "nodes": 150, "seed": 3}
-    first, second = (plan_itinerary(HALL, START, GOAL, NOISE, **asked, time_limit=limit) for limit in (600.0, 5000.0))
-    assert first.status.name == "BATCHES_DONE"
+    asked = {"beacons": beacons, "max_drift": 1.6, "minimise": minimise, "max_nodes": 150, "seed": 3}
+    first, second = (planned(HALL, START, GOAL, NOISE, **asked, time_limit=limit) for limit in (600.0, 5000.0))
+    assert first.status.name == "SEARCH_DONE"
     np.testing.assert_array_equal(first.path, second.path)
     assert first.labels == second.labels
 
 
 def test_a_clock_that_runs_out_is_said():
     beacons = [Beacon(SIGN, 22, 20), Beacon(SIGN, 40, 22), Beacon(SIGN, 58, 20)]
-    found = plan_itinerary(HALL, START, GOAL, NOISE, beacons=beacons, max_drift=9.0, minimise="drift", time_limit=1e-3)
+    found = planned(HALL, START, GOAL, NOISE, beacons=beacons, max_drift=9.0, minimise="drift", time_limit=1e-3)
     assert found.status.name == "TIME_LIMIT"
     assert found.worst_drift <= 9.0
     with pytest.raises(InfeasibleError, match=r"was found in time, nor was it ruled out: raise time_limit"):
-        plan_itinerary(HALL, START, GOAL, NOISE, beacons=beacons, max_drift=1.6, time_limit=1e-3)
+        planned(HALL, START, GOAL, NOISE, beacons=beacons, max_drift=1.6, time_limit=1e-3)
 
 
 def test_no_route_that_keeps_the_limit_is_shorter_than_the_bound():
@@ -328,14 +335,14 @@ def test_no_route_that_keeps_the_limit_is_shorter_than_the_bound():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"max_drift": 0.0}, "max_drift finite and > 0"),
+        ({"max_drift": 0.0}, "max_drift > 0"),
         ({"max_drift": float("nan")}, "max_drift"),
         ({"minimise": "time"}, "minimise one of"),
         ({"max_detour": 0.9}, "max_detour >= 1"),
         ({"redundancy": 3}, "redundancy 1"),
         ({"min_capture": 1.0}, "min_capture in"),
-        ({"initial": Fix.full(1.0, position_std_m=0.1, heading_std=0.1)}, "Fix at s_m=0"),
-        ({"nodes": 3}, "nodes a whole number"),
+        ({"start_fix": Fix.full(1.0, position_std_m=0.1, heading_std=0.1)}, "Fix at s_m=0"),
+        ({"max_nodes": 3}, "nodes a whole number"),
         ({"seed": -1}, "seed a whole number"),
         ({"time_limit": 0}, "time_limit > 0"),
         ({"beacons": ["A"]}, "Beacon objects"),
@@ -346,20 +353,20 @@ def test_input_that_makes_no_sense_is_refused(change, said):
     given = {"noise": NOISE, "beacons": ON_THE_WAY, **change}
     noise = given.pop("noise")
     with pytest.raises(ValueError, match=said):
-        plan_itinerary(HALL, START, GOAL, noise, **given)
+        planned(HALL, START, GOAL, noise, **given)
 
 
 def test_ends_that_cannot_be_reached_are_refused():
     wall = [(30, 0), (31, 0), (31, 40), (30, 40)]
     world = World.from_polygons([wall], bounds=(0, 0, 80, 40), robot_radius=0.5)
     with pytest.raises(StartError):
-        plan_itinerary(world, (30.5, 5), GOAL, NOISE, beacons=[])
+        planned(world, (30.5, 5), GOAL, NOISE, beacons=[])
     with pytest.raises(GoalError):
-        plan_itinerary(world, START, (90, 5), NOISE, beacons=[])
+        planned(world, START, (90, 5), NOISE, beacons=[])
     with pytest.raises(NoPathError):
-        plan_itinerary(world, START, GOAL, NOISE, beacons=[])
+        planned(world, START, GOAL, NOISE, beacons=[])
     with pytest.raises(ValueError, match="start and goal apart"):
-        plan_itinerary(world, START, START, NOISE, beacons=[])
+        planned(world, START, START, NOISE, max_drift=1.0)
 
 
 # A real map
@@ -371,10 +378,10 @@ def test_tags_in_the_warehouse_hold_a_limit_that_the_shortest_route_breaks():
     xy = rng.uniform((0, 0), (60, 40), (500, 2))
     xy = xy[world.is_free(xy)][:50]
     beacons = [Beacon(SIGN if k % 4 == 0 else TAG, *p) for k, p in enumerate(xy)]
-    free = plan_itinerary(world, (51.0, 33.0), (23.5, 18.7), NOISE, beacons=beacons, nodes=500, time_limit=600)
+    free = planned(world, (51.0, 33.0), (23.5, 18.7), NOISE, beacons=beacons, max_nodes=500, time_limit=600)
     limit = 0.7 * free.worst_drift
-    found = plan_itinerary(
-        world, (51.0, 33.0), (23.5, 18.7), NOISE, beacons=beacons, max_drift=limit, nodes=500, time_limit=600
+    found = planned(
+        world, (51.0, 33.0), (23.5, 18.7), NOISE, beacons=beacons, max_drift=limit, max_nodes=500, time_limit=600
     )
     assert found.length >= free.length * (1 - 1e-9)
     assert found.worst_drift <= limit

@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.bounds import least_end_drift, least_length, least_worst_drift
-from driftplan.planning.itinerary import search as itinerary_search
 from driftplan.planning.itinerary.check import ItineraryCheck
-from driftplan.planning.itinerary.search import ItinerarySearch, length_of
+from driftplan.planning.request import Reliance
+from driftplan.planning.roadmap import beacon_walks
+from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.graph import Roadmap
-from driftplan.planning.roadmap.prices import Pricing
+from driftplan.planning.roadmap.prices import AdditiveCost, length_of
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
@@ -87,15 +88,15 @@ def small_roadmap(monkeypatch):
     """Makes the search use a roadmap of so many random nodes, every node joined to the nearest five."""
 
     def use(count, seed):
-        def roadmap(space, world, ends, noise, beacons, *, known, longest, nodes, seed=seed):
-            found = Roadmap(Pricing(space, ends[1], noise, "length"), ends[0])
+        def roadmap(space, world, ends, noise, beacons, *, known, longest, max_nodes, seed=seed):
+            found = Roadmap(AdditiveCost(space, ends[1], noise, "length"), ends[0])
             rng = np.random.default_rng(seed)
             points = np.concatenate([[b.xy for b in beacons], rng.uniform(2, 38, (count - len(beacons), 2))])
             found.add(points, 5, math.inf)
             return found
 
-        monkeypatch.setattr(itinerary_search, "itinerary_roadmap", roadmap)
-        monkeypatch.setattr(ItinerarySearch, "_shortest", lambda self: self.ends)  # the hall is empty
+        monkeypatch.setattr(beacon_walks, "roadmap_among_beacons", roadmap)
+        monkeypatch.setattr(BeaconSearch, "_grown", lambda self, cost: self.ends)  # the hall is empty
 
     return use
 
@@ -122,7 +123,7 @@ def test_every_objective_finds_what_enumeration_finds_or_better(small_roadmap, s
     small_roadmap(7, seed)
     ends = np.array([(3.0, 3.0), (37.0, 37.0)])
     beacons = tuple(Beacon(kind, *xy) for xy in rng.uniform(8, 32, (3, 2)))
-    search = ItinerarySearch(HALL, HALL, ends, NOISES[0], beacons, min_capture=0.0, seed=seed)
+    search = BeaconSearch(HALL, HALL, ends, NOISES[0], Reliance(beacons=tuple(beacons), min_capture=0.0), seed=seed)
     search.graph(0.0)
     check, longest = search.check, 2.0 * length_of(ends)
     scored = []
@@ -148,5 +149,5 @@ def test_every_objective_finds_what_enumeration_finds_or_better(small_roadmap, s
         assert length_of(found[0]) <= fitting[:, 0].min() * (1 + 1e-9)
         assert verdicts[1].end ** 2 <= fitting[:, 1].min() ** 2 * (1 + 1e-9) + slack
         assert verdicts[2].worst <= fitting[:, 2].min() * 1.02
-        bound = least_length(ends, search.kinds, beacons, None if limit == math.inf else limit)
+        bound = least_length(ends, search.noises, beacons, None if limit == math.inf else limit)
         assert bound <= length_of(found[0])

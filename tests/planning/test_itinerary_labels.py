@@ -10,8 +10,8 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import drift_with_beacons
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
-from driftplan.planning.itinerary.beacon_roadmap import BeaconRoadmap, N
-from driftplan.planning.itinerary.labels import LabelTask, _scores, _Search, least_drift_walk, shortest_walk
+from driftplan.planning.roadmap.beacon_graph import BeaconGraph, N
+from driftplan.planning.roadmap.label_search import LabelProblem, ResetDominance, least_drift_walk, shortest_walk
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
@@ -69,7 +69,7 @@ def small_graph(seed, noise, kinds, nodes=6):
     xy = np.concatenate([[[0.0, 0.0], [24.0, 0.0]], rng.uniform((0, -8), (24, 8), (nodes - 2, 2))])
     beacons = [Beacon(kinds[k % len(kinds)], *rng.uniform((2, -8), (22, 8))) for k in range(4)]
     beacons += [Beacon(kinds[0], *xy[2]), Beacon(kinds[-1], *xy[3])]
-    return BeaconRoadmap.of(xy, edges_between(xy, 15.0), noise, beacons, None)
+    return BeaconGraph.of(xy, edges_between(xy, 15.0), noise, beacons, None)
 
 
 def task_of(graph, limit, longest=math.inf, dead=()):
@@ -79,7 +79,7 @@ def task_of(graph, limit, longest=math.inf, dead=()):
         weights = np.minimum(weights, weights[:, k : k + 1] + weights[k])
     to_goal = weights[:, 1].copy()
     to_goal[1] = 0.0
-    return LabelTask(
+    return LabelProblem(
         graph=graph,
         start=0,
         goal=1,
@@ -88,7 +88,7 @@ def task_of(graph, limit, longest=math.inf, dead=()):
         to_goal=to_goal,
         limit=limit,
         longest=longest,
-        reach=60.0,
+        max_gap_m=60.0,
     )
 
 
@@ -103,7 +103,7 @@ def test_an_edge_does_to_the_drift_what_the_exact_model_says(noise, kind):
     beacons = [Beacon(kind, 4.5, 1.0), Beacon(TAG, 14.0, 8.0)]
     zone = Zone([(2, -1), (6, -1), (6, 1), (2, 1)], OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=3e-3))
     world = World.from_polygons([], bounds=(-5, -5, 25, 15), robot_radius=0.1, zones=[zone])
-    graph = BeaconRoadmap.of(xy, np.array([(0, 1), (1, 2), (2, 3)]), noise, beacons, world)
+    graph = BeaconGraph.of(xy, np.array([(0, 1), (1, 2), (2, 3)]), noise, beacons, world)
     worst, x = walk_states(graph, (0, 1, 2, 3))
     drift = drift_with_beacons(xy, noise, beacons, world)
     assert x[N] == pytest.approx(float(drift.end.rms) ** 2, rel=1e-6)  # readings are placed to the micrometre
@@ -114,7 +114,7 @@ def test_an_edge_does_to_the_drift_what_the_exact_model_says(noise, kind):
 def test_driving_an_edge_backwards_is_another_edge_with_the_same_readings():
     xy = np.array([(0, 0), (12, 5)], dtype=float)
     beacons = [Beacon(SIGN, 3.0, 1.0), Beacon(TAG, 9.0, 4.0)]
-    graph = BeaconRoadmap.of(xy, np.array([(0, 1)]), NOISE, beacons, None)
+    graph = BeaconGraph.of(xy, np.array([(0, 1)]), NOISE, beacons, None)
     for path, nodes in ((xy, (0, 1)), (xy[::-1], (1, 0))):
         _, x = walk_states(graph, nodes)
         assert x[N] == pytest.approx(float(drift_with_beacons(path, NOISE, beacons).end.rms) ** 2, rel=1e-6)
@@ -123,10 +123,10 @@ def test_driving_an_edge_backwards_is_another_edge_with_the_same_readings():
 def test_a_dead_beacon_is_as_if_it_were_not_there():
     xy = np.array([(0, 0), (12, 5), (20, 0)], dtype=float)
     beacons = [Beacon(SIGN, 3.0, 1.0), Beacon(TAG, 9.0, 4.0), Beacon(TAG, 16.0, 2.0)]
-    graph = BeaconRoadmap.of(xy, np.array([(0, 1), (1, 2)]), NOISE, beacons, None)
+    graph = BeaconGraph.of(xy, np.array([(0, 1), (1, 2)]), NOISE, beacons, None)
     for site in range(3):
         rest = [b for k, b in enumerate(beacons) if k != site]
-        without = BeaconRoadmap.of(xy, np.array([(0, 1), (1, 2)]), NOISE, rest, None)
+        without = BeaconGraph.of(xy, np.array([(0, 1), (1, 2)]), NOISE, rest, None)
         _, x = walk_states(graph, (0, 1, 2), dead=site)
         _, y = walk_states(without, (0, 1, 2))
         np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-15)
@@ -134,7 +134,7 @@ def test_a_dead_beacon_is_as_if_it_were_not_there():
 
 def test_the_start_may_be_uncertain_and_within_range():
     xy = np.array([(0, 0), (10, 0)], dtype=float)
-    graph = BeaconRoadmap.of(xy, np.array([(0, 1)]), NOISE, [Beacon(TAG, 0.5, 0.0)], None)
+    graph = BeaconGraph.of(xy, np.array([(0, 1)]), NOISE, [Beacon(TAG, 0.5, 0.0)], None)
     unsure = Fix.full(0.0, position_std_m=3.0, heading_std=0.1)
     x = graph.at_start(0, unsure)
     assert x[N] == pytest.approx(2 * 0.1**2)
@@ -197,7 +197,7 @@ def test_with_beacons_that_may_be_dead_the_walk_is_that_of_enumeration(seed):
 
 def test_a_walk_comes_back_from_a_beacon_in_a_side_aisle():
     xy = np.array([(0, 0), (40, 0), (20, 0), (20, 9)], dtype=float)
-    graph = BeaconRoadmap.of(xy, np.array([(0, 2), (2, 1), (2, 3)]), NOISE, [Beacon(SIGN, 20, 9)], None)
+    graph = BeaconGraph.of(xy, np.array([(0, 2), (2, 1), (2, 3)]), NOISE, [Beacon(SIGN, 20, 9)], None)
     alone = walk_states(graph, (0, 2, 1))[0] ** 0.5
     assert shortest_walk(task_of(graph, alone * 1.001)).nodes == (0, 2, 1)
     assert shortest_walk(task_of(graph, alone * 0.9)).nodes == (0, 2, 3, 2, 1)
@@ -231,7 +231,7 @@ def test_a_label_that_dominates_another_drifts_no_more_whatever_follows(noise, k
     compared = 0
     for seed in range(2):
         graph = small_graph(seed, noise, kinds)
-        rule = _Search(task_of(graph, math.inf), 0.0, lambda: False, 10)
+        rule = ResetDominance(task_of(graph, math.inf), 0.0)
         ways = [nodes for nodes, _ in walks_to_anywhere(graph, 3)]
         ended = {}
         for nodes in ways:
@@ -240,8 +240,8 @@ def test_a_label_that_dominates_another_drifts_no_more_whatever_follows(noise, k
             for _ in range(20):
                 (first, x), (second, y) = (labels[k] for k in rng.integers(len(labels), size=2))
                 turn = rule.turn_rates != (0.0, 0.0) and first[-2:] != second[-2:]
-                better, worse = _scores(np.stack([x, y])[..., None])
-                if turn or not rule.dominates(better, worse, 0.0):
+                better, worse = rule.scores(np.stack([x, y])[..., None])
+                if turn or not rule(better, worse, 0.0):
                     continue
                 compared += 1
                 tail = [node]
@@ -265,10 +265,10 @@ def walks_to_anywhere(graph, most_edges):
 
 
 def test_a_label_with_less_heading_error_is_kept_beside_one_with_less_drift():
-    rule = _Search(task_of(small_graph(0, NOISE, KINDS["full"]), 1.0), 0.0, lambda: False, 10)
+    rule = ResetDominance(task_of(small_graph(0, NOISE, KINDS["full"]), 1.0), 0.0)
     lost, turned = [(0.09, 0.0001, 0j)], [(0.01, 0.01, 0j)]
-    assert not rule.dominates(lost, turned, 0.0)
-    assert not rule.dominates(turned, lost, 0.0)
+    assert not rule(lost, turned, 0.0)
+    assert not rule(turned, lost, 0.0)
     # equal drift and heading error, but one's errors are correlated: driving on may undo them
-    assert not rule.dominates([(0.04, 0.01, 0j)], [(0.04, 0.01, 0.005 + 0j)], 0.0)
-    assert rule.dominates([(0.03, 0.01, 0j)], [(0.04, 0.0101, 0j)], 0.0)
+    assert not rule([(0.04, 0.01, 0j)], [(0.04, 0.01, 0.005 + 0j)], 0.0)
+    assert rule([(0.03, 0.01, 0j)], [(0.04, 0.0101, 0j)], 0.0)

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning import routes
-from driftplan.planning.itinerary.itinerary import Itinerary
-from driftplan.planning.itinerary.pareto import knee, non_dominated, pareto_routes
-from driftplan.planning.plan import plan_route
+from driftplan.planning.pareto import knee, non_dominated, pareto_routes
+from driftplan.planning.routes import plan_route
 from driftplan.world.world import World
 
 NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.1, after_m=10.0)
@@ -19,30 +18,33 @@ START, GOAL = (3.0, 10.0), (57.0, 10.0)
 SIGNS = [Beacon(SIGN, 18, 18), Beacon(SIGN, 30, 19), Beacon(SIGN, 42, 18)]
 
 
-def test_without_beacons_and_limit_it_is_the_plain_planner():
-    ours = plan_route(HALL, START, GOAL, NOISE, time_limit=0.2)
-    theirs = routes.plan_route(HALL, START, GOAL, NOISE, time_limit=0.2)
-    assert not isinstance(ours, Itinerary)
-    np.testing.assert_allclose(ours.path, theirs.path)
+def test_what_matters_with_beacons_only_is_accepted_without():
+    """A loop over sets of beacons asks for the same each time, with none of them too."""
+    asked = {"redundancy": 2, "min_capture": 0.5, "max_nodes": 80, "iterations": 1}
+    for beacons in ([], SIGNS):
+        assert plan_route(HALL, START, GOAL, NOISE, beacons=beacons, minimise="length", **asked).length == 54.0
 
 
-@pytest.mark.parametrize("asked", [{"beacons": SIGNS}, {"max_drift": 9.0}, {"minimise": "worst_drift"}])
-def test_with_beacons_or_a_limit_or_the_worst_drift_it_is_an_itinerary(asked):
-    found = plan_route(HALL, START, GOAL, NOISE, **{"minimise": "length", **asked}, nodes=80, time_limit=600.0)
-    assert isinstance(found, Itinerary)
-
-
-def test_itineraries_take_neither_other_planners_nor_candidates():
+def test_routes_among_beacons_take_no_other_planner_but_paths_to_begin_with():
     with pytest.raises(PlannerError, match="planner='roadmap'"):
         plan_route(HALL, START, GOAL, NOISE, beacons=SIGNS, planner="rrtstar")
-    with pytest.raises(ValueError, match="no candidates"):
-        plan_route(HALL, START, GOAL, NOISE, beacons=SIGNS, candidates=[[START, GOAL]])
-    with pytest.raises(ValueError, match="expected beacons or max_drift together with"):
-        plan_route(HALL, START, GOAL, NOISE, redundancy=2)
+    by_all = [START, (18.0, 17.0), (30.0, 18.0), (42.0, 17.0), GOAL]
+    asked = {"beacons": SIGNS, "minimise": "drift", "max_nodes": 40, "time_limit": 600.0}
+    told = plan_route(HALL, START, GOAL, NOISE, initial_paths=[by_all], **asked)
+    alone = plan_route(HALL, START, GOAL, NOISE, initial_paths=[by_all], **{**asked, "max_nodes": 10})
+    least = drift_with_beacons(by_all, NOISE, SIGNS, HALL).end.rms
+    assert max(told.rms, alone.rms) <= least * (1 + 1e-9)
+
+
+def test_an_unknown_keyword_is_answered_with_the_one_that_was_meant():
+    with pytest.raises(ValueError, match="did you mean time_limit"):
+        plan_route(HALL, START, GOAL, NOISE, timelimit=1)
+    with pytest.raises(ValueError, match="did you mean max_routes"):
+        pareto_routes(HALL, START, GOAL, NOISE, beacons=SIGNS, max_route=3)
 
 
 def test_the_trade_off_is_a_trade_off():
-    found = pareto_routes(HALL, START, GOAL, NOISE, beacons=SIGNS, most=4, nodes=150, time_limit=600.0)
+    found = pareto_routes(HALL, START, GOAL, NOISE, beacons=SIGNS, max_routes=4, max_nodes=150, time_limit=600.0)
     scores = np.array([(route.length, route.worst_drift, route.rms) for route in found])
     assert 2 <= len(found) <= 4
     assert (np.diff(scores[:, 0]) > 0).all()
@@ -59,11 +61,11 @@ def test_the_trade_off_is_a_trade_off():
 def test_non_dominated_is_that_of_the_definition_and_keeps_one_of_equals():
     class Scored:
         def __init__(self, length, worst, end):
-            self.length, self.worst_if_dead, self.rms = length, worst, end
+            self.length, self.worst_guaranteed, self.rms = length, worst, end
 
     rng = np.random.default_rng(4)
     numbers = rng.integers(0, 5, (40, 3))
-    kept = {(r.length, r.worst_if_dead, r.rms) for r in non_dominated([Scored(*row) for row in numbers.tolist()])}
+    kept = {(r.length, r.worst_guaranteed, r.rms) for r in non_dominated([Scored(*row) for row in numbers.tolist()])}
     rows = {tuple(row) for row in numbers.tolist()}
     best = {r for r in rows if not any(o != r and all(x <= y for x, y in zip(o, r, strict=True)) for o in rows)}
     assert kept == best
@@ -73,7 +75,7 @@ def test_non_dominated_is_that_of_the_definition_and_keeps_one_of_equals():
 def test_the_knee_is_where_little_length_buys_much():
     class Scored:
         def __init__(self, length, worst):
-            self.length, self.worst_if_dead = length, worst
+            self.length, self.worst_guaranteed = length, worst
 
     assert knee([Scored(10, 8.0), Scored(10.5, 2.0), Scored(14, 1.0)]) == 1
     rng = np.random.default_rng(2)
@@ -91,7 +93,7 @@ def test_the_knee_is_where_little_length_buys_much():
         knee([])
 
 
-@pytest.mark.parametrize(("change", "said"), [({"most": 2}, "most"), ({"difference": 1.0}, "difference")])
+@pytest.mark.parametrize(("change", "said"), [({"max_routes": 2}, "max_routes"), ({"difference": 1.0}, "difference")])
 def test_settings_of_the_trade_off_that_make_no_sense_are_refused(change, said):
     with pytest.raises(ValueError, match=said):
         pareto_routes(HALL, START, GOAL, NOISE, beacons=SIGNS, **change)

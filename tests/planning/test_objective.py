@@ -18,7 +18,7 @@ from driftplan.planning.cost import CostRates, bracket, edge_cost, geodesic_cost
 from driftplan.planning.ompl.collision import use_world
 from driftplan.planning.ompl.objective import DriftObjective
 from driftplan.planning.ompl.paths import predict_ompl_path
-from driftplan.planning.roadmap.prices import Pricing
+from driftplan.planning.roadmap.prices import AdditiveCost
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
@@ -277,7 +277,7 @@ def test_motions_across_zones_cost_what_the_bulk_formula_says():
             states.append(state)
     xy = np.array([position(s, "plane") for s in states])
     got = [objective.motionCost(a, b).value() for a, b in zip(states[::2], states[1::2], strict=True)]
-    expected = Pricing(WORLD, np.array([3.0, -2.0]), NOISE).edges(xy[::2], xy[1::2]).cost
+    expected = AdditiveCost(WORLD, np.array([3.0, -2.0]), NOISE).edges(xy[::2], xy[1::2]).cost
     np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-15)
 
 

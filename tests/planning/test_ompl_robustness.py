@@ -26,7 +26,7 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.planning.ompl.collision import use_world
 from driftplan.planning.ompl.objective import DriftObjective
 from driftplan.planning.ompl.paths import predict_ompl_path
-from driftplan.planning.ompl.roadmap import RoadmapPlanner
+from driftplan.planning.ompl.roadmap_planner import RoadmapPlanner
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 

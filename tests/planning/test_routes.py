@@ -20,8 +20,8 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
 from driftplan.planning.comparison import compare_routes
 from driftplan.planning.ompl.solve import PLANNERS, REFUSED
-from driftplan.planning.roadmap.search import Status
 from driftplan.planning.routes import plan_route
+from driftplan.planning.status import Status
 from driftplan.world.mapfiles import load_world
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -293,9 +293,9 @@ ROOMS = World.from_polygons([[(4.9, 0), (5.1, 0), (5.1, 10), (4.9, 10)]], bounds
         ({"time_limit": float("inf")}, ValueError, "time_limit > 0 s and finite, got inf"),
         ({"minimise": "length", "max_detour": 1.2}, ValueError, "no max_detour with minimise='length'"),
         ({"noise": 0.1}, ValueError, "expected an OdometryNoise"),
-        ({"candidates": [[(2, 2), (3, 3)]]}, ValueError, "candidates from"),
-        ({"candidates": [[(2, 2), (8, 2)]]}, ValueError, "collides between"),
-        ({"candidates": [[(2, 2)]]}, ValueError, "at least 2 finite waypoints"),
+        ({"initial_paths": [[(2, 2), (3, 3)]]}, ValueError, "initial_paths from"),
+        ({"initial_paths": [[(2, 2), (8, 2)]]}, ValueError, "collides between"),
+        ({"initial_paths": [[(2, 2)]]}, ValueError, "at least 2 finite waypoints"),
     ],
 )
 def test_bad_input_is_refused(arguments, error, message):
@@ -314,7 +314,7 @@ def test_a_planner_that_finds_nothing_in_time_leaves_what_else_is_known():
     way = [(2, 2), (3, 8), (7, 8), (8, 2)]
     for minimise in ("length", "drift"):
         route = plan_route(
-            WALL, (2, 2), (8, 2), NOISE, minimise=minimise, planner="rrtstar", time_limit=1e-4, candidates=[way]
+            WALL, (2, 2), (8, 2), NOISE, minimise=minimise, planner="rrtstar", time_limit=1e-4, initial_paths=[way]
         )
         assert_safe(WALL, route, (2, 2), (8, 2))
     with pytest.raises(NoPathError, match=r"rrtstar found no path from .* though free space connects them"):

@@ -13,8 +13,8 @@ import pytest
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.bounds import additive_bound, bracketed
 from driftplan.planning.roadmap.graph import GOAL, START, Roadmap
-from driftplan.planning.roadmap.polish import AdditiveJudge, polished
-from driftplan.planning.roadmap.prices import Pricing, exact_drift
+from driftplan.planning.roadmap.polish import AdditivePathCost, polished
+from driftplan.planning.roadmap.prices import AdditiveCost, exact_drift
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
@@ -71,7 +71,7 @@ def random_case(kind, seed, nodes=6):
     world = World.from_polygons([], bounds=(-50, -50, 50, 50), robot_radius=0.1, zones=zones)
     heading = rng.uniform(-3, 3) if rng.random() < 0.5 else None
     points = rng.uniform(-5, 8, (nodes, 2))
-    roadmap = Roadmap(Pricing(world, points[GOAL], noise), points[START], heading)
+    roadmap = Roadmap(AdditiveCost(world, points[GOAL], noise), points[START], heading)
     roadmap.add(points[2:], nodes, math.inf)
     kept = rng.random(len(roadmap.edges)) < 0.6
     kept[0] = True  # the straight run, so that there is a path
@@ -148,7 +148,7 @@ def test_noise_that_the_additive_cost_cannot_price_gets_no_bound_from_it():
 def test_the_judge_foresees_what_a_moved_waypoint_changes(kind, seed):
     case = random_case(kind, seed)
     path = case.roadmap.xy[[START, *range(2, 6), GOAL]]
-    additively = AdditiveJudge(case.roadmap.pricing, case.roadmap.start_heading)
+    additively = AdditivePathCost(case.roadmap.pricing, case.roadmap.start_heading)
     rng = np.random.default_rng(seed)
     for moved in range(1, 5):
         tried = path[moved] + rng.normal(0, 1, (3, 2))
@@ -165,7 +165,7 @@ def test_polishing_keeps_the_ends_stays_free_and_never_costs_more(kind):
     noise = random_noise(kind, np.random.default_rng(1))
     rough = np.array([(2, 2), (1, 5), (3, 7), (3, 9), (7, 8), (8, 6), (7, 4), (8, 2)], dtype=float)
     assert world.segments_free(rough[:-1], rough[1:]).all()
-    pricing = Pricing(world, rough[-1], noise)
+    pricing = AdditiveCost(world, rough[-1], noise)
     smooth = polished(pricing, rough)
     np.testing.assert_array_equal(smooth[[0, -1]], rough[[0, -1]])
     assert world.segments_free(smooth[:-1], smooth[1:]).all()

@@ -7,8 +7,8 @@ from matplotlib.patches import Circle
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.itinerary.itinerary import plan_itinerary
-from driftplan.planning.itinerary.pareto import knee, pareto_routes
+from driftplan.planning.pareto import knee, pareto_routes
+from driftplan.planning.routes import plan_route
 from driftplan.report.figures.itinerary import plot_itinerary, plot_pareto
 from driftplan.report.figures.maps import plot_beacons
 from driftplan.world.world import World
@@ -22,7 +22,8 @@ ENDS = ((3.0, 10.0), (57.0, 10.0))
 
 @pytest.fixture(scope="module")
 def itinerary():
-    return plan_itinerary(HALL, *ENDS, NOISE, beacons=BEACONS, max_drift=2.0, nodes=100, time_limit=600.0)
+    asked = {"beacons": BEACONS, "max_drift": 2.0, "max_nodes": 100, "time_limit": 600.0}
+    return plan_route(HALL, *ENDS, NOISE, minimise="length", **asked)
 
 
 def test_beacons_counted_on_look_different_from_the_others():
@@ -48,7 +49,7 @@ def test_the_figure_of_an_itinerary_shows_route_beacons_and_limit(itinerary):
 
 
 def test_the_figure_of_a_trade_off_marks_the_knee():
-    routes = pareto_routes(HALL, *ENDS, NOISE, beacons=BEACONS, most=3, nodes=100, time_limit=600.0)
+    routes = pareto_routes(HALL, *ENDS, NOISE, beacons=BEACONS, max_routes=3, max_nodes=100, time_limit=600.0)
     figure = plot_pareto(HALL, routes)
     on_map, on_curve = figure.axes
     paths = [line.get_xydata() for line in on_map.lines]

@@ -1,8 +1,8 @@
 """co_design: beacons and routes chosen together, so that what both cost is least.
 
 Given the routes, `driftplan.layouts.place` finds the cheapest beacons; given the beacons,
-`driftplan.planning.itinerary.search` finds the shortest routes that keep the limit. Alternating the two never makes
-anything dearer, but from the shortest routes it does not move at all: no route gets shorter, and with these routes no
+`driftplan.planning.roadmap.beacon_search` finds the shortest routes that keep the limit. Alternating the two makes
+nothing dearer, but from the shortest routes it does not move at all: no route gets shorter, and with these routes no
 layout gets cheaper. So the search restarts from neighbours of the best design, and goes on alternating from there:
 
 * some beacons are missing: one of them, two that one trip meets, or all those that one trip meets or that it alone
@@ -34,8 +34,10 @@ from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
-from driftplan.planning.itinerary.itinerary import DEFAULT_DETOUR, answer, check_options
-from driftplan.planning.itinerary.search import ROUNDING, length_of
+from driftplan.planning.request import DEFAULT_DETOUR, Reliance, check_continuous
+from driftplan.planning.roadmap.beacon_walks import ROUNDING
+from driftplan.planning.roadmap.prices import length_of
+from driftplan.planning.routes import route_along
 from driftplan.world.world import World
 
 _MIN_GAIN = 1e-6  # least relative gain that counts
@@ -132,18 +134,17 @@ def co_design(
     if asked.max_drift is None or asked.confidence is not None:
         raise ValueError(f"expected a limit on the rms drift, without a confidence, got {asked}")
     limits_m = asked.per_route(len(driven))
-    check_options(
-        minimise="length",
-        beacons=allowed.existing,
+    Reliance(
+        beacons=tuple(allowed.existing),
         max_drift=min(limits_m),
         max_detour=max_detour,
         redundancy=asked.redundancy,
         min_capture=min_capture,
-        initial=start_fix,
-        nodes=max_nodes,
-        seed=seed,
-        noises=(noise, *(zone.noise for zone in world.zones)),
+        start_fix=start_fix,
     )
+    check_continuous((noise, *(zone.noise for zone in world.zones)))
+    whole("max_nodes", max_nodes, least=10)
+    whole("seed", seed, least=0)
     whole("rounds", rounds, least=0)
     listed = allowed.listed(world)
     if not listed.new:
@@ -198,10 +199,7 @@ class _DesignSearch:
         problem, best = self.problem, self.best
         assert best is not None
         everyone = (*best.layout.existing, *best.layout.beacons)
-        routes = [
-            answer(problem.search(k, everyone), path, "length", limit, 0.0)
-            for k, (path, limit) in enumerate(zip(best.paths, problem.limits_m, strict=True))
-        ]
+        routes = [route_along(problem.search(k, everyone), path, "length") for k, path in enumerate(best.paths)]
         return CoDesign(
             layout=best.layout,
             paths=best.paths,

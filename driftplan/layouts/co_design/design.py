@@ -11,8 +11,8 @@ from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.layouts.co_design.trips import Trip
 from driftplan.layouts.layout import Layout
-from driftplan.planning.itinerary.itinerary import Itinerary
-from driftplan.planning.itinerary.search import length_of
+from driftplan.planning.roadmap.prices import length_of
+from driftplan.planning.routes import Route
 from driftplan.tables import data_frame, decimals, html_table, table
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class CoDesign(Design):
     Attributes
     ----------
     trips : tuple of Trip
-    routes : tuple of Itinerary
+    routes : tuple of Route
         The same paths with their drift, the beacons they count on and the probability of every pass.
     baseline : Design or None
         Shortest routes, then beacons; None where no beacons hold the limit on the shortest routes.
@@ -88,7 +88,7 @@ class CoDesign(Design):
     """
 
     trips: tuple[Trip, ...]
-    routes: tuple[Itinerary, ...]
+    routes: tuple[Route, ...]
     baseline: Design | None
     status: DesignStatus
     rounds: int

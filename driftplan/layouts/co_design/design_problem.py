@@ -21,8 +21,9 @@ from driftplan.layouts.scenario import DriftLimit, beacons_in_range
 from driftplan.layouts.sites import ListedSites, SiteGroup, Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
-from driftplan.planning.itinerary.search import ItinerarySearch, length_of
-from driftplan.planning.roadmap.search import check_connected, checked_ends
+from driftplan.planning.request import Reliance, check_connected, checked_ends
+from driftplan.planning.roadmap.beacon_search import BeaconSearch
+from driftplan.planning.roadmap.prices import length_of
 from driftplan.world.world import World
 
 _MIN_PLACE_S = 5.0  # however little time is left
@@ -92,7 +93,7 @@ class DesignProblem:
     def shortest_path(self, trip: int) -> Floats:
         asked = self.trips[trip]
         try:
-            ends = checked_ends(self.world, asked.start, asked.goal, self.noise, "length", 1.0, None, None)
+            ends = checked_ends(self.world, asked.start, asked.goal)
             if asked.start == asked.goal:
                 raise ValueError(f"expected start and goal apart, got {asked.start} for both")
             check_connected(self.world, ends)
@@ -100,21 +101,24 @@ class DesignProblem:
         except (StartError, GoalError, NoPathError, ValueError) as err:
             raise type(err)(f"{self.name(trip)}: {err}") from None
 
-    def search(self, trip: int, beacons: Sequence[Beacon]) -> ItinerarySearch:
+    def search(self, trip: int, beacons: Sequence[Beacon]) -> BeaconSearch:
         """The search for a route of a trip among beacons."""
         return self._search(trip, tuple(beacons), self.shortest[trip])
 
-    def _search(self, trip: int, beacons: tuple[Beacon, ...], known: Floats | None) -> ItinerarySearch:
-        return ItinerarySearch(
+    def _search(self, trip: int, beacons: tuple[Beacon, ...], known: Floats | None) -> BeaconSearch:
+        return BeaconSearch(
             self.world,
             self.world,
             np.array([self.trips[trip].start, self.trips[trip].goal]),
             self.noise,
-            beacons,
-            redundancy=self.redundancy,
-            min_capture=self.min_capture,
-            initial=self.start_fix,
-            nodes=self.max_nodes,
+            Reliance(
+                beacons=beacons,
+                max_drift=self.limits_m[trip],
+                redundancy=self.redundancy,
+                min_capture=self.min_capture,
+                start_fix=self.start_fix,
+            ),
+            max_nodes=self.max_nodes,
             seed=self.seed,
             stop=self.late,
             shortest=known,

@@ -10,11 +10,11 @@ from ompl import geometric as og
 
 from driftplan.arrays import Floats
 from driftplan.planning.ompl.collision import CurveMotionValidator, StraightMotionValidator
-from driftplan.planning.ompl.roadmap_spaces import Boxed, box_of
+from driftplan.planning.ompl.roadmap_spaces import ClippedWorld, box_of
 from driftplan.planning.ompl.roadmap_targets import target_of
 from driftplan.planning.ompl.spaces import SpaceKind, space_kind
 from driftplan.planning.roadmap.polish import polished
-from driftplan.planning.roadmap.prices import Pricing
+from driftplan.planning.roadmap.prices import AdditiveCost
 from driftplan.world.world import World
 
 _STATES = 40  # of a path's, between which shortcuts are tried
@@ -77,8 +77,8 @@ def polish_ompl_path(path: Any, objective: Any, world: World) -> Any:
         if len(xy) < 3:
             return og.PathGeometric(path)
         goal = xy[-1] if target.goal is None else np.array(target.goal)
-        space = Boxed(world, box_of(si.getStateSpace()), zones)
-        better = _path_of(si, polished(Pricing(space, goal, target.noise, target.minimise), xy))
+        space = ClippedWorld(world, box_of(si.getStateSpace()), zones)
+        better = _path_of(si, polished(AdditiveCost(space, goal, target.noise, target.minimise), xy))
     return better if better.cost(objective).value() < path.cost(objective).value() else og.PathGeometric(path)
 
 

@@ -21,7 +21,7 @@ def box_of(space: Any) -> tuple[float, float, float, float]:
     return xmin, ymin, xmax, ymax
 
 
-class Boxed:
+class ClippedWorld:
     """A world within the bounds of a state space."""
 
     def __init__(self, world: World, box: tuple[float, float, float, float], zones: tuple[Zone, ...]) -> None:
@@ -45,7 +45,7 @@ class Boxed:
         return self._world.zone_pieces(a, b)
 
 
-class Asked:
+class OmplCheckedSpace:
     """Whatever the checkers of a SpaceInformation over R^2 say, state by state and motion by motion."""
 
     zones: tuple[Zone, ...] = ()

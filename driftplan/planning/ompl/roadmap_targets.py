@@ -10,7 +10,7 @@ from ompl import base as ob
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.ompl.objective import DriftObjective
-from driftplan.planning.roadmap.prices import Minimise
+from driftplan.planning.roadmap.prices import Score
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
@@ -18,7 +18,7 @@ from driftplan.world.zones import Zone
 class Target(NamedTuple):
     """What an OMPL objective asks for, without the objective."""
 
-    minimise: Minimise
+    minimise: Score
     noise: OdometryNoise
     goal: tuple[float, ...] | None  # where drift is weighed, metres
     zone_noises: tuple[OdometryNoise, ...]

@@ -1,6 +1,11 @@
 """The project's own roadmap of a world.
 
-search, growth                  an anytime search, in batches
-graph, prices                   nodes and edges; their prices in bulk
-polish                          shortcuts and small moves of waypoints
+search, growth                  an anytime search for a robot that reads nothing, in batches
+graph, prices, sampling         nodes and edges; their prices in bulk; where nodes may lie
+polish                          shortcuts and small moves of waypoints; shortening
+beacon_graph                    what driving an edge does to the drift, beacons on the way included
+label_search                    the search for walks whose drift depends on what was read: labels, dominance
+beacon_walks, beacon_search     walks that the exact model agrees with; questions about the best path among beacons
+beacon_growth                   the same on ever larger roadmaps, for `RoadmapPlanner`
+diagnosis                       why no route keeps a limit, in words
 """

@@ -15,7 +15,7 @@ from scipy.sparse import csgraph, csr_matrix
 from scipy.spatial import cKDTree
 
 from driftplan.arrays import Floats, Ints
-from driftplan.planning.roadmap.prices import Pricing
+from driftplan.planning.roadmap.prices import AdditiveCost
 
 START, GOAL = 0, 1
 _LOOK_ROUND = 160  # nearest nodes of a corner among which it looks for the nearest in every direction
@@ -44,9 +44,9 @@ class Transitions(NamedTuple):
 
 
 class Roadmap:
-    """Nodes (n, 2) and undirected edges (m, 2) towards the goal of a `Pricing`."""
+    """Nodes (n, 2) and undirected edges (m, 2) towards the goal of an `AdditiveCost`."""
 
-    def __init__(self, pricing: Pricing, start: Floats, start_heading: float | None = None) -> None:
+    def __init__(self, pricing: AdditiveCost, start: Floats, start_heading: float | None = None) -> None:
         self.pricing = pricing
         self.start_heading = start_heading
         self.xy = np.stack([start, pricing.goal])

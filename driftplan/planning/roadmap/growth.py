@@ -10,15 +10,19 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from driftplan.arrays import Floats, Ints
+from driftplan.beacons.beacon import Beacon
+from driftplan.model.noise import OdometryNoise
 from driftplan.planning.bounds import Bound, bracketed
 from driftplan.planning.roadmap.graph import Roadmap
 from driftplan.planning.roadmap.polish import polished
-from driftplan.planning.roadmap.prices import Pricing, exact_drift
+from driftplan.planning.roadmap.prices import AdditiveCost, Space, exact_drift
+from driftplan.planning.roadmap.sampling import FreeSamples, coarse_corners, places_in_range
+from driftplan.world.world import World
 
 _FIRST_BATCH = 128  # samples; every later batch has twice as many, and the next two have corners too
 _LARGEST_BATCH = 8192
@@ -26,10 +30,9 @@ _MOST_NODES = 40_000  # then a new roadmap is begun
 _CHUNK = 512  # points joined to the roadmap before the clock is looked at again
 _FEW_CORNERS = 200  # no more than these: then all of them at once
 _NEIGHBOURS = 14
-# Additive recurrence by the inverse powers of the plastic number g, g³ = g + 1: evenly spread however many are drawn.
-# (M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018.)
-_STEP = 1.32471795724474602596 ** -np.array([1.0, 2.0])
-_DRAWS = 16  # times as many points are drawn, at most, as a batch wants: the informed region may be tiny
+_MAX_DRAWS = 16  # times as many samples as a batch wants,
+_MAX_DRAWS_IN_ELLIPSE = 64  # and as a roadmap of given size does
+BATCHES_TO_FIND_ONE = 4  # are completed in any case while no path is known
 
 
 class RoadmapSearch:
@@ -37,7 +40,7 @@ class RoadmapSearch:
 
     def __init__(
         self,
-        pricing: Pricing,
+        pricing: AdditiveCost,
         start: Floats,
         *,
         seed: int = 0,
@@ -53,8 +56,7 @@ class RoadmapSearch:
         self.heading_std = math.inf  # at its end
         self._least_additive = math.inf  # of any path found
         self._joined: Floats | None = None  # the latest path that is part of the roadmap
-        self._first_sample = np.random.default_rng(seed).random(2)
-        self._drawn = 0
+        self._free = FreeSamples(pricing.space, np.random.default_rng(seed).random(2), _MAX_DRAWS)
         self._corners_left: list[Floats] | None = None  # of those asked for; None before any were
         self._has_all_corners = False
         self._search_s_per_edge = 0.0
@@ -80,7 +82,7 @@ class RoadmapSearch:
         while corners and not stop():
             roadmap.add(corners.pop(0), _NEIGHBOURS, self._least_additive, all_round=True)
         self._join()
-        samples = self._samples(min(_FIRST_BATCH << min(self.batches, 20), _LARGEST_BATCH))
+        samples = self._free.next(min(_FIRST_BATCH << min(self.batches, 20), _LARGEST_BATCH), self._informed)
         done = 0
         while done < len(samples) and not stop():
             roadmap.add(samples[done : done + _CHUNK], _NEIGHBOURS, self._least_additive)
@@ -148,9 +150,7 @@ class RoadmapSearch:
         space = self.pricing.space
         corners = np.zeros((0, 2))
         if self._corners_left is None:
-            xmin, ymin, xmax, ymax = space.bounds
-            radius = getattr(space, "robot_radius", 0.0)
-            corners = space.corners(max(radius / 4, 1e-3 * math.hypot(xmax - xmin, ymax - ymin)))
+            corners = coarse_corners(space)
         if not self._has_all_corners and len(corners) <= _FEW_CORNERS:
             self._has_all_corners = True
             corners = space.corners()
@@ -158,24 +158,48 @@ class RoadmapSearch:
         self._corners_left = [corners[k : k + _CHUNK] for k in range(0, len(corners), _CHUNK)]
         return self._corners_left
 
-    def _samples(self, count: int) -> Floats:
-        """Up to ``count`` free points that may improve the path, the next ones of the sequence."""
-        xmin, ymin, xmax, ymax = self.pricing.space.bounds
-        found: list[Floats] = []
-        wanted = count
-        for _ in range(_DRAWS):
-            unit = (self._first_sample + _STEP * np.arange(self._drawn, self._drawn + count)[:, None]) % 1.0
-            points = unit * (xmax - xmin, ymax - ymin) + (xmin, ymin)
-            self._drawn += count
-            points = self._informed(points)
-            points = points[self.pricing.space.is_free(points)][:wanted]
-            found.append(points)
-            wanted -= len(points)
-            if wanted <= 0:
-                break
-        return np.concatenate(found)
-
     def _informed(self, points: Floats) -> Floats:
         lower = self.pricing.lower_bound
         bound = lower(self.roadmap.xy[0], points) + lower(points, self.roadmap.xy[1])
         return np.asarray(points[bound < self._least_additive])
+
+
+def roadmap_among_beacons(
+    space: Space,
+    world: World | None,
+    ends: Floats,
+    noise: OdometryNoise,
+    beacons: Sequence[Beacon],
+    *,
+    max_nodes: int,
+    known: Sequence[Floats],
+    longest: float,
+    seed: int,
+) -> Roadmap:
+    """A roadmap of about ``max_nodes`` nodes from ``ends[0]`` (node 0) to ``ends[1]`` (node 1), priced by length:
+    waypoints of known paths, corners, places within range of beacons, and even samples.
+
+    Parameters
+    ----------
+    known : paths (k, 2) whose waypoints become nodes
+    longest : longer routes are of no interest, metres
+    """
+
+    def useful(points: Floats) -> Floats:
+        around = np.linalg.norm(points - ends[0], axis=-1) + np.linalg.norm(points - ends[1], axis=-1)
+        return np.asarray(points[around <= longest])
+
+    roadmap = Roadmap(AdditiveCost(space, ends[1], noise, "length"), ends[0])
+    for path in known:
+        roadmap.add(path[1:-1], _NEIGHBOURS, longest, chain=True)
+    rng = np.random.default_rng(seed)
+    corners = coarse_corners(space)
+    if len(corners) > max_nodes // 3:
+        corners = corners[np.sort(rng.permutation(len(corners))[: max_nodes // 3])]
+    roadmap.add(useful(corners), _NEIGHBOURS, longest)
+    places = places_in_range(space, world, beacons, max_places=max(max_nodes // 2, len(beacons)))
+    roadmap.add(useful(places), _NEIGHBOURS, longest)
+    wanted = max(max_nodes - len(roadmap.xy), max_nodes // 5)
+    samples = FreeSamples(space, rng.random(2), _MAX_DRAWS_IN_ELLIPSE)
+    roadmap.add(samples.next(wanted, useful), _NEIGHBOURS, longest)
+    return roadmap

@@ -1,49 +1,40 @@
-"""Polishing a path: shortcuts between its waypoints, then small moves of the waypoints, as long as its price falls.
+"""Polishing a path that a roadmap's nodes make zigzag: for the least price, or as short as can be.
 
-A roadmap's path zigzags between samples; the best path nearby bends smoothly towards the goal and hugs corners. Moves
-are tried in bulk: many places for every second waypoint at once (every third when turns cost, so that no two moves
-share a turn), from coarse to fine.
+`polished` takes shortcuts between waypoints, then makes small moves of the waypoints, as long as the additive price
+falls. Moves are tried in bulk: many places for every second waypoint at once (every third when turns cost, so that no
+two moves share a turn), from coarse to fine.
+
+`shortened` pulls waypoints towards their neighbours' line. A path that must come within range of beacons cannot simply
+be pulled taut, so every change is asked about.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from driftplan.arrays import Complexes, Floats, Ints
 from driftplan.planning.roadmap.graph import Roadmap
-from driftplan.planning.roadmap.prices import Pricing, Space
+from driftplan.planning.roadmap.prices import AdditiveCost, Space, length_of
 
 _LEVELS = (8, 16, 32)  # legs the path is cut into, at least, from level to level
 _SWEEPS = 8  # over all waypoints, per level
 _SETTLED = 1e-5  # relative gain of a sweep below which the level is done
-_MOST_WAYPOINTS = 48  # offered to the shortcut search, which tries all pairs
+_MAX_WAYPOINTS = 48  # offered to the shortcut search, which tries all pairs
 _NEEDLESS = 1e-7  # relative price at which a waypoint may go
+_PULLING_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of the way to the neighbours' line
+_PULLING_SWEEPS = 6
+_PULLING_SETTLED = 1e-4  # least relative gain of a sweep that is worth another
 _ANGLES = np.arange(8) * np.pi / 4
 _RINGS = np.array([1.0, 0.3, 0.09, 0.027])  # radii of the moves tried, in units of the reach
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=-1)
 _MOVES = np.concatenate([np.zeros((1, 2)), (_RINGS[:, None, None] * _CIRCLE).reshape(-1, 2)])  # staying is the first
 
 
-class Judge(Protocol):
-    """Says what paths cost, and what they would cost with some waypoints elsewhere."""
-
-    @property
-    def stride(self) -> int:
-        """Waypoints this far apart can be moved at once."""
-
-    def price(self, path: Floats, /) -> float:
-        """Of a path (n, 2)."""
-
-    def prices(self, path: Floats, moved: Ints, tried: Floats, /) -> Floats:
-        """With waypoint ``moved[k]`` at ``tried[k]``, up to a constant for each waypoint; shape (k,)."""
-
-
 def polished(
-    pricing: Pricing,
+    pricing: AdditiveCost,
     path: Floats,
     start_heading: float | None = None,
     stop: Callable[[], bool] = lambda: False,
@@ -53,48 +44,52 @@ def polished(
     It costs less, or at most 1e-7 of the price more, for the sake of fewer waypoints. ``stop`` is asked between sweeps;
     when it answers True the path reached so far is returned.
     """
-    path = shortcut(pricing, path, start_heading)
-    return refined(AdditiveJudge(pricing, start_heading), pricing.space, path, stop)
+    cost, space = AdditivePathCost(pricing, start_heading), pricing.space
+    path = _refined(cost, space, shortcut(pricing, path, start_heading), stop)
+    most = cost.price(path) * (1 + _NEEDLESS)
+    return _without_needless(path, space, lambda without: cost.price(without) <= most, lambda: False)
 
 
-def refined(judge: Judge, space: Space, path: Floats, stop: Callable[[], bool] = lambda: False) -> Floats:
-    """The path with its waypoints moved, from coarse to fine, where that lowers what ``judge`` says it costs."""
+def _refined(cost: AdditivePathCost, space: Space, path: Floats, stop: Callable[[], bool]) -> Floats:
+    """The path with its waypoints moved, from coarse to fine, where that lowers its cost."""
     for legs in _LEVELS:
         path = _split(space, path, legs)
-        price = judge.price(path)
+        price = cost.price(path)
         for _ in range(_SWEEPS):
             if stop():
-                return _without_needless(judge, space, path)
+                return path
             before = price
-            for first in range(1, 1 + judge.stride):
-                moved = np.arange(first, len(path) - 1, judge.stride)
+            for first in range(1, 1 + cost.stride):
+                moved = np.arange(first, len(path) - 1, cost.stride)
                 if not len(moved):
                     continue
                 other = path.copy()
-                other[moved] = _better_places(judge, space, path, moved)
-                if (now := judge.price(other)) < price:
+                other[moved] = _better_places(cost, space, path, moved)
+                if (now := cost.price(other)) < price:
                     path, price = other, now
             if before - price < _SETTLED * before:
                 break
-    return _without_needless(judge, space, path)
+    return path
 
 
 @dataclass(frozen=True, eq=False)
-class AdditiveJudge:
-    """Judges by the additive cost."""
+class AdditivePathCost:
+    """The additive cost of paths, and of paths with some waypoints elsewhere."""
 
-    pricing: Pricing
+    pricing: AdditiveCost
     start_heading: float | None = None
 
     @property
     def stride(self) -> int:
+        """Waypoints this far apart can be moved at once."""
         return 3 if self.pricing.has_turns else 2
 
     def price(self, path: Floats) -> float:
         return self.pricing.path(path, self.start_heading)
 
     def prices(self, path: Floats, moved: Ints, tried: Floats) -> Floats:
-        """Of the two legs that change, and the turns before, at and after the waypoint."""
+        """With waypoint ``moved[k]`` at ``tried[k]``, up to a constant for each waypoint, (k,): of the two legs
+        that change, and the turns before, at and after the waypoint."""
         pricing, left, right = self.pricing, path[moved - 1], path[moved + 1]
         there, onward = pricing.edges(left, tried), pricing.edges(tried, right)
         total = there.cost + onward.cost
@@ -112,13 +107,13 @@ class AdditiveJudge:
         return total
 
 
-def shortcut(pricing: Pricing, path: Floats, start_heading: float | None = None) -> Floats:
+def shortcut(pricing: AdditiveCost, path: Floats, start_heading: float | None = None) -> Floats:
     """The cheapest path through some of the waypoints of ``path``, in whatever order."""
     if len(path) < 3:
         return path
     inner = path[1:-1]
-    if len(inner) > _MOST_WAYPOINTS:
-        inner = inner[np.linspace(0, len(inner) - 1, _MOST_WAYPOINTS).round().astype(int)]
+    if len(inner) > _MAX_WAYPOINTS:
+        inner = inner[np.linspace(0, len(inner) - 1, _MAX_WAYPOINTS).round().astype(int)]
     small = Roadmap(pricing, path[0], start_heading)
     small.add(inner, neighbours=len(inner) + 1, limit=np.inf)
     found = small.shortest()
@@ -148,14 +143,14 @@ def _cut(path: Floats, step: Floats, parts: Ints) -> tuple[Floats, Ints]:
     return np.concatenate([path[leg] + share[:, None] * step[leg], path[-1:]]), leg
 
 
-def _better_places(judge: Judge, space: Space, path: Floats, moved: Ints) -> Floats:
+def _better_places(cost: AdditivePathCost, space: Space, path: Floats, moved: Ints) -> Floats:
     """For each of the waypoints ``moved`` the best of the free places tried around it, or where it is."""
     here, left, right = path[moved], path[moved - 1], path[moved + 1]
     reach = 0.5 * np.minimum(np.linalg.norm(here - left, axis=1), np.linalg.norm(right - here, axis=1))
     places = here[:, None, :] + _MOVES * reach[:, None, None]
     count = len(_MOVES)
     tried, left, right = places.reshape(-1, 2), np.repeat(left, count, axis=0), np.repeat(right, count, axis=0)
-    price = judge.prices(path, np.repeat(moved, count), tried)
+    price = cost.prices(path, np.repeat(moved, count), tried)
     standing = np.repeat(price[::count], count)
     free = price < standing - 1e-12 * np.abs(standing)
     free[free] = space.segments_free(left[free], tried[free])
@@ -163,19 +158,6 @@ def _better_places(judge: Judge, space: Space, path: Floats, moved: Ints) -> Flo
     free[::count] = True
     best = np.where(free, price, np.inf).reshape(-1, count).argmin(axis=1)
     return np.asarray(places[np.arange(len(moved)), best])
-
-
-def _without_needless(judge: Judge, space: Space, path: Floats) -> Floats:
-    """The path without the waypoints that hardly matter to its price, dropped one by one."""
-    most = judge.price(path) * (1 + _NEEDLESS)
-    k = 1
-    while k < len(path) - 1:
-        without = np.delete(path, k, axis=0)
-        if judge.price(without) <= most and space.segments_free(path[k - 1], path[k + 1]):
-            path = without
-        else:
-            k += 1
-    return path
 
 
 def bearing(a: Floats, b: Floats) -> Complexes:
@@ -191,3 +173,82 @@ def arriving(path: Floats, moved: Ints, to: Complexes, start_heading: float | No
     before = bearing(path[np.maximum(moved - 2, 0)], path[moved - 1])
     facing = to if start_heading is None else np.exp(1j * start_heading)
     return np.where(moved == 1, facing, before)
+
+
+# Shortening a path as long as something holds
+
+
+def shortened(
+    path: Floats, space: Space, holds: Callable[[Floats], bool], stop: Callable[[], bool] = lambda: False
+) -> Floats:
+    """A collision-free path (k, 2) between the same ends, no longer than ``path`` (n, 2), that ``holds`` like it.
+
+    Parameters
+    ----------
+    holds : callable
+        Asked about one path at a time; true of ``path``.
+    stop : callable
+        Asked before every trial; True ends it with what was reached.
+    """
+    path = _without_needless(path, space, holds, stop)
+    for _ in range(_PULLING_SWEEPS):
+        before = length_of(path)
+        path = _pulled(path, space, holds, stop)
+        path = _without_needless(path, space, holds, stop)
+        if stop() or before - length_of(path) < _PULLING_SETTLED * before:
+            break
+    return path
+
+
+def _without_needless(path: Floats, space: Space, holds: Callable[[Floats], bool], stop: Callable[[], bool]) -> Floats:
+    tried: set[bytes] = set()
+    while len(path) > 2:
+        left, here, right = path[:-2], path[1:-1], path[2:]
+        gain = _distance(left, here) + _distance(here, right) - _distance(left, right)
+        free = space.segments_free(left, right)
+        for k in np.argsort(-gain, kind="stable").tolist():
+            if stop():
+                return path
+            key = path[k : k + 3].tobytes()
+            if not free[k] or key in tried:
+                continue
+            without = np.delete(path, k + 1, axis=0)
+            if _distance(left[k], right[k]) < 1e-9:  # there and back again: what is left of it is one place
+                without = np.delete(without, k + 1 if k + 2 < len(without) else k, axis=0)
+            if len(without) > 1 and holds(without):
+                path = without
+                break
+            tried.add(key)
+        else:
+            return path
+    return path
+
+
+def _pulled(path: Floats, space: Space, holds: Callable[[Floats], bool], stop: Callable[[], bool]) -> Floats:
+    path = path.copy()
+    for k in range(1, len(path) - 1):
+        left, here, right = path[k - 1], path[k], path[k + 1]
+        along = right - left
+        share = float(np.clip((here - left) @ along / max(float(along @ along), 1e-300), 0.0, 1.0))
+        target = left + share * along
+        if _distance(here, target) < 1e-6:
+            continue
+        places = here + np.array(_PULLING_SHARES)[:, None] * (target - here)
+        free = space.segments_free(np.broadcast_to(left, places.shape), places)
+        free &= space.segments_free(places, np.broadcast_to(right, places.shape))
+        free &= (_distance(places, left) > 1e-6) & (
+            _distance(places, right) > 1e-6
+        )  # to leave it out is tried elsewhere
+        for place in places[free]:
+            if stop():
+                return path
+            moved = path.copy()
+            moved[k] = place
+            if holds(moved):
+                path = moved
+                break
+    return path
+
+
+def _distance(a: Floats, b: Floats) -> Floats:
+    return np.asarray(np.linalg.norm(b - a, axis=-1))

@@ -7,7 +7,7 @@ does.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, Protocol
 
@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from driftplan.arrays import Bools, Floats, Ints
 from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.planning.cost import CostRates, edge_cost, geodesic_cost, turn_cost
 from driftplan.world.zones import Zone, ZonePieces
 
-Minimise = Literal["drift", "length"]
+Score = Literal["drift", "length"]
 
 _LENGTH = CostRates(heading=0.0, position=1.0)
 
@@ -57,13 +58,13 @@ class EdgePrices(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Pricing:
+class AdditiveCost:
     """The additive cost of motions towards ``goal`` in ``space``: expected squared drift (m²) or length (m)."""
 
     space: Space
     goal: Floats
     noise: OdometryNoise
-    minimise: Minimise = "drift"
+    minimise: Score = "drift"
     _rates: tuple[CostRates, ...] = field(init=False, repr=False)  # of the zones, and last of everywhere else
     _floor: CostRates = field(init=False, repr=False)  # the least of all
 
@@ -149,10 +150,16 @@ def noises_of(space: Space, noise: OdometryNoise) -> tuple[OdometryNoise, ...]:
     return (*(zone.noise for zone in space.zones), noise)
 
 
-def exact_drift(space: Space, path: Floats, noise: OdometryNoise, start_heading: float | None = None) -> Drift:
+def exact_drift(
+    space: Space,
+    path: Floats,
+    noise: OdometryNoise,
+    start_heading: float | None = None,
+    fixes: Sequence[Fix] = (),
+) -> Drift:
     """`predict_drift` along a polyline (n, 2), each stretch with the noise of the zone it is in."""
     if not space.zones:
-        return predict_drift(path, noise, start_heading=start_heading)
+        return predict_drift(path, noise, fixes=fixes, start_heading=start_heading)
     pieces = space.zone_pieces(path[:-1], path[1:])
     step = np.diff(path, axis=0)[pieces.segment]
     ends = np.where(
@@ -160,7 +167,7 @@ def exact_drift(space: Space, path: Floats, noise: OdometryNoise, start_heading:
     )
     noises = noises_of(space, noise)
     cut = np.concatenate([path[:1], ends])
-    return predict_drift(cut, [noises[zone] for zone in pieces.zone], start_heading=start_heading)
+    return predict_drift(cut, [noises[zone] for zone in pieces.zone], fixes=fixes, start_heading=start_heading)
 
 
 def turn_angles(xy: Floats, start_heading: float | None) -> Floats:
@@ -168,3 +175,8 @@ def turn_angles(xy: Floats, start_heading: float | None) -> Floats:
     step = xy[1:, 0] - xy[:-1, 0] + 1j * (xy[1:, 1] - xy[:-1, 1])
     facing = step[:1] if start_heading is None else np.exp(1j * np.array([start_heading]))
     return np.asarray(np.angle(step * np.conj(np.concatenate([facing, step[:-1]]))))
+
+
+def length_of(path: Floats) -> float:
+    """Of a polyline (n, 2), metres."""
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())

@@ -80,7 +80,7 @@ def design_as_json(found: CoDesign) -> dict[str, Any]:
     routes = [
         {
             **record(trip, "start", "goal", "weight"),
-            **record(route, "length_m", "shortest_length_m", "worst_drift_m", "worst_if_dead_m"),
+            **record(route, "length_m", "shortest_length_m", "worst_drift_m", "worst_guaranteed_m"),
             "beacons": [b.id for b in route.beacons],
             "least_capture_probability": min((c.probability for c in route.captures), default=None),
             "waypoints": route.path.tolist(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from math import isinf
 from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
@@ -15,12 +16,11 @@ from driftplan.tables import numbers, table, yes_no
 _NOTHING = 0.005  # shares that are not worth a word
 
 if TYPE_CHECKING:
-    from driftplan import Itinerary, OdometryNoise, Route, World
+    from driftplan import OdometryNoise, Route, World
 
 
 def run(args: argparse.Namespace) -> Answer:
     """One route."""
-    from driftplan import Itinerary
     from driftplan.report.figures.comparison import plot_comparison
     from driftplan.report.figures.itinerary import plot_itinerary
     from driftplan.report.records import drift_as_json, drift_geojson, drift_table, path_csv
@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> Answer:
     noise, world = shared.noise_from(args), shared.world_from(args)
     talk(f"planning on {args.map} with {args.planner}{shared.search_effort(args)}")
     route = planned_route(args, world, noise)
-    among_beacons = route if isinstance(route, Itinerary) else None
+    among_beacons = route if route.is_among_beacons else None
     routes = {NAMES[route.minimise]: route}
     if route.shortest is not None:
         routes[NAMES["length"]] = route.shortest
@@ -64,13 +64,13 @@ def run(args: argparse.Namespace) -> Answer:
 
 
 def planned_route(args: argparse.Namespace, world: World, noise: OdometryNoise) -> Route:
-    """The route that the options ask for: an `Itinerary` when beacons or a limit are among them."""
+    """The route that the options ask for: among beacons if there are any."""
     from driftplan import load_beacons, plan_route
 
     among_beacons = {
         "redundancy": args.redundancy,
         "min_capture": args.min_capture,
-        "initial": shared.start_fix_from(args),
+        "start_fix": shared.start_fix_from(args),
     }
     return plan_route(
         world,
@@ -108,23 +108,26 @@ def bound_in_words(route: Route) -> str:
     what, value = {
         "drift": ("rms drift at the goal", route.rms),
         "length": ("length", route.length),
-        "worst_drift": ("worst rms drift", getattr(route, "worst_drift", route.rms)),
+        "worst_drift": ("worst rms drift", route.worst_drift),
     }[route.minimise]
     ended = f"{route.planner}: {route.status.value}"
     if not route.bound > _NOTHING * value:
         return f"{ended} How much better another route could be is not known."
     if route.bound_covers == "roadmap":
+        sure = (
+            "" if isinf(route.bound_heading_std) else f" with headings off by at most {route.bound_heading_std:.2g} rad"
+        )
         return (
-            f"{ended} Of the paths on the graph that it searched, none has less than {route.bound:#.4g} m of {what}; "
-            "other routes might."
+            f"{ended} Of the paths on the graph that it searched{sure}, none has less than {route.bound:#.4g} m of "
+            f"{what}; other routes might."
         )
     return f"{ended} Proven for every route, obstacles or not: none has less than {route.bound:#.4g} m of {what}."
 
 
-def itinerary_as_json(route: Itinerary) -> dict[str, Any]:
+def itinerary_as_json(route: Route) -> dict[str, Any]:
     """What an itinerary says beyond a route."""
     return {
-        **record(route, "max_drift_m", "worst_drift_m", "worst_if_dead_m", "shortest_length_m"),
+        **record(route, "max_drift_m", "worst_drift_m", "worst_guaranteed_m", "shortest_length_m"),
         "passes": [
             {
                 "beacon": capture.beacon.id,
@@ -138,12 +141,12 @@ def itinerary_as_json(route: Itinerary) -> dict[str, Any]:
     }
 
 
-def itinerary_text(route: Itinerary) -> str:
+def itinerary_text(route: Route) -> str:
     """The same for people: the worst drift, what it is held against, and a line per pass."""
     limit = "" if route.max_drift is None else f" (limit {route.max_drift:g} m)"
     lines = [f"worst drift on the way: {route.worst_drift:.3f} m{limit}"]
-    if route.worst_if_dead > route.worst_drift:
-        lines.append(f"with any one beacon dead: {route.worst_if_dead:.3f} m")
+    if route.worst_guaranteed > route.worst_drift:
+        lines.append(f"with any one beacon dead: {route.worst_guaranteed:.3f} m")
     lines.append(f"length: {route.length:.2f} m; the shortest route has {route.shortest_length:.2f} m")
     passes = itinerary_as_json(route)["passes"]
     if passes:

@@ -17,19 +17,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from driftplan.beacons.beacon import Beacon
-    from driftplan.planning.itinerary.itinerary import Itinerary
+    from driftplan.planning.routes import Route
     from driftplan.world.world import World
 
 
 def plot_itinerary(
-    world: World, itinerary: Itinerary, beacons: Sequence[Beacon] = (), *, figure: Figure | None = None
+    world: World, itinerary: Route, beacons: Sequence[Beacon] = (), *, figure: Figure | None = None
 ) -> Figure:
     """The route on the map with the beacons it counts on, and its drift against the distance with the limit.
 
     Parameters
     ----------
     world : World
-    itinerary : Itinerary
+    itinerary : Route
     beacons : sequence of Beacon
         All there are; default: those counted on.
     figure : Figure, optional
@@ -54,18 +54,18 @@ def plot_itinerary(
     return figure
 
 
-def plot_pareto(world: World, routes: Sequence[Itinerary], *, figure: Figure | None = None) -> Figure:
+def plot_pareto(world: World, routes: Sequence[Route], *, figure: Figure | None = None) -> Figure:
     """Routes of a trade-off on the map, and their worst drift against their length with the knee marked.
 
     Parameters
     ----------
     world : World
-    routes : sequence of Itinerary
-        As `driftplan.planning.itinerary.pareto.pareto_routes` returns them.
+    routes : sequence of Route
+        As `driftplan.planning.pareto.pareto_routes` returns them.
     figure : Figure, optional
         An empty one to draw into; default: a new one that knows nothing of pyplot.
     """
-    from driftplan.planning.itinerary.pareto import knee
+    from driftplan.planning.pareto import knee
 
     best = knee(routes)
     figure, on_map, on_curve = style.map_and_curve(figure, world.bounds)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from math import atan2, inf
 from typing import Any, NamedTuple, Protocol
@@ -11,15 +12,21 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from driftplan.arrays import Floats, Ints
+from driftplan.arrays import Floats, Ints, whole
+from driftplan.beacons.beacon import Beacon
 from driftplan.errors import PlannerError
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
 from driftplan.planning.bounds import Bound
-from driftplan.planning.ompl.roadmap_spaces import Asked, Boxed, box_of
+from driftplan.planning.ompl.roadmap_spaces import ClippedWorld, OmplCheckedSpace, box_of
 from driftplan.planning.ompl.roadmap_targets import Target, target_of
 from driftplan.planning.ompl.spaces import SpaceKind, space_kind
+from driftplan.planning.request import Objective, Reliance, check_continuous, check_objective
+from driftplan.planning.roadmap.beacon_growth import BeaconRouteGrowth
 from driftplan.planning.roadmap.graph import Roadmap
 from driftplan.planning.roadmap.growth import RoadmapSearch
-from driftplan.planning.roadmap.prices import Pricing, Space
+from driftplan.planning.roadmap.prices import AdditiveCost, Space
+from driftplan.planning.routes import Route
 from driftplan.world.world import World
 
 _SAME_PLACE = 1e-9  # m: how far the problem's goal may be from the one that the objective weighs drift by
@@ -31,6 +38,12 @@ class RoadmapPlanner(ob.Planner):
     An anytime planner: it adds batches of nodes until the termination condition says stop, the objective is satisfied,
     or nothing better can be left. Calling ``solve`` again goes on; ``clear`` starts afresh, with the same samples for
     the same seed. Of the paths found it returns the one of least exact drift.
+
+    With beacons, a ``max_drift`` or ``minimise`` the routes are those of `driftplan.plan_route` among beacons: every
+    batch is a route on a roadmap of twice as many nodes, and the best one of all is the solution. What is minimised is
+    the exact rms drift at the goal under a `DriftObjective`, the length under a path length objective, unless
+    ``minimise`` says otherwise. Where no route of the roadmap keeps the limit, ``solve`` reports a timeout and
+    `why_not` says what stands in the way.
 
     Parameters
     ----------
@@ -45,6 +58,13 @@ class RoadmapPlanner(ob.Planner):
     world : World, optional
         Collisions are then tested in bulk, and corners are known; the validity checkers of ``si`` are not asked.
         Without it every motion is put to ``si.checkMotion``. An objective with zones needs its world here.
+    beacons, max_drift, max_detour, redundancy, min_capture, start_fix :
+        As for `driftplan.plan_route`. Without a ``world`` nothing blocks the sight of beacons.
+    minimise : {"length", "drift", "worst_drift"}, optional
+    noise : OdometryNoise, optional
+        Needed with beacons and a path length objective, which has none.
+    max_nodes : int
+        Of the largest roadmap among beacons, about.
     seed : int
         Of the samples.
     name : str
@@ -54,11 +74,13 @@ class RoadmapPlanner(ob.Planner):
     ------
     PlannerError
         For state spaces of other motions, objectives of other kinds, and goals of a problem that are not where the
-        objective weighs drift.
+        objective weighs drift; with beacons for objectives that weigh length.
+    ValueError
+        For options that make no sense.
 
     Examples
     --------
-    >>> from driftplan import DriftObjective, OdometryNoise
+    >>> from driftplan import Beacon, BeaconKind, DriftObjective, OdometryNoise
     >>> from driftplan.planning.ompl.collision import use_world
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
     >>> space = ob.RealVectorStateSpace(2)
@@ -80,6 +102,12 @@ class RoadmapPlanner(ob.Planner):
     >>> nodes, edges = planner.roadmap()
     >>> nodes[:2].tolist(), edges.shape[1]
     ([[2.0, 2.0], [8.0, 2.0]], 2)
+    >>> sign = BeaconKind.landmark(range_m=1.0, position_std_m=0.05, heading_std=0.01)
+    >>> planner = RoadmapPlanner(si, objective, world, beacons=[Beacon(sign, 5, 8)], max_drift=0.5, max_nodes=100)
+    >>> setup.clear()
+    >>> setup.setPlanner(planner)
+    >>> bool(setup.solve(20.0)), len(planner.route().beacons), planner.route().worst_drift <= 0.5
+    (True, 1, True)
     """
 
     def __init__(
@@ -88,21 +116,46 @@ class RoadmapPlanner(ob.Planner):
         objective: Any = None,
         world: World | None = None,
         *,
+        beacons: Sequence[Beacon] = (),
+        max_drift: float | None = None,
+        minimise: Objective | None = None,
+        max_detour: float | None = None,
+        redundancy: int = 1,
+        min_capture: float = 0.9,
+        start_fix: Fix | None = None,
+        noise: OdometryNoise | None = None,
+        max_nodes: int = 2000,
         seed: int = 0,
         name: str = "Roadmap",
     ) -> None:
         super().__init__(si, name)
         kind = space_kind(si.getStateSpace())
         if kind is not SpaceKind.PLANE and not (kind is SpaceKind.POSE and world is not None):
-            said = f"{type(si.getStateSpace()).__name__} {'without' if world is None else 'with'} a world"
+            got = f"{type(si.getStateSpace()).__name__} {'without' if world is None else 'with'} a world"
             raise PlannerError(
                 "expected RealVectorStateSpace(2), or SE2StateSpace with a world, since the roadmap drives straight "
-                f"and turns on the spot; got {said}"
+                f"and turns on the spot; got {got}"
             )
         self._has_headings = kind is SpaceKind.POSE
         self._world = world
         self._target = None if objective is None else target_of(objective)
-        self._seed = int(seed)
+        self._seed = whole("seed", seed, least=0)
+        self._counts_on_beacons = bool(beacons) or max_drift is not None or minimise is not None
+        if minimise is not None:
+            check_objective(minimise)
+        if noise is not None and not isinstance(noise, OdometryNoise):
+            raise ValueError(f"expected an OdometryNoise, got {noise!r}")
+        self._minimise, self._noise = minimise, noise
+        self._max_nodes = whole("max_nodes", max_nodes, least=10)
+        self._length_weight: float = getattr(objective, "length_weight", 0.0)
+        self._reliance = Reliance(
+            beacons=tuple(beacons),
+            max_drift=inf if max_drift is None else max_drift,
+            max_detour=max_detour,
+            redundancy=redundancy,
+            min_capture=min_capture,
+            start_fix=start_fix,
+        )
         self._queries: list[_Query] = []
         self._scale = 1.0
         self._bound: Bound | None = None
@@ -134,6 +187,16 @@ class RoadmapPlanner(ob.Planner):
         if self._bound is None:
             self._bound = self._best().search.finish()
         return self._bound.mean_square, self._bound.heading_std
+
+    def route(self) -> Route | None:
+        """The best route so far; None before there is one, and for plans without beacons and limits."""
+        search = self._best().search if self._queries else None
+        return search.route if isinstance(search, BeaconRouteGrowth) else None
+
+    def why_not(self) -> str | None:
+        """Why no route keeps the limit, in a sentence; None if one does, or nothing has been planned yet."""
+        search = self._best().search if self._queries else None
+        return search.why_not() if isinstance(search, BeaconRouteGrowth) else None
 
     def solve(self, ptc: Any) -> Any:
         """OMPL's entry: plan until ``ptc``, a termination condition or a number of seconds, says stop."""
@@ -220,14 +283,40 @@ class RoadmapPlanner(ob.Planner):
         si = self.getSpaceInformation()
         zones = target.zones(self._world)
         box = box_of(si.getStateSpace())
-        space: Space = Asked(si, box) if self._world is None else Boxed(self._world, box, zones)
-        pricing = Pricing(space, place, target.noise, target.minimise)
+        space: Space = OmplCheckedSpace(si, box) if self._world is None else ClippedWorld(self._world, box, zones)
+        pricing = AdditiveCost(space, place, target.noise, target.minimise)
         search = self._search(pricing, np.array(start[:2]), start.yaw)
         return _Query(search, goal.yaw)
 
-    def _search(self, pricing: Pricing, start: Floats, start_heading: float | None) -> Growing:
-        """What looks for paths from one start to one goal; planners that know more have another."""
-        return RoadmapSearch(pricing, start, seed=self._seed, start_heading=start_heading)
+    def _search(self, pricing: AdditiveCost, start: Floats, start_heading: float | None) -> AnytimeSearch:
+        """What looks for paths from one start to one goal."""
+        if not self._counts_on_beacons:
+            return RoadmapSearch(pricing, start, seed=self._seed, start_heading=start_heading)
+        by_length = pricing.minimise == "length"
+        if by_length and self._noise is None:
+            raise ValueError("expected noise=... together with a path length objective, which knows of none")
+        if not by_length and self._noise is not None:
+            raise ValueError("expected noise only with a path length objective: a DriftObjective has its own")
+        weight = getattr(self.getProblemDefinition().getOptimizationObjective(), "length_weight", 0.0)
+        if self._length_weight > 0 or weight > 0:
+            raise PlannerError(
+                "expected length_weight=0 with beacons or max_drift: max_detour is what keeps their routes short"
+            )
+        noise = self._noise if self._noise is not None else pricing.noise
+        world = self._world
+        if world is not None and not by_length and world.zones != pricing.space.zones:
+            world = replace(world, zones=pricing.space.zones)  # as far as the objective prices them
+        check_continuous((noise, *(() if world is None else [zone.noise for zone in world.zones])))
+        return BeaconRouteGrowth(
+            pricing,
+            world,
+            noise,
+            start,
+            self._minimise or ("length" if by_length else "drift"),
+            replace(self._reliance, start_heading=start_heading),
+            max_nodes=self._max_nodes,
+            seed=self._seed,
+        )
 
     def _as_ompl_path(self, query: _Query) -> Any:
         si = self.getSpaceInformation()
@@ -245,7 +334,7 @@ class RoadmapPlanner(ob.Planner):
         return path
 
 
-class Growing(Protocol):
+class AnytimeSearch(Protocol):
     """An anytime search for a path from one start to one goal: `RoadmapSearch`, or one that knows of more."""
 
     @property
@@ -267,7 +356,7 @@ class Growing(Protocol):
 class _Query(NamedTuple):
     """From one start to one goal."""
 
-    search: Growing
+    search: AnytimeSearch
     goal_yaw: float | None  # rad; any where it is None
 
 

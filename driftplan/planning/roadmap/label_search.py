@@ -1,7 +1,7 @@
 r"""Label search: the shortest walk on which the drift stays under a limit, or the walk of least drift at its end.
 
 A label is a way from the start to a node: its length and its error states (see
-`driftplan.planning.itinerary.beacon_roadmap`), one for every scenario of dead beacons. Labels are grown in order of
+`driftplan.planning.roadmap.beacon_graph`), one for every scenario of dead beacons. Labels are grown in order of
 length so far plus least length still to come. A walk may come back to a node, for instance from a beacon in a side
 aisle: it comes back with another error.
 
@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driftplan.arrays import Floats
-from driftplan.planning.itinerary.beacon_roadmap import A_IM, A_RE, BeaconRoadmap, D, Effects, N
+from driftplan.planning.roadmap.beacon_graph import A_IM, A_RE, BeaconGraph, D, Effects, N
 
 _ASK_EVERY = 32  # labels expanded between two looks at the clock
 
@@ -41,23 +41,23 @@ Score = tuple[float, float, complex]  # E|e|², E|δ|², E[e conj δ]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class LabelTask:
+class LabelProblem:
     """What to search for.
 
     Attributes
     ----------
-    graph : BeaconRoadmap
+    graph : BeaconGraph
     start, goal : int
     states : (scenarios, 9) error states at the start
     dead : tuple of Effects, one per scenario after the first: what edges do when a beacon is dead
     to_goal : (n,) least length from every node to the goal, metres
     limit : greatest rms drift anywhere, metres, or infinity
     longest : greatest length, metres
-    reach : R above, metres
+    max_gap_m : R above, metres
     arriving : direction in which the robot stands at the start, a unit complex number, or None for any
     """
 
-    graph: BeaconRoadmap
+    graph: BeaconGraph
     start: int
     goal: int
     states: Floats
@@ -65,7 +65,7 @@ class LabelTask:
     to_goal: Floats
     limit: float
     longest: float
-    reach: float
+    max_gap_m: float
     arriving: complex | None = None
 
 
@@ -98,39 +98,70 @@ class Walk:
 
 
 def shortest_walk(
-    task: LabelTask,
+    task: LabelProblem,
     *,
     slack_sq: float = 0.0,
     stop: Callable[[], bool] = lambda: False,
-    most_labels: int = 1_000_000,
+    max_labels: int = 1_000_000,
 ) -> Walk:
     """The shortest walk from start to goal that keeps the limit in every scenario."""
-    return _Search(task, slack_sq, stop, most_labels).run(least_drift=False)
+    return _LabelSearch(task, slack_sq, stop, max_labels).run(least_drift=False)
 
 
 def least_drift_walk(
-    task: LabelTask,
+    task: LabelProblem,
     *,
     slack_sq: float = 0.0,
     stop: Callable[[], bool] = lambda: False,
-    most_labels: int = 1_000_000,
+    max_labels: int = 1_000_000,
 ) -> Walk:
     """The walk no longer than ``task.longest`` that ends with the least rms drift and keeps the limit on the way."""
-    return _Search(task, slack_sq, stop, most_labels).run(least_drift=True)
+    return _LabelSearch(task, slack_sq, stop, max_labels).run(least_drift=True)
 
 
-class _Search:
-    def __init__(self, task: LabelTask, slack_sq: float, stop: Callable[[], bool], most_labels: int) -> None:
-        self.task, self.stop, self.most_labels = task, stop, most_labels
+class ResetDominance:
+    """Which label makes which superfluous, for a robot whose readings replace what they measure; see above.
+
+    Another estimator has other label states, and another dominance.
+    """
+
+    def __init__(self, problem: LabelProblem, slack_sq: float) -> None:
+        self.max_gap_m = problem.max_gap_m
+        self.slack_N, self.slack_D = slack_sq, slack_sq / max(problem.max_gap_m, 1e-9) ** 2
+        graph = problem.graph
+        self.turn_rates = graph.worst_turn() if graph.turns_matter else (0.0, 0.0)
+
+    def scores(self, states: Floats) -> list[list[Score]]:
+        """What it looks at in every scenario of states (n, 9, scenarios)."""
+        columns = (*(states[:, k].tolist() for k in (N, D)), (states[:, A_RE] + 1j * states[:, A_IM]).tolist())
+        return [list(zip(*scenarios, strict=True)) for scenarios in zip(*columns, strict=True)]
+
+    def __call__(self, better: Sequence[Score], worse: Sequence[Score], turn_rad: float) -> bool:
+        """Whether a label that first turns by an angle drifts no more than another, whatever follows."""
+        slack_N = self.slack_N - self.turn_rates[1] * turn_rad
+        slack_D = self.slack_D - self.turn_rates[0] * turn_rad
+        max_gap_m = self.max_gap_m
+        for (N1, D1, a1), (N2, D2, a2) in zip(better, worse, strict=True):
+            dN, dD = N2 - N1 + slack_N, D2 - D1 + slack_D
+            if dN < 0 or dD < 0:
+                return False
+            lever = abs(a2 - a1)
+            r = max_gap_m if lever >= max_gap_m * dD else lever / dD
+            if dN + (dD * r - 2 * lever) * r < 0:
+                return False
+        return True
+
+
+class _LabelSearch:
+    def __init__(self, task: LabelProblem, slack_sq: float, stop: Callable[[], bool], max_labels: int) -> None:
+        self.task, self.stop, self.max_labels = task, stop, max_labels
         graph = task.graph
         self.scenarios = len(task.states)
-        self.slack_N = slack_sq
-        self.slack_D = slack_sq / max(task.reach, 1e-9) ** 2
+        self.dominates = ResetDominance(task, slack_sq)
         self.limit_sq = task.limit**2
         self.first = graph.first.tolist()
         self.row_first = graph.effects.first
         self.turning = graph.turns_matter
-        self.turn_rates = graph.worst_turn() if self.turning else (0.0, 0.0)
         self.slots = [_slots(effects, len(graph.tail)) for effects in task.dead]
         # one entry per label
         self.node: list[int] = []
@@ -149,7 +180,7 @@ class _Search:
         best, end, finished, expanded = math.inf, -1, True, 0
         nearest, bound = (task.start, float(task.to_goal[task.start])), float(task.to_goal[task.start])
         if float(start[N].max()) <= self.limit_sq:
-            self.add(task.start, 0.0, start, _scores(start[None])[0], task.arriving, -1)
+            self.add(task.start, 0.0, start, self.dominates.scores(start[None])[0], task.arriving, -1)
         while self.heap:
             f, label = heappop(self.heap)
             if self.dropped[label]:
@@ -165,7 +196,7 @@ class _Search:
                 if not least_drift:
                     break
             expanded += 1
-            if expanded % _ASK_EVERY == 1 and (self.stop() or len(self.node) > self.most_labels):
+            if expanded % _ASK_EVERY == 1 and (self.stop() or len(self.node) > self.max_labels):
                 finished = False
                 break
             self.expand(label)
@@ -208,7 +239,7 @@ class _Search:
         length = self.length[label] + graph.length[lo:hi]
         heads = graph.head[lo:hi]
         fits = np.flatnonzero((worst.max(axis=1) <= self.limit_sq) & (length + task.to_goal[heads] <= task.longest))
-        scores = _scores(after[fits])
+        scores = self.dominates.scores(after[fits])
         for i, (k, to, driven) in enumerate(
             zip(fits.tolist(), heads[fits].tolist(), length[fits].tolist(), strict=True)
         ):
@@ -239,20 +270,6 @@ class _Search:
             return 0.0
         return abs(math.atan2((facing * stands.conjugate()).imag, (facing * stands.conjugate()).real))
 
-    def dominates(self, better: Sequence[Score], worse: Sequence[Score], turn_rad: float) -> bool:
-        slack_N = self.slack_N - self.turn_rates[1] * turn_rad
-        slack_D = self.slack_D - self.turn_rates[0] * turn_rad
-        reach = self.task.reach
-        for (N1, D1, a1), (N2, D2, a2) in zip(better, worse, strict=True):
-            dN, dD = N2 - N1 + slack_N, D2 - D1 + slack_D
-            if dN < 0 or dD < 0:
-                return False
-            lever = abs(a2 - a1)
-            r = reach if lever >= reach * dD else lever / dD
-            if dN + (dD * r - 2 * lever) * r < 0:
-                return False
-        return True
-
     def add(
         self, node: int, length: float, state: Floats, score: list[Score], facing: complex | None, parent: int
     ) -> None:
@@ -273,12 +290,6 @@ class _Search:
             nodes.append(self.node[label])
             label = self.parent[label]
         return nodes[::-1]
-
-
-def _scores(states: Floats) -> list[list[Score]]:
-    """What dominance looks at in every scenario of states (n, 9, scenarios)."""
-    columns = (*(states[:, k].tolist() for k in (N, D)), (states[:, A_RE] + 1j * states[:, A_IM]).tolist())
-    return [list(zip(*scenarios, strict=True)) for scenarios in zip(*columns, strict=True)]
 
 
 def _slots(effects: Effects, edges: int) -> NDArray[np.intp]:

@@ -64,7 +64,7 @@ class _Steps(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class BeaconRoadmap:
+class BeaconGraph:
     """Nodes (n, 2) and directed edges sorted by where they leave, with their `Effects`.
 
     Attributes
@@ -95,7 +95,7 @@ class BeaconRoadmap:
     @classmethod
     def of(
         cls, xy: Floats, edges: Ints, noise: OdometryNoise, beacons: Sequence[Beacon], world: World | None
-    ) -> BeaconRoadmap:
+    ) -> BeaconGraph:
         """The roadmap over nodes ``xy`` (n, 2) and undirected ``edges`` (m, 2)."""
         tail = np.concatenate([edges[:, 0], edges[:, 1]]).astype(np.intp)
         head = np.concatenate([edges[:, 1], edges[:, 0]]).astype(np.intp)
@@ -149,17 +149,17 @@ class BeaconRoadmap:
 
     @property
     def turns_matter(self) -> bool:
-        return any(k.heading_var_per_rad or k.distance_var_per_rad or k.heading_bias_per_rad for k in self._kinds)
+        return any(noise.turns_matter for noise in self._noises)
 
     @property
-    def _kinds(self) -> list[OdometryNoise]:
+    def _noises(self) -> list[OdometryNoise]:
         return [self.noise, *(zone.noise for zone in (self.world.zones if self.world is not None else ()))]
 
     def worst_turn(self) -> tuple[float, float]:
         """Heading and position variance per radian turned, at most."""
         return (
-            max(kind.heading_var_per_rad for kind in self._kinds),
-            max(kind.distance_var_per_rad for kind in self._kinds),
+            max(noise.heading_var_per_rad for noise in self._noises),
+            max(noise.distance_var_per_rad for noise in self._noises),
         )
 
     def turns(self, node: int, arriving: complex) -> Floats:
@@ -172,7 +172,7 @@ class BeaconRoadmap:
             result = np.empty((len(away), SIZE, SIZE))
             zone = self._zone_after(node, away)
             for index in np.unique(zone).tolist():
-                kind = self._kinds[index + 1]
+                kind = self._noises[index + 1]
                 here = np.flatnonzero(zone == index)
                 result[here] = _matrices(turn_moments(turn[here], kind), np.full(len(here), arriving))
             known[node] = result

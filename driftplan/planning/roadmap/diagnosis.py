@@ -10,35 +10,35 @@ import numpy as np
 
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
-from driftplan.planning.itinerary.beacon_roadmap import BeaconRoadmap
-from driftplan.planning.roadmap.search import said
+from driftplan.planning.request import format_point
+from driftplan.planning.roadmap.beacon_graph import BeaconGraph
 
 if TYPE_CHECKING:
-    from driftplan.planning.itinerary.search import ItinerarySearch
+    from driftplan.planning.roadmap.beacon_search import BeaconSearch
 
 _SURE_HEADING = 1e-6  # rad
 _LABELS = 5_000  # of a search that only explains,
 _SLACK = 0.05  # and of its labels, as a share of the limit squared
 
 
-def why_infeasible(search: ItinerarySearch, limit: float, longest: float) -> str:
+def why_infeasible(search: BeaconSearch, limit: float, longest: float) -> str:
     """What to tell the user when ``search`` found no path."""
     asked = f"no route that keeps the drift under {limit:g} m everywhere" if math.isfinite(limit) else "no route"
     if math.isfinite(longest):
         asked += f" and is no longer than {longest:.4g} m"
-    if search.check.redundancy > 1:
+    if search.reliance.redundancy > 1:
         asked += ", with any one beacon dead"
     if search.timed_out:
         return f"{asked} was found in time, nor was it ruled out: raise time_limit, or begin with a higher max_drift"
     if search.exhausted:
         return (
             f"{asked} was found among {search.labels} partial routes, nor was it ruled out: begin with a higher "
-            "max_drift, or take fewer nodes"
+            "max_drift, or take fewer max_nodes"
         )
-    search.most_labels = _LABELS
+    search.max_labels = _LABELS
     accuracy = [b.kind.position_std_m * 2**0.5 for b in search.beacons if b.kind.position_std_m is not None]
     reasons = []
-    if search.check.initial is not None and search.check.drift(search.shortest).moments.N[0].real > limit**2:
+    if search.reliance.start_fix is not None and search.check.drift(search.shortest).moments.N[0].real > limit**2:
         reasons.append("the drift at the start is above it already")
     elif not accuracy:
         reasons.append("no beacon gives a position")
@@ -58,16 +58,16 @@ def why_infeasible(search: ItinerarySearch, limit: float, longest: float) -> str
     if left > 0:  # else the graph had a route, which the exact model found too lost
         nearest = _nearest_beacon(search, place)
         reasons.append(
-            f"the best attempt gets to {said(place)}, {left:.4g} m short of the goal"
+            f"the best attempt gets to {format_point(place)}, {left:.4g} m short of the goal"
             + (f"; {nearest}" if nearest else "")
         )
     least = _least_limit(search, limit, longest)
     if least is not None:
         reasons.append(f"a limit of {least:.3g} m can be kept")
-    return f"{asked} (roadmap of {search.nodes} nodes)" + (": " + "; ".join(reasons) if reasons else "")
+    return f"{asked} (roadmap of {search.max_nodes} nodes)" + (": " + "; ".join(reasons) if reasons else "")
 
 
-def _captures_would_help(search: ItinerarySearch, limit: float, longest: float) -> bool:
+def _captures_would_help(search: BeaconSearch, limit: float, longest: float) -> bool:
     """Whether the limit could be kept if the robot came within every range as planned."""
     if search.check.min_capture == 0:
         return False
@@ -77,7 +77,7 @@ def _captures_would_help(search: ItinerarySearch, limit: float, longest: float) 
     return found is not None
 
 
-def _headings_would_help(search: ItinerarySearch, limit: float, longest: float) -> bool:
+def _headings_would_help(search: BeaconSearch, limit: float, longest: float) -> bool:
     """Whether the limit could be kept if every position fix were a full fix."""
     lacking = [b for b in search.beacons if b.kind.heading_std is None]
     if not lacking:
@@ -85,8 +85,8 @@ def _headings_would_help(search: ItinerarySearch, limit: float, longest: float) 
     graph = search.graph(0.0, longest)
     full = [_full(b) for b in graph.beacons]
     edges = np.stack([graph.tail, graph.head], axis=1)[graph.tail < graph.head]
-    graph = BeaconRoadmap.of(graph.xy, edges, search.noise, full, search.world)
-    return search.walk(graph, limit, longest, most_labels=_LABELS).nodes is not None
+    graph = BeaconGraph.of(graph.xy, edges, search.noise, full, search.world)
+    return search.walk(graph, limit, longest, max_labels=_LABELS).nodes is not None
 
 
 def _full(beacon: Beacon) -> Beacon:
@@ -96,18 +96,19 @@ def _full(beacon: Beacon) -> Beacon:
     return replace(beacon, kind=replace(kind, heading_std=_SURE_HEADING))
 
 
-def _least_limit(search: ItinerarySearch, limit: float, longest: float) -> float | None:
+def _least_limit(search: BeaconSearch, limit: float, longest: float) -> float | None:
     """A limit that can be kept, if one is found soon; the least of those tried."""
     if not math.isfinite(limit):
         return None
-    found = search.least_worst_drift(math.inf, longest, shorten=False)
+    found = search.least_worst_drift(math.inf, longest)
     return None if found is None else search.check.verdict(found).worst
 
 
-def _nearest_beacon(search: ItinerarySearch, place: Floats) -> str:
+def _nearest_beacon(search: BeaconSearch, place: Floats) -> str:
     if not search.beacons:
         return ""
     distance = [math.hypot(b.x - place[0], b.y - place[1]) for b in search.beacons]
     k = int(np.argmin(distance))
     name = search.beacons[k].id or f"number {k}"
-    return f"the beacon nearest to that place, {name} at {said(search.beacons[k].xy)}, is {distance[k]:.4g} m away"
+    at = format_point(search.beacons[k].xy)
+    return f"the beacon nearest to that place, {name} at {at}, is {distance[k]:.4g} m away"

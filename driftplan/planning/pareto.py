@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Floats, keywords_checked
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import InfeasibleError
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.itinerary.itinerary import Itinerary, plan_itinerary
+from driftplan.model.readings import Fix
+from driftplan.planning.routes import Route, plan_route
 from driftplan.world.world import World
 
 
+@keywords_checked()
 def pareto_routes(
     world: World,
     start: ArrayLike,
@@ -25,12 +27,17 @@ def pareto_routes(
     noise: OdometryNoise,
     *,
     beacons: Sequence[Beacon],
-    most: int = 6,
+    max_routes: int = 6,
     max_detour: float = 1.5,
     difference: float = 0.02,
+    redundancy: int = 1,
+    min_capture: float = 0.9,
+    start_fix: Fix | None = None,
+    start_heading: float | None = None,
+    max_nodes: int = 1000,
     time_limit: float = 30.0,
-    **options: Any,
-) -> tuple[Itinerary, ...]:
+    seed: int = 0,
+) -> tuple[Route, ...]:
     """Routes of which none is better than another in length, worst drift and end drift at once.
 
     The shortest route, the one with the least worst drift, the one that ends with the least drift, and shortest routes
@@ -39,8 +46,8 @@ def pareto_routes(
     Parameters
     ----------
     world, start, goal, noise, beacons :
-        As for `driftplan.planning.itinerary.itinerary.plan_itinerary`.
-    most : int
+        As for `driftplan.plan_route`.
+    max_routes : int
         At most so many routes, >= 3.
     max_detour : float
         No route is longer than this multiple of the shortest, >= 1.
@@ -49,12 +56,12 @@ def pareto_routes(
     time_limit : float
         Seconds for all of them. Unless they run out (the `status` of a route says so) the same seed gives the same
         routes.
-    **options :
-        ``redundancy``, ``min_capture``, ``initial``, ``start_heading``, ``nodes``, ``seed`` of `plan_itinerary`.
+    redundancy, min_capture, start_fix, start_heading, max_nodes, seed :
+        As for `plan_route`.
 
     Returns
     -------
-    tuple of Itinerary
+    tuple of Route
         By length, the shortest first. `knee` says which is the best compromise.
 
     Raises
@@ -69,35 +76,41 @@ def pareto_routes(
     >>> noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
     >>> sign = BeaconKind.landmark(range_m=3.0, position_std_m=0.05, heading_std=0.01)
     >>> signs = [Beacon(sign, 20, 14), Beacon(sign, 40, 14)]
-    >>> routes = pareto_routes(world, (2, 5), (58, 5), noise, beacons=signs, most=3, nodes=100, time_limit=60)
+    >>> routes = pareto_routes(world, (2, 5), (58, 5), noise, beacons=signs, max_routes=3, max_nodes=100, time_limit=60)
     >>> len(routes) > 1, routes[0].length < routes[-1].length, routes[0].worst_drift > routes[-1].worst_drift
     (True, True, True)
     """
-    if not (isinstance(most, int) and most >= 3):
-        raise ValueError(f"expected most a whole number >= 3, got {most!r}")
+    if not (isinstance(max_routes, int) and max_routes >= 3):
+        raise ValueError(f"expected max_routes a whole number >= 3, got {max_routes!r}")
     if not 0 <= difference < 1:
         raise ValueError(f"expected difference in [0, 1), got {difference!r}")
     deadline = time.monotonic() + time_limit
 
-    def plan(share: float, **asked: Any) -> Itinerary:
+    def plan(share: float, **asked: Any) -> Route:
         left = max(deadline - time.monotonic(), 0.1)
-        return plan_itinerary(
+        return plan_route(
             world,
             start,
             goal,
             noise,
             beacons=beacons,
             max_detour=max_detour,
+            redundancy=redundancy,
+            min_capture=min_capture,
+            start_fix=start_fix,
+            start_heading=start_heading,
+            max_nodes=max_nodes,
             time_limit=share * left,
-            **{**options, **asked},
+            seed=seed,
+            **asked,
         )
 
     shortest = plan(0.2, minimise="length")
     steady = plan(0.3, minimise="worst_drift")
     found = [shortest, steady, plan(0.3, minimise="drift")]
-    high, low = shortest.worst_if_dead, steady.worst_if_dead
+    high, low = shortest.worst_guaranteed, steady.worst_guaranteed
     if low < high:
-        limits = np.geomspace(high, low, most)[1:-1].tolist()
+        limits = np.geomspace(high, low, max_routes)[1:-1].tolist()
         for k, limit in enumerate(limits):
             if time.monotonic() > deadline:
                 break
@@ -105,10 +118,10 @@ def pareto_routes(
                 found.append(plan(1 / (len(limits) - k), minimise="length", max_drift=limit))
             except InfeasibleError:  # not within the roadmap, or not in time
                 continue
-    return _thinned(non_dominated(found), difference, most)
+    return _thinned(non_dominated(found), difference, max_routes)
 
 
-def non_dominated(routes: Sequence[Itinerary]) -> list[Itinerary]:
+def non_dominated(routes: Sequence[Route]) -> list[Route]:
     """Those that no other beats in length, worst drift and end drift at once; by length. Of equals the first."""
     scores = np.array([_scores(route) for route in routes])
     keep = []
@@ -119,7 +132,7 @@ def non_dominated(routes: Sequence[Itinerary]) -> list[Itinerary]:
     return sorted(keep, key=lambda route: route.length)
 
 
-def knee(routes: Sequence[Itinerary]) -> int:
+def knee(routes: Sequence[Route]) -> int:
     """Index of the best compromise between length and worst drift.
 
     On logarithmic scales, stretched so that the routes span the unit square: the route that lies farthest below the
@@ -129,13 +142,13 @@ def knee(routes: Sequence[Itinerary]) -> int:
     Examples
     --------
     >>> knee([])
-    Traceback (most recent call last):
+    Traceback (max_routes recent call last):
     ...
     ValueError: expected at least one route, got none
     """
     if not routes:
         raise ValueError("expected at least one route, got none")
-    curve = np.log(np.maximum([[route.length, route.worst_if_dead] for route in routes], 1e-300))
+    curve = np.log(np.maximum([[route.length, route.worst_guaranteed] for route in routes], 1e-300))
     span = np.ptp(curve, axis=0)
     if (span <= 0).any():
         return 0
@@ -143,20 +156,20 @@ def knee(routes: Sequence[Itinerary]) -> int:
     return int(np.argmin(scaled.sum(axis=1)))
 
 
-def _scores(route: Itinerary) -> Floats:
-    return np.array([route.length, route.worst_if_dead, route.rms])
+def _scores(route: Route) -> Floats:
+    return np.array([route.length, route.worst_guaranteed, route.rms])
 
 
-def _thinned(routes: list[Itinerary], difference: float, most: int) -> tuple[Itinerary, ...]:
+def _thinned(routes: list[Route], difference: float, max_routes: int) -> tuple[Route, ...]:
     """Without those that are nearly the same as a shorter one; the steadiest always stays."""
-    kept: list[Itinerary] = []
-    steadiest = min(routes, key=lambda route: route.worst_if_dead)
+    kept: list[Route] = []
+    steadiest = min(routes, key=lambda route: route.worst_guaranteed)
     for route in routes:
         ratio = [np.abs(np.log(_scores(route) / np.maximum(_scores(other), 1e-300))).max() for other in kept]
         if route is steadiest or min(ratio, default=math.inf) >= difference:
             kept.append(route)
-    while len(kept) > most:  # the two most alike in worst drift become one
-        gaps = np.abs(np.diff(np.log([max(route.worst_if_dead, 1e-300) for route in kept])))
+    while len(kept) > max_routes:  # the two max_routes alike in worst drift become one
+        gaps = np.abs(np.diff(np.log([max(route.worst_guaranteed, 1e-300) for route in kept])))
         k = int(np.argmin(gaps[:-1])) if len(gaps) > 1 else 0
         del kept[k + 1 if kept[k + 1] is not steadiest else k]
     return tuple(kept)

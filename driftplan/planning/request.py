@@ -1,0 +1,246 @@
+"""PlanRequest: what a route is asked for, with every argument checked once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from driftplan.arrays import Floats, positive, whole
+from driftplan.beacons.beacon import Beacon
+from driftplan.beacons.readings import BeaconColumns
+from driftplan.errors import GoalError, NoPathError, PlannerError, StartError
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
+from driftplan.world.world import World
+
+Objective = Literal["drift", "length", "worst_drift"]
+ROADMAP = "roadmap"
+DEFAULT_DETOUR = 1.5  # times the length of the shortest route: with beacons, unless length is minimised
+_SEEDS = 2**31  # what OMPL takes, and one less
+_UNAIDED_S, _AMONG_BEACONS_S = 1.0, 5.0  # of search, unless told otherwise
+_NO_LIMIT_S = 1e8  # three years
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Reliance:
+    """How far a route may count on beacons, and from what it starts.
+
+    Attributes
+    ----------
+    max_drift : float
+        Greatest rms drift anywhere on the way, metres; infinity: no limit.
+    max_detour : float or None
+        Greatest length as a multiple of the shortest route's, >= 1. None: 1.5 with beacons unless length is minimised,
+        since a full fix wipes the past, so that the least drift alone would send the robot to the beacon next to the
+        goal however far that is; else none.
+    redundancy : int
+        2: all of it also holds with any one beacon dead. 1: all are alive.
+    min_capture : float in [0, 1)
+        A beacon that the drifting robot would come within range of less surely than this is not counted on.
+    start_fix : Fix or None
+        Uncertainty at the start.
+    start_heading : float or None
+        Heading at the start, rad: then the first turn counts too.
+    """
+
+    beacons: tuple[Beacon, ...] = ()
+    max_drift: float = math.inf
+    max_detour: float | None = None
+    redundancy: int = 1
+    min_capture: float = 0.9
+    start_fix: Fix | None = None
+    start_heading: float | None = None
+
+    def __post_init__(self) -> None:
+        BeaconColumns.of(self.beacons)
+        if self.max_drift != math.inf:
+            positive("max_drift", self.max_drift)
+        if self.max_detour is not None and not (math.isfinite(self.max_detour) and self.max_detour >= 1):
+            raise ValueError(f"expected max_detour >= 1, got {self.max_detour!r}")
+        if self.redundancy not in (1, 2):
+            raise ValueError(
+                f"expected redundancy 1 (all beacons live) or 2 (any one may be dead), got {self.redundancy!r}"
+            )
+        if not 0 <= self.min_capture < 1:
+            raise ValueError(f"expected min_capture in [0, 1), got {self.min_capture!r}")
+        if self.start_fix is not None and not (isinstance(self.start_fix, Fix) and self.start_fix.s_m == 0):
+            raise ValueError(f"expected start_fix a Fix at s_m=0, got {self.start_fix!r}")
+        if self.start_heading is not None and not math.isfinite(self.start_heading):
+            raise ValueError(f"expected start_heading finite, in rad, got {self.start_heading!r}")
+
+    def detour(self, minimise: Objective) -> float:
+        """Greatest length as a multiple of the shortest route's."""
+        if self.max_detour is not None:
+            return self.max_detour
+        return DEFAULT_DETOUR if self.beacons and minimise != "length" else math.inf
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlanRequest:
+    """What `plan_route` is asked for; `of` checks it.
+
+    Attributes
+    ----------
+    ends : (2, 2) start and goal, metres
+    initial_paths : collision-free paths from start to goal
+    time_limit : seconds, huge where iterations are counted and no limit is given
+    iterations : int or None
+    """
+
+    world: World
+    ends: Floats
+    noise: OdometryNoise
+    minimise: Objective
+    reliance: Reliance
+    planner: str = ROADMAP
+    initial_paths: tuple[Floats, ...] = ()
+    max_nodes: int = 1000
+    time_limit: float
+    iterations: int | None = None
+    seed: int = 0
+
+    @classmethod
+    def of(
+        cls,
+        world: World,
+        start: ArrayLike,
+        goal: ArrayLike,
+        noise: OdometryNoise,
+        reliance: Reliance,
+        *,
+        minimise: Objective,
+        planner: str,
+        initial_paths: Iterable[ArrayLike],
+        max_nodes: int,
+        time_limit: float | None,
+        iterations: int | None,
+        seed: int,
+    ) -> PlanRequest:
+        """The request, after every argument has been looked at."""
+        if not isinstance(noise, OdometryNoise):
+            raise ValueError(f"expected an OdometryNoise, got {noise!r}")
+        check_objective(minimise)
+        whole("max_nodes", max_nodes, least=10)
+        if iterations is not None:
+            whole("iterations", iterations, least=1)
+        if whole("seed", seed, least=0) >= _SEEDS:
+            raise ValueError(f"expected seed a whole number >= 0 and < {_SEEDS}, got {seed!r}")
+        needs_labels = bool(reliance.beacons) or reliance.max_drift < math.inf or minimise == "worst_drift"
+        if needs_labels:
+            check_continuous((noise, *(zone.noise for zone in world.zones)))
+        if planner != ROADMAP:
+            from driftplan.planning.ompl.solve import check_planner
+
+            check_planner(planner, also=(ROADMAP,))
+            if needs_labels:
+                raise PlannerError(
+                    f"expected planner={ROADMAP!r} for routes with beacons or max_drift, got {planner!r}"
+                )
+        if time_limit is None:
+            usual = _AMONG_BEACONS_S if needs_labels else _UNAIDED_S
+            time_limit = usual if iterations is None else _NO_LIMIT_S
+        ends = checked_ends(world, start, goal)
+        return cls(
+            world=world,
+            ends=ends,
+            noise=noise,
+            minimise=minimise,
+            reliance=reliance,
+            planner=planner,
+            initial_paths=tuple(_checked_path(world, ends, path) for path in initial_paths),
+            max_nodes=int(max_nodes),
+            time_limit=positive("time_limit", time_limit),
+            iterations=None if iterations is None else int(iterations),
+            seed=int(seed),
+        )
+
+    @property
+    def needs_labels(self) -> bool:
+        """Whether what is asked depends on more than the end of the route: beacons, a limit, or the worst drift."""
+        reliance = self.reliance
+        return bool(reliance.beacons) or reliance.max_drift < math.inf or self.minimise == "worst_drift"
+
+
+def check_objective(minimise: object) -> None:
+    if minimise not in get_args(Objective):
+        raise ValueError(f"expected minimise one of {get_args(Objective)}, got {minimise!r}")
+
+
+def check_continuous(noises: Sequence[OdometryNoise]) -> None:
+    if any(noise.step_m is not None for noise in noises):
+        raise ValueError(
+            "expected noise of the continuous kind, got noise per step (step_m), which depends on how a path is cut"
+        )
+
+
+def check_connected(world: World, ends: Floats) -> None:
+    """Refuse, with a NoPathError, ends (2, 2) in different parts of the free space."""
+    start_part, goal_part = world.free_part(ends)
+    if start_part != goal_part:
+        part = world.free_parts[start_part]
+        xmin, ymin, xmax, ymax = part.bounds
+        raise NoPathError(
+            f"no path from {format_point(ends[0])} to {format_point(ends[1])}: a robot of radius "
+            f"{world.robot_radius:g} m that starts there reaches only {part.area:.4g} m², x {xmin:.2f}..{xmax:.2f}, "
+            f"y {ymin:.2f}..{ymax:.2f} m"
+        )
+
+
+def checked_ends(world: World, start: ArrayLike, goal: ArrayLike) -> Floats:
+    """Start and goal, (2, 2), which must be free."""
+    points = []
+    for name, value, error in (("start", start, StartError), ("goal", goal, GoalError)):
+        point = np.asarray(value, dtype=float)
+        if point.shape != (2,) or not np.isfinite(point).all():
+            raise ValueError(f"expected {name} (x, y) in metres, finite, got {value!r}")
+        if not world.is_free(point):
+            nearest = _nearest_writable(world, point)
+            raise error(f"{name} {format_point(point)} is not free; the nearest free point is {format_point(nearest)}")
+        points.append(point)
+    return np.stack(points)
+
+
+def format_point(point: Floats) -> str:
+    """A point in metres, to the millimetre."""
+    x, y = (f"{round(float(c), 3) + 0.0:.3f}".rstrip("0").rstrip(".") for c in point)
+    return f"({x}, {y})"
+
+
+def _nearest_writable(world: World, point: Floats) -> Floats:
+    """The nearest free point, or one a little farther in that is still free when written to the millimetre."""
+    nearest = world.nearest_free(point)
+    way = nearest - point
+    inward = way / max(float(np.linalg.norm(way)), 1e-12)
+    for step in (0.0, 0.001, 0.002, 0.005, 0.02, 0.1):
+        rounded = np.round(nearest + step * inward, 3)
+        if world.is_free(rounded):
+            return rounded
+    return nearest
+
+
+def _checked_path(world: World, ends: Floats, path: ArrayLike) -> Floats:
+    """A path of the caller's, after it has been looked at."""
+    points = np.asarray(path, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
+        raise ValueError(
+            f"expected initial_paths of at least 2 finite waypoints, shape (n, 2), got shape {points.shape}"
+        )
+    if not (np.allclose(points[0], ends[0]) and np.allclose(points[-1], ends[1])):
+        raise ValueError(
+            f"expected initial_paths from {format_point(ends[0])} to {format_point(ends[1])}, got one from "
+            f"{format_point(points[0])} to {format_point(points[-1])}"
+        )
+    points = np.concatenate([ends[:1], points[1:-1], ends[1:]])  # to the last digit
+    free = world.segments_free(points[:-1], points[1:])
+    if not free.all():
+        leg = int(np.argmin(free))
+        raise ValueError(
+            f"expected initial_paths free of collisions, got one that collides between {format_point(points[leg])} and "
+            f"{format_point(points[leg + 1])}"
+        )
+    return points

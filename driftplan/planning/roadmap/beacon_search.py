@@ -1,0 +1,199 @@
+"""BeaconSearch: one pair of ends, one set of beacons, any number of questions about the best path between them.
+
+Each question is answered by walks of `driftplan.planning.roadmap.beacon_walks`, under this limit and that, and by
+shortening what they found as long as the exact model agrees. The same seed gives the same path unless `stop`
+interfered.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from driftplan.arrays import Floats
+from driftplan.planning.bounds import least_worst_drift
+from driftplan.planning.itinerary.check import ItineraryCheck
+from driftplan.planning.request import DEFAULT_DETOUR
+from driftplan.planning.roadmap.beacon_walks import FINE, ROUNDING, WORST_TOLERANCE, BeaconWalks, with_smaller_range
+from driftplan.planning.roadmap.polish import shortened
+from driftplan.planning.roadmap.prices import length_of
+
+_COARSE, _MEDIUM = 0.15, 0.05  # slack of labels as a share of the limit squared: for a path soon; see FINE
+_MAX_LABELS_OF_BISECTION = 8_000  # of a search that need only find any path
+_MAX_LABELS_BY_END = 6_000  # of a search for the least drift at the end, which seldom comes to an end of its own
+_LEEWAY = 1.06  # times the limit, for a graph whose drift may be a little greater than the exact one
+_MAX_BISECTIONS = 8
+_STEP_DOWN = 0.93  # of the least limit kept so far, a finer search tries until it finds no way to keep it
+_LOOSENESS = (1.05, 1.5, 3.0, math.inf)  # than the least limit on the way, when the least end drift is sought
+_MAX_SHORTENING_TRIALS = 400  # of shorter paths
+
+
+class BeaconSearch(BeaconWalks):
+    """Paths from ``ends[0]`` to ``ends[1]`` that count on beacons; parameters and attributes as for `BeaconWalks`."""
+
+    @property
+    def _max_labels_by_end(self) -> int:
+        return min(self.max_labels, _MAX_LABELS_BY_END)
+
+    def shortest_within(self, limit: float, longest: float) -> Floats | None:
+        """The shortest path on which the drift never exceeds ``limit``."""
+        if self._keeps(self.shortest, limit, longest):
+            return self.shortest
+        found = self._short_within(limit, longest)
+        paths = [path for path in self.known if self._keeps(path, limit, longest)]
+        paths += [] if found is None else [found]
+        if not paths:  # a limit that some path was seen to keep is never called out of reach
+            found = self._steady_within(limit, longest)
+            paths += [] if found is None else [found]
+        return self.shorter(min(paths, key=length_of), limit) if paths else None
+
+    def least_end_drift(self, limit: float, longest: float) -> Floats | None:
+        """The path with the least rms at its end that keeps the limit on the way.
+
+        The best one without a limit is looked for first, so that a limit that does not bind changes nothing.
+        """
+        candidates = self._paths_of_low_end_drift(longest)
+        best = min(candidates, key=self._end_drift)
+        shorter = self.shorter(best, math.inf, self._end_drift(best))
+        if self._keeps(shorter, limit, longest):
+            return shorter
+        candidates = [path for path in candidates if self._keeps(path, limit, longest)]
+        found = self.best_walk(limit, longest, slack=FINE, max_labels=self._max_labels_by_end, by_end=True)
+        if found is None and not candidates:
+            found = self._steady_within(limit, longest)
+        candidates += [] if found is None else [found]
+        if not candidates:
+            return None
+        best = min(candidates, key=self._end_drift)
+        return self.shorter(best, limit, self._end_drift(best))
+
+    def least_worst_drift(self, limit: float, longest: float) -> Floats | None:
+        """The path with the least greatest drift on the way, to within `WORST_TOLERANCE`; the shortest of those.
+
+        None if it exceeds the limit; otherwise the limit changes nothing.
+        """
+        if longest not in self._steadiest:
+            self._steadiest[longest] = self._closely_least_worst(self._roughly_least_worst(longest), longest)
+        path = self._steadiest[longest]
+        return path if self.worst(path) <= limit else None
+
+    def any_within(self, limit: float, longest: float, slack: float) -> Floats | None:
+        """A path on which the drift never exceeds ``limit``: the first found."""
+        if self._keeps(self.shortest, limit, longest):
+            return self.shortest
+        return self._any_within(limit, longest, slack, None)
+
+    def _any_within(self, limit: float, longest: float, slack: float, margin: float | None) -> Floats | None:
+        max_labels = min(self.max_labels, _MAX_LABELS_OF_BISECTION)
+        return self.best_walk(limit, longest, slack=slack, max_labels=max_labels, margin=margin)
+
+    def _short_within(self, limit: float, longest: float) -> Floats | None:
+        found = self.best_walk(limit, longest, slack=_COARSE, max_labels=self.max_labels)
+        within, arrival = longest, limit
+        if found is not None:  # beacons need not be passed closer by than the drift of such a path asks for
+            within, arrival = min(longest, length_of(found)), self.worst(found)
+        finer = self.best_walk(limit, within, slack=FINE, max_labels=self.max_labels, arrival=arrival)
+        found = found if finer is None else finer
+        if found is None:  # ranges with a margin overlook readings that do harm
+            held = _LEEWAY * limit
+            found = self.best_walk(limit, longest, slack=FINE, max_labels=self.max_labels, margin=0.0, held=held)
+        return found
+
+    def _steady_within(self, limit: float, longest: float) -> Floats | None:
+        """A path that keeps the limit because its greatest drift is about the least of all."""
+        for within in sorted({min(longest, DEFAULT_DETOUR * length_of(self.shortest) * (1 + ROUNDING)), longest}):
+            if not self.late() and (path := self.least_worst_drift(limit, within)) is not None:
+                return path
+        return None
+
+    def _paths_of_low_end_drift(self, longest: float) -> list[Floats]:
+        """Whatever arrives with little drift has mostly had little on the way, and tight limits make searches short: so
+        the search is asked with ever looser limits, from the least that can be kept on."""
+        paths = [self._roughly_least_worst(longest), self.shortest]
+        paths += [path for path in (self.unaided, *self.known) if length_of(path) <= longest]
+        least = self.worst(paths[0])
+        for looseness in _LOOSENESS:
+            if self.late():
+                break
+            limit = looseness * least
+            found = self.best_walk(limit, longest, slack=FINE, max_labels=self._max_labels_by_end, by_end=True)
+            paths += [] if found is None else [found]
+        return paths
+
+    def _roughly_least_worst(self, longest: float) -> Floats:
+        """A path with nearly the least greatest drift on the way, by bisection over the limit."""
+        if longest in self._rough:
+            return self._rough[longest]
+        known = [path for path in (self.unaided, *self.known) if length_of(path) <= longest]
+        best = self._bisected(min([self.shortest, *known], key=self.worst), longest, None)
+        if self._margin(self.worst(best)) > 0:  # ranges with a margin overlook readings that do harm
+            limit = (1 - 2 * WORST_TOLERANCE) * self.worst(best)
+            found = self._any_within(limit, longest, _MEDIUM, 0.0)
+            best = best if found is None else self._bisected(found, longest, 0.0)
+        self._rough[longest] = best
+        return best
+
+    def _bisected(self, best: Floats, longest: float, margin: float | None) -> Floats:
+        high = self.worst(best)
+        least = least_worst_drift(self.ends, self.noises, self.beacons, high)
+        for slack, step, tolerance in ((_COARSE, 0.5, 0.05), (_MEDIUM, _STEP_DOWN, WORST_TOLERANCE)):
+            low, missed = least, False
+            for _ in range(_MAX_BISECTIONS):
+                if high - low <= tolerance * high or self.late():
+                    break
+                middle = max(0.5 * (low + high), step * high) if not missed else 0.5 * (low + high)
+                if low < self._widest < middle:  # who drifts farther than that finds no beacon
+                    middle = self._widest
+                found = self._any_within(middle, longest, slack, margin)
+                if found is None:
+                    low, missed = middle, True
+                else:
+                    best, high = found, self.worst(found)
+        return best
+
+    def _closely_least_worst(self, best: Floats, longest: float) -> Floats:
+        """The shortest path with the least greatest drift: none with `WORST_TOLERANCE` less is found by any search."""
+        margins = [None, 0.0] if self._margin(self.worst(best)) > 0 else [None]
+        while margins and not self.late():  # the search for the least drift at the end does not stop at the first walk
+            limit = (1 - WORST_TOLERANCE) * self.worst(best)
+            held = _LEEWAY * limit
+            most = self._max_labels_by_end
+            found = self.best_walk(
+                limit, longest, slack=FINE, max_labels=most, by_end=True, margin=margins[0], held=held
+            )
+            if found is None:
+                margins.pop(0)
+            else:
+                best = found
+        kept = self.worst(best) * (1 + ROUNDING)
+        shortest = self._short_within(kept, min(longest, length_of(best)))
+        return self.shorter(best if shortest is None else shortest, kept)
+
+    def _keeps(self, path: Floats, limit: float, longest: float) -> bool:
+        return length_of(path) <= longest and self.check.verdict(path, limit).worst <= limit
+
+    def shorter(self, path: Floats, limit: float, most_at_end: float = math.inf) -> Floats:
+        """The path as short as it gets while it keeps the limit and arrives with no more drift."""
+        margin = 0.5 * self._margin(limit)
+        nearer = tuple(with_smaller_range(beacon, margin) for beacon in self.beacons)
+        cautious = replace(self.check, beacons=nearer, min_capture=0.0)  # passes well within range are captured
+        for check in (cautious, self.check):
+            trial = self._shorter_while(check, path, limit, most_at_end)
+            path = trial if trial is path or self.check.verdict(trial, limit).worst <= limit else path
+        return path
+
+    def _shorter_while(self, check: ItineraryCheck, path: Floats, limit: float, most_at_end: float) -> Floats:
+        """The path, as short as it gets while one check agrees."""
+        trials = 0
+
+        def holds(trial: Floats) -> bool:
+            nonlocal trials
+            trials += 1
+            verdict = check.verdict(trial, limit)
+            return verdict.worst <= limit and verdict.end <= most_at_end * (1 + ROUNDING)
+
+        def stop() -> bool:
+            self.timed_out = self.timed_out or self.stop_shortening()
+            return trials > _MAX_SHORTENING_TRIALS or self.stop_shortening()
+
+        return path if stop() or not holds(path) else shortened(path, self.space, holds, stop)

@@ -1,0 +1,16 @@
+"""Why a search ended."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class Status(Enum):
+    """Why a search ended; the value is a sentence for people."""
+
+    OPTIMAL = "Proven optimal."
+    SEARCH_DONE = "Search done: the best route of its roadmap, up to the tolerances of the search."
+    BATCHES_DONE = "All batches done: the best path of the roadmap so far."
+    ITERATIONS_DONE = "All iterations done: the best path so far."
+    LABELS_DONE = "As many partial routes kept as may be: the best route so far."
+    TIME_LIMIT = "Time limit reached: the best so far."

@@ -1,0 +1,83 @@
+"""A limit on the drift: what does not bind changes nothing, and what some route was seen to keep is never called
+impossible."""
+
+import numpy as np
+import pytest
+
+from driftplan import (
+    Beacon,
+    BeaconKind,
+    InfeasibleError,
+    OdometryNoise,
+    World,
+    bundled_map,
+    load_world,
+    plan_route,
+)
+
+ROOM = World.from_polygons([], bounds=(0, 0, 24, 12), robot_radius=0.3)
+NOISE = OdometryNoise.from_std(heading_deg=3, distance_m=0.14, after_m=10)
+ENDS = (3.5, 7.86), (21.6, 9.53)
+COARSE = Beacon(BeaconKind.landmark(range_m=2.3, position_std_m=1.0, heading_std=0.1), 11.5, 7.25)
+UNHURRIED = {"time_limit": 600.0, "max_nodes": 100}
+
+
+def scattered(seed):
+    """A room with a wall, a few beacons of any quality, and two places far apart."""
+    rng = np.random.default_rng(seed)
+    kinds = [
+        BeaconKind.rfid(range_m=1.2, position_std_m=0.1),
+        BeaconKind.rfid(range_m=2.5, position_std_m=0.8),
+        BeaconKind.landmark(range_m=2.3, position_std_m=1.0, heading_std=0.1),
+        BeaconKind.landmark(range_m=3.0, position_std_m=0.2, heading_std=0.02, detection_probability=0.8),
+    ]
+    wall = (12, 0, 12.5, float(rng.uniform(2, 8)))
+    corners = [wall[:2], (wall[2], wall[1]), wall[2:], (wall[0], wall[3])]
+    world = World.from_polygons([corners], bounds=(0, 0, 24, 12), robot_radius=0.3)
+    places = rng.uniform((0.5, 0.5), (23.5, 11.5), (5, 2))
+    beacons = [Beacon(kinds[int(rng.integers(len(kinds)))], *place) for place in places.tolist()]
+    ends = [(1.0, float(rng.uniform(1, 11))), (23.0, float(rng.uniform(1, 11)))]
+    return world, ends, beacons
+
+
+def test_a_limit_that_does_not_bind_does_not_make_the_route_worse():
+    world = load_world(bundled_map("warehouse"), robot_radius=0.3)
+    noise = OdometryNoise.from_std(heading_deg=1, distance_m=0.05, after_m=10.0, heading_deg_per_full_turn=10)
+    asked = {"iterations": 2, "seed": 1}
+    free = plan_route(world, (3, 3), (56, 36), noise, **asked)
+    for limit in (1000.0, free.worst_drift * 1.001):
+        bound = plan_route(world, (3, 3), (56, 36), noise, max_drift=limit, **asked)
+        assert bound.rms <= free.rms * (1 + 1e-9)
+        assert bound.worst_drift <= limit
+
+
+@pytest.mark.parametrize("minimise", ["drift", "length", "worst_drift"])
+@pytest.mark.parametrize("seed", range(3))
+def test_with_beacons_too_a_limit_that_does_not_bind_changes_nothing(seed, minimise):
+    world, ends, beacons = scattered(seed)
+    asked = {"beacons": beacons, "minimise": minimise, **UNHURRIED}
+    free = plan_route(world, *ends, NOISE, **asked)
+    for limit in (1000.0, free.worst_drift * (1 + 1e-9)):
+        np.testing.assert_allclose(plan_route(world, *ends, NOISE, max_drift=limit, **asked).path, free.path)
+
+
+@pytest.mark.parametrize("min_capture", [0.0, 0.9])
+def test_a_beacon_that_does_harm_is_driven_round(min_capture):
+    asked = {"beacons": [COARSE], "min_capture": min_capture, **UNHURRIED}
+    steady = plan_route(ROOM, *ENDS, NOISE, minimise="worst_drift", **asked)
+    assert steady.worst_drift < 0.8
+    assert plan_route(ROOM, *ENDS, NOISE, minimise="length", max_drift=1.0, **asked).worst_drift <= 1.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_least_worst_drift_can_be_kept_and_two_per_cent_less_cannot(seed):
+    world, ends, beacons = scattered(seed)
+    asked = {"beacons": beacons, "max_detour": 1.5, **UNHURRIED}
+    steady = plan_route(world, *ends, NOISE, minimise="worst_drift", **asked)
+    kept = plan_route(world, *ends, NOISE, minimise="drift", max_drift=steady.worst_drift * (1 + 1e-9), **asked)
+    assert kept.worst_drift <= steady.worst_drift * (1 + 1e-9)
+    del asked["max_detour"]
+    kept = plan_route(world, *ends, NOISE, minimise="length", max_drift=steady.worst_drift * (1 + 1e-9), **asked)
+    assert kept.length <= steady.length * (1 + 1e-9)
+    with pytest.raises(InfeasibleError):
+        plan_route(world, *ends, NOISE, minimise="drift", max_drift=0.98 * steady.worst_drift, **asked)
