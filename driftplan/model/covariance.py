@@ -50,8 +50,8 @@ class CovarianceMap:
 
     Attributes
     ----------
-    A, C, J : arrays, shape (..., d, d)
-        Transition; covariance gained; information gained about the state at the beginning. d = 3 + constants.
+    A, C, J : (..., d, d), transition; covariance gained; information gained about the state at the beginning. d = 3 +
+        constants.
     """
 
     A: Floats
@@ -112,9 +112,7 @@ def compose(first: CovarianceMap, second: CovarianceMap) -> CovarianceMap:
     M: Floats = np.asarray(np.linalg.inv(np.eye(first.A.shape[-1]) + first.C @ second.J), dtype=float)
     onward, back = second.A @ M, _T(first.A) @ _T(M) @ second.J
     return CovarianceMap(
-        onward @ first.A,
-        _symmetric(onward @ first.C @ _T(second.A) + second.C),
-        _symmetric(back @ first.A + first.J),
+        onward @ first.A, _symmetric(onward @ first.C @ _T(second.A) + second.C), _symmetric(back @ first.A + first.J)
     )
 
 
@@ -146,8 +144,7 @@ class Legs:
     Attributes
     ----------
     A, C : arrays, shape (..., d, d)
-    shift : array, shape (..., d)
-        What the known systematic errors add to the mean; the filter does not know of it.
+    shift : (..., d), what the known systematic errors add to the mean; the filter does not know of it
     """
 
     A: Floats
@@ -183,10 +180,7 @@ class Legs:
 
 
 def path_legs(
-    runs: Runs,
-    noises: Sequence[OdometryNoise],
-    which: Ints | None = None,
-    spread: SystematicSpread = NO_SPREAD,
+    runs: Runs, noises: Sequence[OdometryNoise], which: Ints | None = None, spread: SystematicSpread = NO_SPREAD
 ) -> Legs:
     """All legs of a path, world frame, shape (..., m); ``which`` of the noises each has, (m,), default the first.
 
@@ -215,12 +209,9 @@ def legs(
 
     Parameters
     ----------
-    headings, turns, lengths, curvatures : arrays, shape (...)
-        True heading before the turn (rad), the turn (rad), metres, 1/m.
-    noises, which :
-        Different noises, and the index of each leg's, (...).
-    spread : SystematicSpread
-        Its constants are further states.
+    headings, turns, lengths, curvatures : (...), true heading before the turn (rad), the turn (rad), metres, 1/m
+    noises, which : different noises, and the index of each leg's, (...)
+    spread : its constants are further states
 
     Returns
     -------

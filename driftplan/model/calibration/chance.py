@@ -28,12 +28,9 @@ class Chance(NamedTuple):
 
     Attributes
     ----------
-    log_rms : array, shape (runs, lengths)
-        Logarithms of the rms position error.
-    shares : array, shape (runs, lengths, levels)
-        Shares inside the regions.
-    tails : array, shape (runs, lengths)
-        `tail_weight`.
+    log_rms : (runs, lengths), logarithms of the rms position error
+    shares : (runs, lengths, levels), shares inside the regions
+    tails : (runs, lengths), `tail_weight`
     """
 
     log_rms: Floats

@@ -37,13 +37,7 @@ from driftplan.model.calibration.segments import TruthNoise
 from driftplan.model.noise import OdometryNoise
 
 SYSTEMATIC = ("distance_scale_error", "heading_bias_per_m", "heading_bias_per_rad")
-RANDOM = (
-    "heading_var_per_m",
-    "heading_var_per_rad",
-    "distance_var_per_m",
-    "distance_var_per_rad",
-    "lateral_var_per_m",
-)
+RANDOM = ("heading_var_per_m", "heading_var_per_rad", "distance_var_per_m", "distance_var_per_rad", "lateral_var_per_m")
 TRUTH = ("truth_position_var", "truth_heading_var")
 DRIVES_TO_HOLD_OUT = 3  # as many as these, and each is predicted from the others
 
@@ -64,14 +58,12 @@ class Solution(NamedTuple):
 
     Attributes
     ----------
-    names : tuple of str
-        Parameters, k in all: fields of `OdometryNoise` and the truth's variances.
+    names : parameters, k in all: fields of `OdometryNoise` and the truth's variances
     theta : array, shape (k,)
-    score, information : arrays, shapes (n, k), (n, k, k)
-        Left side of the equations and its expected slope, of every observation, at the estimate.
+    score, information : (n, k), (n, k, k), left side of the equations and its expected slope, of every observation, at
+        the estimate
     converged : bool
-    d_mean, d_cov : arrays, shapes (n, k, 3), (n, k, 3, 3)
-        Derivatives of the moments of the observations.
+    d_mean, d_cov : (n, k, 3), (n, k, 3, 3), derivatives of the moments of the observations
     """
 
     names: tuple[str, ...]

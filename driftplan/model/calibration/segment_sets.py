@@ -42,18 +42,12 @@ class SegmentSet:
     Attributes
     ----------
     resampled : tuple of ResampledDrive
-    bins : tuple of LengthBin
-        Shortest segments first.
-    values : array, shape (n, 3)
-        Observations, see `driftplan.model.calibration.segments`; bin by bin.
-    bin_of, drive_of : arrays of int, shape (n,)
-        Which length and which drive each belongs to.
-    place_m : array, shape (n,)
-        Where each segment begins, all drives laid end to end.
-    weight : array, shape (n,)
-        Adding up to the number of longest segments that fit side by side, in every bin.
-    total_m : float
-        Length of all drives.
+    bins : shortest segments first
+    values : (n, 3), observations, see `driftplan.model.calibration.segments`; bin by bin
+    bin_of, drive_of : (n,), which length and which drive each belongs to
+    place_m : (n,), where each segment begins, all drives laid end to end
+    weight : (n,), adding up to the number of longest segments that fit side by side, in every bin
+    total_m : length of all drives
     """
 
     resampled: tuple[ResampledDrive, ...]
