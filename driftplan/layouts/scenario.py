@@ -73,28 +73,15 @@ class DriftLimit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scenario:
-    """Routes and how drift on them is scored; made by `Scenario.of`.
-
-    Attributes
-    ----------
-    world : World or None
-    routes : tuple of (n, 2) arrays, metres
-    noise : OdometryNoise
-    start_fix : Fix or None
-        Uncertainty at the start of every route.
-    confidence, redundancy :
-        Of the `DriftLimit`.
-    estimator : {"reset", "filter"}
-        What the robot does with a reading.
-    """
+    """Routes and how drift on them is scored; made by `Scenario.of`."""
 
     world: World | None
-    routes: tuple[Floats, ...]
+    routes: tuple[Floats, ...]  # (n, 2) each, metres
     noise: OdometryNoise
-    start_fix: Fix | None = None
-    confidence: float | None = None
-    redundancy: int = 1
-    estimator: Estimator = "reset"
+    start_fix: Fix | None = None  # uncertainty at the start of every route
+    confidence: float | None = None  # of the `DriftLimit`
+    redundancy: int = 1  # likewise
+    estimator: Estimator = "reset"  # what the robot does with a reading
 
     @classmethod
     def of(

@@ -175,22 +175,12 @@ class Sites:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ListedSites:
-    """Sites one by one, each with an id of its own.
+    """Sites one by one, each with an id of its own."""
 
-    Attributes
-    ----------
-    new : tuple of Beacon
-        What may be placed, off forbidden areas.
-    costs : (new,)
-    existing : tuple of Beacon
-    members : tuple of arrays
-        For every group, its members by their position in ``new``.
-    """
-
-    new: tuple[Beacon, ...]
-    costs: Floats
+    new: tuple[Beacon, ...]  # what may be placed, off forbidden areas
+    costs: Floats  # (new,)
     existing: tuple[Beacon, ...]
-    members: tuple[Ints, ...]
+    members: tuple[Ints, ...]  # for every group, its members by their position in ``new``
 
 
 def _members(name: str, group: SiteGroup, beacons: Sequence[Beacon], kept: Ints) -> Ints:

@@ -46,17 +46,11 @@ _PERFECT_READING_VARIANCE = 1e-12  # m² or rad²: of a perfect reading of what 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CovarianceMap:
-    """What a stretch of driving and reading does to the covariance: ``P ↦ A (I + P J)⁻¹ P Aᵀ + C``, any leading axes.
+    """What driving and reading do to the covariance: ``P ↦ A (I + P J)⁻¹ P Aᵀ + C``, over any leading axes."""
 
-    Attributes
-    ----------
-    A, C, J : (..., d, d), transition; covariance gained; information gained about the state at the beginning. d = 3 +
-        constants.
-    """
-
-    A: Floats
-    C: Floats
-    J: Floats
+    A: Floats  # (..., d, d) transition, d = 3 + constants
+    C: Floats  # (..., d, d) covariance gained
+    J: Floats  # (..., d, d) information gained about the state at the beginning
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -139,17 +133,11 @@ def prefixes(maps: CovarianceMap) -> CovarianceMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Legs:
-    """What driving does to the error: ``x ← A x + shift + noise of covariance C``, any leading axes.
+    """What driving does to the error: ``x ← A x + shift + noise of covariance C``, any leading axes."""
 
-    Attributes
-    ----------
-    A, C : arrays, shape (..., d, d)
-    shift : (..., d), what the known systematic errors add to the mean; the filter does not know of it
-    """
-
-    A: Floats
-    C: Floats
-    shift: Floats
+    A: Floats  # (..., d, d)
+    C: Floats  # (..., d, d)
+    shift: Floats  # (..., d) what known systematic errors add to the mean; the filter does not know of it
 
     @property
     def maps(self) -> CovarianceMap:

@@ -349,14 +349,9 @@ def predict_drift(
     if estimator == "filter" and not spread.names:
         noises, spread = spread_of(noises)
     if any(one.varies_between_drives for one in noises):
-        kinds = [noise] if isinstance(noise, OdometryNoise) else list(noise)
+        own = [noises[k] for k in noise_of_leg[:: runs.legs_per_waypoint]]
         some = [
-            (
-                weight,
-                predict_drift(
-                    runs, [one.on_drive(z) for one in kinds] if len(kinds) > 1 else kinds[0].on_drive(z), fixes=fixes
-                ),
-            )
+            (weight, predict_drift(runs, [one.on_drive(z) for one in own], fixes=fixes))
             for weight, z in drives_to_average(noises)
         ]
         return _average_drift(some, noises)

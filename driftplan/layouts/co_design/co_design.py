@@ -101,10 +101,6 @@ def co_design(
     progress : callable
         Called with seconds and cost when a cheaper design is found.
 
-    Returns
-    -------
-    CoDesign
-
     Raises
     ------
     InfeasibleError

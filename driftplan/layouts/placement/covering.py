@@ -109,10 +109,6 @@ def cheapest_cover(
     progress : callable, optional
         Called with seconds, cost of the best layout and lower bound whenever one of them changes.
 
-    Returns
-    -------
-    Cover
-
     Examples
     --------
     Three sites, of which the oracle wants two neighbours:
@@ -161,7 +157,7 @@ class _CoverSearch:
         if self._impossible():
             return self._result(Outcome.INFEASIBLE)
         for start in (hint, self.fixed):
-            if start is not None and (self.best is None or not stop_at_first):
+            if start is not None and self.best is None:
                 self._complete(start | self.fixed)
         if not (self._closed() or self._impossible() or (stop_at_first and self.best is not None)):
             self._tighten()

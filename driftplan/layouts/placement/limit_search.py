@@ -72,6 +72,8 @@ class LimitSearch:
         """The cheapest layout that keeps the limits (None: whatever its drift) and, if ``ruled``, the rules."""
         problem = self.problem
         requirements = None if limits is None else self.requirements(limits)
+        if hint is None and isinstance(requirements, FusedRequirements):
+            hint = requirements.driven_along(problem.fixed)
         return cheapest_cover(
             problem.cost,
             requirements or _Anything(),

@@ -54,26 +54,16 @@ _PARTS = 5  # of the drives, each predicted from the others
 
 
 class Solution(NamedTuple):
-    """The estimate.
+    """The estimate."""
 
-    Attributes
-    ----------
-    names : parameters, k in all: fields of `OdometryNoise` and the truth's variances
-    theta : array, shape (k,)
-    score, information : (n, k), (n, k, k), left side of the equations and its expected slope, of every observation, at
-        the estimate
-    converged : bool
-    d_mean, d_cov : (n, k, 3), (n, k, 3, 3), derivatives of the moments of the observations
-    """
-
-    names: tuple[str, ...]
-    theta: Floats
-    score: Floats
-    information: Floats
+    names: tuple[str, ...]  # parameters, k in all: fields of `OdometryNoise` and the truth's variances
+    theta: Floats  # (k,)
+    score: Floats  # (n, k) left side of the equations, of every observation, at the estimate
+    information: Floats  # (n, k, k) its expected slope
     converged: bool
     slowest: str
-    d_mean: Floats
-    d_cov: Floats
+    d_mean: Floats  # (n, k, 3) derivatives of the moments of the observations
+    d_cov: Floats  # (n, k, 3, 3) likewise
 
     @property
     def bounded(self) -> NDArray[np.bool_]:

@@ -34,10 +34,7 @@ _MOVES = np.concatenate([np.zeros((1, 2)), (_RINGS[:, None, None] * _CIRCLE).res
 
 
 def polished(
-    pricing: AdditiveCost,
-    path: Floats,
-    start_heading: float | None = None,
-    stop: Callable[[], bool] = lambda: False,
+    pricing: AdditiveCost, path: Floats, start_heading: float | None = None, stop: Callable[[], bool] = lambda: False
 ) -> Floats:
     """A path (k, 2) between the same ends, free of collisions, from one (n, 2) that is free.
 

@@ -84,11 +84,7 @@ def plot_tracks(fit: NoiseFit, *, ax: Axes | None = None) -> list[Line2D]:
 
 
 def plot_growth(
-    fit: NoiseFit,
-    others: Mapping[str, SegmentCheck] | None = None,
-    *,
-    heading: bool = False,
-    ax: Axes | None = None,
+    fit: NoiseFit, others: Mapping[str, SegmentCheck] | None = None, *, heading: bool = False, ax: Axes | None = None
 ) -> list[ErrorbarContainer]:
     """Draw the errors of segments against their length: all of them as dots, their rms with two standard errors, and
     the fitted curve with its interval; other drives beside the curve that is predicted for them.
