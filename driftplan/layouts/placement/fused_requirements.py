@@ -38,10 +38,8 @@ class FusedRequirements:
     Parameters
     ----------
     routes : sequence of FusedRoute
-    limits_m : sequence of float
-        On the rms, one per route.
-    redundancy : int
-        1: all beacons live; k: any k - 1 of them may be dead.
+    limits_m : on the rms, one per route
+    redundancy : 1: all beacons live; k: any k - 1 of them may be dead
     seed : int
     """
 
