@@ -70,7 +70,7 @@ def ackermann_step(
     distance_std_m: float,
     steering_std_rad: float,
 ) -> Moments:
-    """Elements of the error-moment algebra for Ackermann steps, without linearisation.
+    """Elements of the error-moment algebra for Ackermann steps, shape (...), without linearisation.
 
     Given ε_φ, with g = tan(φ + ε_φ)/L and v = σ_d², the rotation error is Gaussian and ::
 
@@ -86,10 +86,6 @@ def ackermann_step(
     wheelbase_m : float
     distance_std_m, steering_std_rad : float
         Deviations of each step's ε_d and ε_φ.
-
-    Returns
-    -------
-    Moments, shape (...)
 
     Raises
     ------
@@ -147,16 +143,7 @@ def ackermann_drift(
     Parameters
     ----------
     distances_m, steering_rad : array, shape (n,)
-        See `ackermann_step` for these and the rest.
-
-    Returns
-    -------
-    AckermannDrift
-
-    Raises
-    ------
-    ValueError
-        As `ackermann_step`.
+        These, the rest and the errors as in `ackermann_step`.
 
     Examples
     --------
@@ -170,11 +157,7 @@ def ackermann_drift(
     if d.ndim != 1 or not len(d):
         raise ValueError(f"expected distances_m of shape (n,), n >= 1, got {d.shape}")
     steps = ackermann_step(
-        d,
-        steering_rad,
-        wheelbase_m=wheelbase_m,
-        distance_std_m=distance_std_m,
-        steering_std_rad=steering_std_rad,
+        d, steering_rad, wheelbase_m=wheelbase_m, distance_std_m=distance_std_m, steering_std_rad=steering_std_rad
     )
     states = scan(steps, identity())
     return AckermannDrift(

@@ -217,13 +217,11 @@ def crossovers(
     correction : Correction, optional
         Default: `bias_reduction` of the noise.
 
-    Returns
-    -------
-    Crossovers
-
-    Notes ----- A grid of step numbers, two per cent apart, is searched up to 25/(-ln|E r|) steps, where the
-    bias-reduced estimate has grown beyond any help; between the last grid point where it still pays and the next,
-    every number is tried. Worse means by more than 10⁻⁹ E|e|².
+    Notes
+    -----
+    A grid of step numbers, two per cent apart, is searched up to 25/(-ln|E r|) steps, where the bias-reduced estimate
+    has grown beyond any help; between the last grid point where it still pays and the next, every number is tried.
+    Worse means by more than 10⁻⁹ E|e|².
 
     Examples
     --------

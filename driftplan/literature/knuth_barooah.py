@@ -120,11 +120,7 @@ class Theorem3:
 
 
 def theorem_2(
-    steps: int,
-    translation_m: ArrayLike,
-    noise: StepNoise | MeanNoise,
-    *,
-    turn: float | ArrayLike = 0.0,
+    steps: int, translation_m: ArrayLike, noise: StepNoise | MeanNoise, *, turn: float | ArrayLike = 0.0
 ) -> Theorem2:
     """Exact bias and variance after n equal steps: straight lines (Theorem 2), and circles and helices beyond it.
 
@@ -153,10 +149,6 @@ def theorem_2(
     noise : StepNoise (plane), MeanNoise (plane or space)
     turn : float, or (d, d) rotation matrix
         True rotation before every translation; a number is an angle in rad, in the plane.
-
-    Returns
-    -------
-    Theorem2
 
     Raises
     ------
@@ -218,10 +210,7 @@ def theorem_2(
 
 
 def theorem_3(
-    steps: int,
-    turns_rad: ArrayLike,
-    translations_m: ArrayLike,
-    noise: StepNoise | Sequence[StepNoise],
+    steps: int, turns_rad: ArrayLike, translations_m: ArrayLike, noise: StepNoise | Sequence[StepNoise]
 ) -> Theorem3:
     """Bias (Theorem 3) and covariance after n steps of a planar motion that repeats itself every p steps.
 
@@ -245,10 +234,6 @@ def theorem_3(
         Translations of one period, each in the frame after its turn.
     noise : StepNoise, or one per step of the period
         Rotation errors must have one mean: an assumption the paper makes without listing it.
-
-    Returns
-    -------
-    Theorem3
 
     Raises
     ------

@@ -63,10 +63,6 @@ def theorem_1(
     translation_var_m2 : float, optional
         Upper bound of the trace of the covariance of t̃; default β².
 
-    Returns
-    -------
-    Theorem1
-
     Raises
     ------
     ValueError

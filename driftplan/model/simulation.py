@@ -12,7 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.arrays import Complexes, Floats
-from driftplan.model.noise import NO_SPREAD, Noises, OdometryNoise, SystematicSpread, noise_of_legs, steps_in
+from driftplan.model.noise import (
+    BETWEEN_DRIVES,
+    NO_SPREAD,
+    SYSTEMATIC,
+    Noises,
+    OdometryNoise,
+    SystematicSpread,
+    noise_of_legs,
+    spread_of,
+    steps_in,
+)
 from driftplan.model.paths import Runs, read_path
 from driftplan.model.readings import Estimator, Fix, checked_estimator
 
@@ -76,6 +86,8 @@ def simulate_drift(
         waypoints, which = borders[waypoints], np.repeat(which, np.diff(borders))
         for border, fix in zip(at.tolist(), ordered, strict=True):
             due.setdefault(border, []).append(fix)
+    if estimator == "filter" and not spread.names:
+        noises, spread = spread_of(noises)
     of_leg = [noises[k] for k in which.tolist()]
     drives = _FusingDrives if estimator == "filter" else _Drives
     return drives(of_leg, runs, np.random.default_rng(rng), legs, substep_m, spread).errors(due)[:, waypoints]
@@ -104,6 +116,8 @@ class _Drives:
         self.noises, self.rng, self.legs, self.count, self.spread = noises, rng, legs, count, spread
         self.constants = {name: rng.normal(0.0, getattr(spread, name), count) for name in spread.names}
         self.learnt = {name: np.zeros(count) for name in spread.names}  # what the robot has found them to be
+        varies = any(noise.varies_between_drives for noise in noises)
+        self.deviations = dict(zip(SYSTEMATIC, rng.standard_normal((3, count)), strict=True)) if varies else {}
         self.substep_m = substep_m or max(float(legs.lengths.sum()), 1e-300) / 400
         self.theta = np.zeros(count)  # heading error
         self.p_hat = np.full(count, complex(legs.start))
@@ -189,7 +203,8 @@ class _Drives:
     def _bias(self, name: str) -> Any:
         """A systematic error as far as the robot does not correct it: one number, or one per drive."""
         known = getattr(self.noise, name)
-        return known + self.constants[name] - self.learnt[name] if name in self.constants else known
+        drawn = self.deviations[name] * getattr(self.noise, BETWEEN_DRIVES[name]) if self.deviations else 0.0
+        return known + self.constants[name] - self.learnt[name] if name in self.constants else known + drawn
 
     def _moved(self, turn: float, length: float, estimate: Complexes, facing: Complexes, variances: _Variances) -> None:
         """What else changes with a move: nothing, for a robot that resets."""

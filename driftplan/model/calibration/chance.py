@@ -82,7 +82,8 @@ def by_chance(segments: SegmentSet, noise: OdometryNoise, truth: TruthNoise, mea
     squares, shares, tails = [], [], []
     for begin in range(0, _RUNS, chunk):
         runs = min(chunk, _RUNS - begin)
-        drives = [repeated(part, noise, truth, rng, runs) for part in segments.resampled]
+        deviations = rng.standard_normal((3, runs)) if noise.varies_between_drives else np.zeros((3, runs))
+        drives = [repeated(part, noise, truth, rng, deviations) for part in segments.resampled]
         values = np.concatenate(
             [
                 errors_of(drives[i], seen.starts, length.steps)

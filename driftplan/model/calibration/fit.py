@@ -7,14 +7,23 @@ are the nominal path, and the odometry is what varies about them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import degrees, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Complexes, Floats
+from driftplan.model.calibration.bootstrap import (
+    between_drives,
+    bootstrap,
+    intervals,
+    rms_spread,
+    spread_out,
+    standard_errors,
+    systematic_covariance,
+)
 from driftplan.model.calibration.matched_drive import MatchCounts
 from driftplan.model.calibration.noise_check import Estimate, Truth, checked
 from driftplan.model.calibration.notes import (
@@ -31,17 +40,13 @@ from driftplan.model.calibration.quasi_likelihood import (
     SYSTEMATIC,
     TRUTH,
     Solution,
-    bootstrap,
     elsewhere,
     held_out,
-    intervals,
     models,
-    rms_spread,
     solve,
-    spread_out,
-    standard_errors,
 )
 from driftplan.model.calibration.relative_errors import RelativeErrors, segment_errors
+from driftplan.model.calibration.resampling import laid_on_truth
 from driftplan.model.calibration.segment_check import SegmentCheck, check_segments
 from driftplan.model.calibration.segment_sets import SegmentSet, drives_of, segment_set
 from driftplan.model.noise import OdometryNoise
@@ -62,6 +67,11 @@ class NoiseFit:
     Attributes
     ----------
     noise : OdometryNoise
+        With the spread from drive to drive, over which `predict_drift` averages.
+    between_drives : dict
+        Standard deviations by which another drive's systematic errors differ from the fitted ones, by the names of
+        `OdometryNoise`: the fit's own errors, and from two drives on the spread between them. After one drive that
+        spread is taken for as large as the fit's own error, which is a guess.
     intervals : dict
         Interval of every fitted parameter, by name, at ``confidence``: block bootstrap.
     std_errors : dict
@@ -89,11 +99,15 @@ class NoiseFit:
         headings are not used, or the angle is too small to be sure of.
     faults : tuple of str
         Why the numbers are not to be used: the fit did not converge, sits on a bound, or its truth is another drive's.
+    tracks : tuple of (array, array), shapes (K,)
+        True and estimated positions x + jy of every uninterrupted part, metres, the estimate laid on the truth's first
+        eighth.
     notes : tuple of str
         The faults, and what to know before using the numbers: parameters left out, drives that differ, a wrong model.
     """
 
     noise: OdometryNoise
+    between_drives: dict[str, float]
     intervals: dict[str, tuple[float, float]]
     std_errors: dict[str, float]
     confidence: float
@@ -108,6 +122,7 @@ class NoiseFit:
     heading_offsets: tuple[float, ...]
     _solution: Solution = field(repr=False)
     _replicates: Floats = field(repr=False)
+    tracks: tuple[tuple[Complexes, Complexes], ...] = ()
     faults: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -132,7 +147,7 @@ class NoiseFit:
         there = elsewhere(segments, self._solution)
         spread = rms_spread(segments, there, self._replicates, self.confidence, segments.position)
         noise, truth = models(there.names, there.theta)
-        return checked(segments, noise, truth, self.std_errors, spread)
+        return checked(segments, _varying(noise, self.between_drives), truth, None, spread)
 
     def __str__(self) -> str:
         names, intervals = list(self.intervals), self.intervals.values()
@@ -148,8 +163,12 @@ class NoiseFit:
         if self.check.has_heading:
             reference += f", {degrees(self.truth_heading_std):.2g} deg"
         counts = self.counts
+        drives = len(self.time_offsets_s)
+        seen = f"of {drives} drives" if drives > 1 else "a guess after one drive: as much as the fit's own error"
+        spreads = ", ".join(f"{name} {value:.2g}" for name, value in self.between_drives.items())
         lines = [
             rates,
+            *([f"from drive to drive ({seen}): {spreads}"] if spreads else []),
             "",
             reference,
             f"{counts.used_m:.1f} m used (the odometry counted {counts.driven_m:.1f} m in all), "
@@ -171,7 +190,8 @@ class NoiseFit:
         ]
         if self.relative_errors is not None:
             lines += ["", "relative errors, as KITTI's development kit counts them", str(self.relative_errors)]
-        return "\n".join([*lines, "", *self.notes]).rstrip()
+        last = self.notes or ("Nothing speaks against this fit: errors are as predicted, within chance.",)
+        return "\n".join([*lines, "", *last]).rstrip()
 
 
 def fit_noise(
@@ -275,10 +295,13 @@ def fit_noise(
         heading_rms = rms_spread(segments, solution, replicates, confidence, slice(2, 3)).intervals
     faults = fault_notes(segments, solution, check)
     fitted = [k for k, name in enumerate(solution.names) if name not in TRUTH]
+    std_errors = {solution.names[k]: float(error[k]) for k in fitted}
+    between = between_drives(segments, solution, std_errors)
     return NoiseFit(
-        noise=noise,
+        noise=_varying(noise, between),
+        between_drives=between,
         intervals={solution.names[k]: (float(low[k]), float(high[k])) for k in fitted},
-        std_errors={solution.names[k]: float(error[k]) for k in fitted},
+        std_errors=std_errors,
         confidence=confidence,
         truth_position_std_m=sqrt(truth.position_var),
         truth_heading_std=sqrt(truth.heading_var),
@@ -289,6 +312,7 @@ def fit_noise(
         counts=sum((m.counts for m in matches), MatchCounts()),
         time_offsets_s=tuple(m.time_offset_s for m in matches),
         heading_offsets=tuple(m.heading_offset for m in matches),
+        tracks=tuple(laid_on_truth(part) for part in segments.resampled),
         faults=tuple(faults),
         notes=(
             *faults,
@@ -303,6 +327,10 @@ def fit_noise(
         _solution=solution.estimate_only(),
         _replicates=replicates,
     )
+
+
+def _varying(noise: OdometryNoise, stds: dict[str, Any]) -> OdometryNoise:
+    return replace(noise, **stds)
 
 
 def _checked_parameters(parameters: Sequence[str]) -> tuple[str, ...]:
@@ -332,4 +360,7 @@ def _solved(segments: SegmentSet, names: tuple[str, ...]) -> tuple[Solution, lis
                 break
             names, start = tuple(name for name in names if name != worst), None
             notes.append(f"These drives turn evenly: {worst} cannot be told from the rate per metre, and is left out.")
-    return solution, notes
+    if not solution.converged:
+        return solution, notes
+    fitted_cov = systematic_covariance(segments, solution)
+    return solve(segments, solution.names, _MOST_STEPS, solution.theta, fitted_cov), notes

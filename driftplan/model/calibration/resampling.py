@@ -139,6 +139,15 @@ def along_travel(parts: list[ResampledDrive]) -> list[ResampledDrive]:
     return [part._replace(travel_axes=part.travel_axes * turn, turn_axes=part.turn_axes * turn) for part in parts]
 
 
+def laid_on_truth(part: ResampledDrive) -> tuple[Complexes, Complexes]:
+    """True and estimated positions, the estimate turned and moved so that it begins as the truth does: an eighth of the
+    way tells the direction."""
+    k = max(len(part.driven) // 8, 1)
+    estimated, true = part.estimate - part.estimate[0], part.truth - part.truth[0]
+    turn = np.vdot(estimated[: k + 1], true[: k + 1])
+    return part.truth, part.truth[0] + estimated * (turn / abs(turn) if turn else 1.0)
+
+
 def robust_std(values: Floats) -> float:
     """Standard deviation, by the median of the absolute values."""
     return 1.4826 * float(np.median(np.abs(values))) if values.size else 0.0
