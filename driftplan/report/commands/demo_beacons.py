@@ -31,7 +31,7 @@ def demo_layout(world: World, noise: OdometryNoise, estimator: Estimator = "rese
         return "no beacons are placed: that takes noise per metre, not per step"
     tag = BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
     try:
-        asked = {"estimator": estimator, "time_limit": _TIME_LIMIT_S}
+        asked: dict[str, Any] = {"estimator": estimator, "time_limit": _TIME_LIMIT_S}
         return place_beacons(world, ROUNDS, noise, LIMIT_M, Sites(tag, spacing_m=1.5), **asked)
     except InfeasibleError as err:
         return f"no tags keep the drift of all rounds under {LIMIT_M:g} m with this odometry: {err}"
