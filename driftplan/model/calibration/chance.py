@@ -24,21 +24,11 @@ _NUMBERS_AT_ONCE = 4_000_000
 
 
 class Chance(NamedTuple):
-    """What a check measures on repetitions of the drives, if the model is right.
+    """What a check measures on repetitions of the drives, if the model is right."""
 
-    Attributes
-    ----------
-    log_rms : array, shape (runs, lengths)
-        Logarithms of the rms position error.
-    shares : array, shape (runs, lengths, levels)
-        Shares inside the regions.
-    tails : array, shape (runs, lengths)
-        `tail_weight`.
-    """
-
-    log_rms: Floats
-    shares: Floats
-    tails: Floats
+    log_rms: Floats  # (runs, lengths) logarithms of the rms position error
+    shares: Floats  # (runs, lengths, levels) shares inside the regions
+    tails: Floats  # (runs, lengths) `tail_weight`
 
     @property
     def clear_rms_errors(self) -> float:

@@ -37,13 +37,7 @@ from driftplan.model.calibration.segments import TruthNoise
 from driftplan.model.noise import OdometryNoise
 
 SYSTEMATIC = ("distance_scale_error", "heading_bias_per_m", "heading_bias_per_rad")
-RANDOM = (
-    "heading_var_per_m",
-    "heading_var_per_rad",
-    "distance_var_per_m",
-    "distance_var_per_rad",
-    "lateral_var_per_m",
-)
+RANDOM = ("heading_var_per_m", "heading_var_per_rad", "distance_var_per_m", "distance_var_per_rad", "lateral_var_per_m")
 TRUTH = ("truth_position_var", "truth_heading_var")
 DRIVES_TO_HOLD_OUT = 3  # as many as these, and each is predicted from the others
 
@@ -60,28 +54,16 @@ _PARTS = 5  # of the drives, each predicted from the others
 
 
 class Solution(NamedTuple):
-    """The estimate.
+    """The estimate."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Parameters, k in all: fields of `OdometryNoise` and the truth's variances.
-    theta : array, shape (k,)
-    score, information : arrays, shapes (n, k), (n, k, k)
-        Left side of the equations and its expected slope, of every observation, at the estimate.
-    converged : bool
-    d_mean, d_cov : arrays, shapes (n, k, 3), (n, k, 3, 3)
-        Derivatives of the moments of the observations.
-    """
-
-    names: tuple[str, ...]
-    theta: Floats
-    score: Floats
-    information: Floats
+    names: tuple[str, ...]  # parameters, k in all: fields of `OdometryNoise` and the truth's variances
+    theta: Floats  # (k,)
+    score: Floats  # (n, k) left side of the equations, of every observation, at the estimate
+    information: Floats  # (n, k, k) its expected slope
     converged: bool
     slowest: str
-    d_mean: Floats
-    d_cov: Floats
+    d_mean: Floats  # (n, k, 3) derivatives of the moments of the observations
+    d_cov: Floats  # (n, k, 3, 3) likewise
 
     @property
     def bounded(self) -> NDArray[np.bool_]:

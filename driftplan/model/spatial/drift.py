@@ -30,14 +30,10 @@ class SpatialDrift:
 
     Attributes
     ----------
-    position : array, shape (n + 1, 3)
-        True position, metres, world frame.
-    distance : array, shape (n + 1,)
-        Metres flown.
-    bias : array, shape (n + 1, 3)
-        E[e], metres, world frame.
-    cov : array, shape (n + 1, 3, 3)
-        Covariance of e, m², world frame. Its smallest eigenvalue is known to about 1e-15 rms² only.
+    position : (n + 1, 3), true position, metres, world frame
+    distance : (n + 1,), metres flown
+    bias : (n + 1, 3), E[e], metres, world frame
+    cov : (n + 1, 3, 3), covariance of e, m², world frame. Its smallest eigenvalue is known to about 1e-15 rms² only.
     """
 
     position: Floats
@@ -92,8 +88,7 @@ def predict_drift_3d(
         True attitude increments, body frame. Matrices orthonormal within 1e-6 are made so to rounding.
     translations : (n, 3)
         True displacements, metres, body frame.
-    rotation_noise : RotationNoise
-        One for all steps, or with a leading axis of length n.
+    rotation_noise : one for all steps, or with a leading axis of length n
     translation_cov : (3, 3) or (n, 3, 3), optional
         Covariance of the displacement error, m², body frame. Default: none.
     translation_bias : (3,) or (n, 3), optional
