@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable
 from dataclasses import fields, replace
+from functools import partial
 from math import hypot, isfinite, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -100,17 +101,23 @@ KIND = Group("the beacons", (
     Option("bearing_std_deg", "DEG", "accuracy of a direction, degrees", default=1.0),
     Option("std_per_m", "M/M", "what the accuracy of a position or distance worsens by per metre of distance",
            default=0.0),
-    Option("view_angle_deg", "DEG", "they are seen from within this angle only, and face one of four ways",
+    Option("view_angle_deg", "DEG", "they are seen from within so many degrees only, and face one of four ways",
            default=360.0),
-    Option("sensor_view_deg", "DEG", "field of view, ahead, of the sensor that reads them", default=360.0),
+    Option("sensor_view_deg", "DEG", "field of view, ahead, of the sensor that reads them, degrees", default=360.0),
     Option("detection_probability", "P", "probability that a pass is noticed", default=1.0),
     Option("through_walls", "", "landmarks and bearings are seen through walls"),
 ))
+
+
+def _is_of(kind: str, args: argparse.Namespace) -> bool:
+    return bool(args.kind == kind)
+
+
 KIND_IDLE = (
     *(
-        Idle((name,), lambda args, name=name: name not in _MEASURED[args.kind],
+        Idle(tuple({std for stds in _MEASURED.values() for std in stds} - set(measured)), partial(_is_of, kind),
              "that is not what beacons of this --kind measure")
-        for name in sorted({std for stds in _MEASURED.values() for std in stds})
+        for kind, measured in _MEASURED.items()
     ),
     Idle(("std_per_m",), lambda args: args.kind in ("heading", "bearing"), "it is about positions and distances"),
     Idle(("through_walls",), lambda args: args.kind not in _SEEN, "only landmarks and bearings are seen"),

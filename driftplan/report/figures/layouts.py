@@ -268,7 +268,7 @@ def _map_box(layout: Layout) -> Floats:
 def _map_shape(layout: Layout) -> float:
     """Its height over its width, within what a figure can have."""
     width, height = np.diff(_map_box(layout), axis=0)[0].tolist()
-    return min(max(height / max(width, 1e-9), 0.25), 1.5)
+    return float(min(max(height / max(width, 1e-9), 0.25), 1.5))
 
 
 def _found(layout: Layout) -> str:
