@@ -73,16 +73,11 @@ def passes_of(
 
     Parameters
     ----------
-    path : array, shape (n, 2)
-        Waypoints, metres.
-    xy, range_m : arrays, shapes (m, 2) and (m,)
-        Where the beacons are and how far they reach, metres.
-    must_see : bool array, shape (m,)
-        Whether a beacon works in line of sight only.
-    world : World or None
-        Its obstacles block sight; None: nothing does.
-    views : Views, optional
-        Default: beacons are seen from everywhere, and so does the robot see.
+    path : (n, 2), waypoints, metres
+    xy, range_m : (m, 2) and (m,), where the beacons are and how far they reach, metres
+    must_see : (m,), whether a beacon works in line of sight only
+    world : its obstacles block sight; None: nothing does.
+    views : default: beacons are seen from everywhere, and so does the robot see
 
     Examples
     --------

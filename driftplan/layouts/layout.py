@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from driftplan.beacons.beacon import Beacon
 from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.placement.failures import worst_without
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.drift import Drift
-from driftplan.tables import data_frame, decimals, html_table
-
-if TYPE_CHECKING:
-    import pandas
+from driftplan.tables import Tabular, decimals
 
 _MAX_HTML_ROWS = 60
 
@@ -29,32 +26,24 @@ class Importance(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Layout:
+class Layout(Tabular):
     """Result of `driftplan.layouts.place.place_beacons`.
 
     Attributes
     ----------
-    beacons : tuple of Beacon
-        Those to be installed, in the order of the sites.
-    existing : tuple of Beacon
-        Those that were there.
-    cost : float
-        Of `beacons`.
-    lower_bound : float
-        No layout that keeps the limit costs less.
-    proven : bool
-        Whether the layout is proven to be the best: for a limit, `cost` equals `lower_bound`; for a budget, the worst
-        drift is within the tolerance of `drift_bound`.
+    beacons : those to be installed, in the order of the sites
+    existing : those that were there
+    cost : of `beacons`
+    lower_bound : no layout that keeps the limit costs less
+    proven : whether the layout is proven to be the best: for a limit, `cost` equals `lower_bound`; for a budget, the
+        worst drift is within the tolerance of `drift_bound`
     status : Outcome
     max_drift : tuple of float, metres
         The limit of every route.
-    drift_bound : float
-        For a budget: no layout within it has a smaller worst drift, metres. For a limit: 0.
-    drifts : tuple of Drift
-        One per route, all beacons alive.
+    drift_bound : for a budget: no layout within it has a smaller worst drift, metres. For a limit: 0.
+    drifts : one per route, all beacons alive
     seconds : float
-    scenario : Scenario
-        What it is for.
+    scenario : what it is for
     """
 
     beacons: tuple[Beacon, ...]
@@ -77,6 +66,8 @@ class Layout:
             f"worst drift {self.worst_drift:.4g} m)"
         )
 
+    __str__ = __repr__
+
     def to_dicts(self) -> list[dict[str, Any]]:
         """One row per beacon, old and new, for JSON."""
         return [
@@ -93,20 +84,20 @@ class Layout:
             for beacon, routes, worst, worst_route in self.importance
         ]
 
-    def to_pandas(self) -> pandas.DataFrame:
-        """The same rows as a DataFrame."""
-        return data_frame(self.to_dicts())
-
-    def _repr_html_(self) -> str:
+    def columns(self) -> dict[str, list[str]]:
+        """What people read in a notebook: headings and cells."""
         shown = (*self.existing, *self.beacons)[:_MAX_HTML_ROWS]
-        left_out = len(self.existing) + len(self.beacons) - len(shown)
-        columns = {
+        return {
             "id": [b.id for b in shown],
             "kind": [b.kind.name if b in self.beacons else f"{b.kind.name} (existing)" for b in shown],
             "x m": decimals([b.x for b in shown], 2),
             "y m": decimals([b.y for b in shown], 2),
         }
-        return html_table(columns, f"{self!r}{f'; {left_out} beacons not shown' if left_out else ''}")
+
+    def words(self) -> str:
+        """What is said above it."""
+        left_out = len(self.existing) + len(self.beacons) - _MAX_HTML_ROWS
+        return f"{self!r}{f'; {left_out} beacons not shown' if left_out > 0 else ''}"
 
     @property
     def gap(self) -> float:

@@ -197,12 +197,9 @@ def legs(
 
     Parameters
     ----------
-    headings, turns, lengths, curvatures : arrays, shape (...)
-        True heading before the turn (rad), the turn (rad), metres, 1/m.
-    noises, which :
-        Different noises, and the index of each leg's, (...).
-    spread : SystematicSpread
-        Its constants are further states.
+    headings, turns, lengths, curvatures : (...), true heading before the turn (rad), the turn (rad), metres, 1/m
+    noises, which : different noises, and the index of each leg's, (...)
+    spread : its constants are further states
 
     Returns
     -------

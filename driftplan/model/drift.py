@@ -39,8 +39,7 @@ class PointDrift:
 
     Attributes
     ----------
-    distance : array, shape (...)
-        Metres driven from the path's start.
+    distance : (...), metres driven from the path's start
     moments : Moments, shape (...)
         True pose and error moments, world frame.
     """
@@ -305,15 +304,13 @@ def predict_drift(
 
     Parameters
     ----------
-    path :
-        (n, 2) waypoints in metres, world frame, with turns on the spot between straight runs; (n, 3) with headings in
-        rad, at which the robot turns to its course, drives and turns to the heading; (..., n, 2|3) batches; a list of
-        arrays of different lengths; a list of `Run`; or `Runs` (for odometry logs `Runs.from_odometry`).
+    path : (n, 2) waypoints in metres, world frame, with turns on the spot between straight runs; (n, 3) with headings
+        in rad, at which the robot turns to its course, drives and turns to the heading; (..., n, 2|3) batches; a list
+        of arrays of different lengths; a list of `Run`; or `Runs` (for odometry logs `Runs.from_odometry`)
     noise : OdometryNoise or one per run
         A sequence gives each leg its own noise (floors of different kinds). Where systematic errors differ between
         drives, the result is the average over drives, whose three deviations are the same on all floors.
-    start_heading : float, optional
-        Heading before the first turn, rad; by default the robot already faces its first run.
+    start_heading : heading before the first turn, rad; by default the robot already faces its first run
     fixes : sequence of Fix, or Readings
         Absolute measurements on the way (one path only), ordered as `driftplan.model.readings` says. A fix at 0 sets
         the uncertainty of the start.
@@ -322,8 +319,7 @@ def predict_drift(
         ``filter``: it is fused in an extended Kalman filter, so that a position fix also corrects heading and a further
         fix never hurts. Then the drift is the filter's covariance, linearised about the path: within a few per cent
         outside of `Drift.beyond_linear`. Known systematic errors shift the filter's mean, they are not corrected.
-    spread : SystematicSpread
-        Systematic errors that differ from drive to drive and are estimated by the filter as it goes.
+    spread : systematic errors that differ from drive to drive and are estimated by the filter as it goes
 
     Raises
     ------

@@ -170,8 +170,7 @@ def states_along(
     ----------
     start : FilterState
     legs : sequence of LegColumns, m of them
-    rows_at : mapping
-        Border (0 to m) to its readings, in order: rows and the chance of each, None for certainty.
+    rows_at : border (0 to m) to its readings, in order: rows and the chance of each, None for certainty
 
     Returns
     -------

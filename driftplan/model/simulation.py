@@ -43,20 +43,16 @@ def simulate_drift(
 
     Parameters
     ----------
-    path, noise, start_heading, fixes :
-        As for `predict_drift`; one path.
-    runs : int
-        Number of drives.
+    path, noise, start_heading, fixes : as for `predict_drift`; one path
+    runs : number of drives
     rng : numpy.random.Generator or seed
-    substep_m : float, optional
-        In the continuous model each run is driven in substeps of at most this length (default: 1/400 of the path),
-        with half of a substep's heading error before and half after it moves: the error of E|e|² falls with the square
-        of the length.
+    substep_m : in the continuous model each run is driven in substeps of at most this length (default: 1/400 of the
+        path), with half of a substep's heading error before and half after it moves: the error of E|e|² falls with the
+        square of the length
     estimator : {"reset", "filter"}
         What the robot does with a fix: ``reset`` replaces what is measured, ``filter`` fuses it in an extended Kalman
         filter, linearised at the robot's own estimate.
-    spread : SystematicSpread
-        Further systematic errors, drawn anew for every drive. A filter estimates them, resets do not.
+    spread : further systematic errors, drawn anew for every drive. A filter estimates them, resets do not.
 
     Returns
     -------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
@@ -13,10 +13,7 @@ from driftplan.layouts.co_design.trips import Trip
 from driftplan.layouts.layout import Layout
 from driftplan.planning.roadmap.prices import length_of
 from driftplan.planning.routes import Route
-from driftplan.tables import data_frame, decimals, html_table, table
-
-if TYPE_CHECKING:
-    import pandas
+from driftplan.tables import Tabular, decimals
 
 
 class DesignStatus(Enum):
@@ -33,12 +30,10 @@ class Design:
 
     Attributes
     ----------
-    layout : Layout
-        Of the beacons on the routes; the limit holds on each.
+    layout : of the beacons on the routes; the limit holds on each
     paths : tuple of (n, 2) arrays
         One per trip, metres.
-    driving_cost : float
-        Weights times lengths times the price of a metre.
+    driving_cost : weights times lengths times the price of a metre
     """
 
     layout: Layout
@@ -67,23 +62,18 @@ class Design:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class CoDesign(Design):
+class CoDesign(Design, Tabular):
     """Result of `driftplan.layouts.co_design.co_design.co_design`.
 
     Attributes
     ----------
     trips : tuple of Trip
-    routes : tuple of Route
-        The same paths with their drift, the beacons they count on and the probability of every pass.
-    baseline : Design or None
-        Shortest routes, then beacons; None where no beacons hold the limit on the shortest routes.
+    routes : the same paths with their drift, the beacons they count on and the probability of every pass
+    baseline : shortest routes, then beacons; None where no beacons hold the limit on the shortest routes.
     status : DesignStatus
-    rounds : int
-        Passes over all neighbours, the last one without a gain unless ``status`` says otherwise.
-    tried : int
-        Neighbours looked at.
-    history : tuple of float
-        Cost of the best design, after every improvement.
+    rounds : passes over all neighbours, the last one without a gain unless ``status`` says otherwise
+    tried : neighbours looked at
+    history : cost of the best design, after every improvement
     seconds : float
     """
 
@@ -117,17 +107,7 @@ class CoDesign(Design):
             for trip, route in zip(self.trips, self.routes, strict=True)
         ]
 
-    def to_pandas(self) -> pandas.DataFrame:
-        """The same rows as a DataFrame."""
-        return data_frame(self.to_dicts())
-
-    def __str__(self) -> str:
-        return f"{table(self._columns())}\n{self._words()}"
-
-    def _repr_html_(self) -> str:
-        return html_table(self._columns(), self._words())
-
-    def _columns(self) -> dict[str, list[str]]:
+    def columns(self) -> dict[str, list[str]]:
         designs = [self] if self.baseline is None else [self.baseline, self]
         return {
             "": ["shortest routes, then beacons", "chosen together"][-len(designs) :],
@@ -137,6 +117,6 @@ class CoDesign(Design):
             "together": decimals([design.cost for design in designs], 2),
         }
 
-    def _words(self) -> str:
+    def words(self) -> str:
         missing = "" if self.baseline else "No layout keeps the limit on the shortest routes. "
         return missing + self.status.value

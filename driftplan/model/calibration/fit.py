@@ -66,44 +66,34 @@ class NoiseFit:
 
     Attributes
     ----------
-    noise : OdometryNoise
-        With the spread from drive to drive, over which `predict_drift` averages.
-    between_drives : dict
-        Standard deviations by which another drive's systematic errors differ from the fitted ones, by the names of
-        `OdometryNoise`: the fit's own errors, and from two drives on the spread between them. After one drive that
-        spread is taken for as large as the fit's own error, which is a guess.
-    intervals : dict
-        Interval of every fitted parameter, by name, at ``confidence``: block bootstrap.
-    std_errors : dict
-        Standard errors, by name.
+    noise : with the spread from drive to drive, over which `predict_drift` averages
+    between_drives : standard deviations by which another drive's systematic errors differ from the fitted ones, by the
+        names of `OdometryNoise`: the fit's own errors, and from two drives on the spread between them. After one drive
+        that spread is taken for as large as the fit's own error, which is a guess.
+    intervals : interval of every fitted parameter, by name, at ``confidence``: block bootstrap
+    std_errors : standard errors, by name
     confidence : float
-    truth_position_std_m, truth_heading_std : float
-        White errors of the reference itself, fitted too so that they are not taken for drift: metres per coordinate,
-        rad. They take up whatever does not grow along the way, such as timing jitter.
-    check : SegmentCheck
-        Predicted against measured on the drives of the fit themselves; for other drives see `check_on`.
-    held_out : SegmentCheck
-        The same with every part of the drives predicted from the other parts: each drive from the others where there
-        are three or more, else each fifth from the other four.
-    relative_errors : RelativeErrors or None
-        Drift in % and deg/m at the same lengths, as KITTI's development kit counts it: to compare odometries by,
-        without any model. None where true headings are not used.
-    heading_rms_intervals : array, shape (lengths, 2), or None
-        Intervals of the predicted rms sine of the heading error gained at every length of ``check``.
-    counts : MatchCounts
-        What became of the recordings.
-    time_offsets_s : tuple of float
-        Truth clock minus odometry clock, of every drive.
-    heading_offsets : tuple of float
-        True heading as measured minus the robot's, of every drive, rad: how marker or sensor are mounted. 0 where true
-        headings are not used, or the angle is too small to be sure of.
-    faults : tuple of str
-        Why the numbers are not to be used: the fit did not converge, sits on a bound, or its truth is another drive's.
+    truth_position_std_m, truth_heading_std : white errors of the reference itself, fitted too so that they are not
+        taken for drift: metres per coordinate, rad. They take up whatever does not grow along the way, such as timing
+        jitter.
+    check : predicted against measured on the drives of the fit themselves; for other drives see `check_on`
+    held_out : the same with every part of the drives predicted from the other parts: each drive from the others where
+        there are three or more, else each fifth from the other four
+    relative_errors : drift in % and deg/m at the same lengths, as KITTI's development kit counts it: to compare
+        odometries by, without any model. None where true headings are not used.
+    heading_rms_intervals : (lengths, 2) or None, intervals of the predicted rms sine of the heading error gained at
+        every length of ``check``
+    counts : what became of the recordings
+    time_offsets_s : truth clock minus odometry clock, of every drive
+    heading_offsets : true heading as measured minus the robot's, of every drive, rad: how marker or sensor are mounted.
+        0 where true headings are not used, or the angle is too small to be sure of.
+    faults : why the numbers are not to be used: the fit did not converge, sits on a bound, or its truth is another
+        drive's
     tracks : tuple of (array, array), shapes (K,)
         True and estimated positions x + jy of every uninterrupted part, metres, the estimate laid on the truth's first
         eighth.
-    notes : tuple of str
-        The faults, and what to know before using the numbers: parameters left out, drives that differ, a wrong model.
+    notes : the faults, and what to know before using the numbers: parameters left out, drives that differ, a wrong
+        model
     """
 
     noise: OdometryNoise
@@ -138,10 +128,9 @@ class NoiseFit:
 
         Parameters
         ----------
-        estimates, truths, options :
-            As for `fit_noise` (``use_heading``, ``time_offset_s``, ``heading_offset``, ``max_gap_s``).
-        lengths_m : array of float, optional
-            Lengths of segments, metres. Default: as `fit_noise` chooses for these drives.
+        estimates, truths, options : as for `fit_noise` (``use_heading``, ``time_offset_s``, ``heading_offset``,
+            ``max_gap_s``)
+        lengths_m : lengths of segments, metres. Default: as `fit_noise` chooses for these drives.
         """
         segments, _ = segment_set(drives_of(estimates, truths), lengths_m=lengths_m, **options)
         there = elsewhere(segments, self._solution)
@@ -221,21 +210,15 @@ def fit_noise(
     truths : Trajectory, (n, 2) or (n, 3) array, or a sequence of these
         Their truths, in the same order; arrays are sampled at the same instants as the estimate's array. Positions are
         enough; true headings, where measured independently, make the fit sharper.
-    parameters : sequence of str
-        Fields of `OdometryNoise` to fit, of `PARAMETERS`; the others are 0.
-    lengths_m : array of float, optional
-        Lengths of the segments, metres. Default: five, each half the next, the longest 1/16 of all drives together (at
-        most 1/4 of the shortest). All lengths count the same; choose those for which you want predictions.
-    use_heading : bool, optional
-        Whether to use the truth's headings. Default: if all drives have them, and they are more than the odometry's.
-    time_offset_s, heading_offset, max_gap_s : float, optional
-        See `driftplan.model.calibration.matched_drive.match`.
-    confidence : float
-        Of the intervals.
-    resamples : int
-        Bootstrap replicates.
-    seed : int
-        Of the bootstrap.
+    parameters : fields of `OdometryNoise` to fit, of `PARAMETERS`; the others are 0
+    lengths_m : lengths of the segments, metres. Default: five, each half the next, the longest 1/16 of all drives
+        together (at most 1/4 of the shortest). All lengths count the same; choose those for which you want predictions.
+    use_heading : whether to use the truth's headings. Default: if all drives have them, and they are more than the
+        odometry's.
+    time_offset_s, heading_offset, max_gap_s : see `driftplan.model.calibration.matched_drive.match`
+    confidence : of the intervals
+    resamples : bootstrap replicates
+    seed : of the bootstrap
 
     Raises
     ------

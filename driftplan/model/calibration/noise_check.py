@@ -39,16 +39,9 @@ def check_noise(
 
     Parameters
     ----------
-    noise : OdometryNoise
-        Of the continuous model (no ``step_m``), without ``heading_distance_corr``.
-    estimates, truths, lengths_m, use_heading, time_offset_s, heading_offset, max_gap_s :
-        As for `fit_noise`.
-    truth_position_std_m, truth_heading_std : float
-        White errors of the reference: metres per coordinate, rad.
-
-    Returns
-    -------
-    SegmentCheck
+    noise : of the continuous model (no ``step_m``), without ``heading_distance_corr``
+    estimates, truths, lengths_m, use_heading, time_offset_s, heading_offset, max_gap_s : as for `fit_noise`
+    truth_position_std_m, truth_heading_std : white errors of the reference: metres per coordinate, rad
     """
     if noise.step_m is not None or noise.heading_distance_corr != 0:
         raise ValueError(f"expected a noise of the continuous model without heading_distance_corr, got {noise!r}")

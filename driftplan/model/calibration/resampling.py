@@ -30,19 +30,16 @@ class ResampledDrive(NamedTuple):
 
     Attributes
     ----------
-    driven : array, shape (K,)
-        True distance from the start of the drive, metres, increasing.
-    estimate, estimate_heading : arrays, shape (K,)
-        Dead-reckoned position x + jy (m) and heading (rad, not wrapped), in the odometry's frame.
+    driven : (K,), true distance from the start of the drive, metres, increasing
+    estimate, estimate_heading : (K,), dead-reckoned position x + jy (m) and heading (rad, not wrapped), in the
+        odometry's frame
     truth : complex array, shape (K,)
     truth_heading : array, shape (K,), or None
-    turns, angles : arrays, shape (K - 1,)
-        True heading change between knots, signed, and the angle truly turned in either direction, rad. Without true
-        headings: as far as positions tell.
-    travel_axes, turn_axes : complex arrays, shape (K - 1,)
-        exp(2jθ) of the direction θ in which the robot drives, integrated over the metres and over the angles turned
-        between knots: along which axis errors of distance lie. A robot that turns on the spot counts a distance in all
-        the directions that it sweeps, not along the chord to the next knot.
+    turns, angles : (K - 1,), true heading change between knots, signed, and the angle truly turned in either direction,
+        rad. Without true headings: as far as positions tell.
+    travel_axes, turn_axes : (K - 1,), exp(2jθ) of the direction θ in which the robot drives, integrated over the metres
+        and over the angles turned between knots: along which axis errors of distance lie. A robot that turns on the
+        spot counts a distance in all the directions that it sweeps, not along the chord to the next knot.
     """
 
     driven: Floats

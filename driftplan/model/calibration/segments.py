@@ -44,14 +44,11 @@ class Observations(NamedTuple):
 
     Attributes
     ----------
-    starts : array of int, shape (n,)
-        First knot of each.
+    starts : (n,), first knot of each
     values : array, shape (n, 3)
-    frame : complex array, shape (n,)
-        Direction of the frame's x axis in the world.
-    chord : complex array, shape (n,)
-        True displacement over the segment (with positions alone: over its first part) in that frame, metres: the lever
-        of an alignment error.
+    frame : (n,), direction of the frame's x axis in the world
+    chord : (n,), true displacement over the segment (with positions alone: over its first part) in that frame, metres:
+        the lever of an alignment error
     """
 
     starts: Ints
