@@ -121,8 +121,7 @@ def cheapest_cover(
     >>> found.chosen.tolist(), found.cost, found.outcome.name
     ([False, True, True], 3.0, 'OPTIMAL')
     """
-    search = _CoverSearch(cost, oracle, demands, caps, fixed, separate, time_limit, progress)
-    return search.run(hint, stop_at_first)
+    return _CoverSearch(cost, oracle, demands, caps, fixed, separate, time_limit, progress).run(hint, stop_at_first)
 
 
 class _CoverSearch:
@@ -143,8 +142,7 @@ class _CoverSearch:
         self.fixed = np.zeros(self.n, dtype=bool) if fixed is None else np.asarray(fixed, dtype=bool)
         self.rows, self.caps = CutPool(self.n, demands), CutPool(self.n, caps)
         self.began = time.monotonic()
-        self.deadline = self.began + time_limit
-        self.step = _common_step(self.cost)
+        self.deadline, self.step = self.began + time_limit, _common_step(self.cost)
         self.best: Bools | None = None
         self.best_cost, self.bound = inf, 0.0
         self.rounds = 0
@@ -199,11 +197,9 @@ class _CoverSearch:
 
     def _separated(self, y: Floats) -> bool:
         """Take in cuts that a fractional solution violates, if there are any."""
-        while self.separate is not None and (fresh := self.separate(y)):
-            self.rows.add(fresh, active=False)
-            if self.rows.activate(y):
-                return True
-        return False
+        fresh = [] if self.separate is None else self.separate(y)
+        self.rows.add(fresh, active=False)
+        return bool(fresh) and (self.rows.activate(y) or self._separated(y))
 
     def _look_closely(self, core: Bools) -> None:
         """Where the master is too hard: local search, and HiGHS, among the few sites that look best."""
@@ -319,10 +315,8 @@ class _CoverSearch:
         Sites that a fractional solution ``lean`` has more of are preferred.
         """
         chosen = start.copy()
-        if not self.caps.satisfied(chosen):
-            chosen = self.fixed.copy()
-            if not self.caps.satisfied(chosen):
-                return
+        if not self.caps.satisfied(chosen) and not self.caps.satisfied(chosen := self.fixed.copy()):
+            return
         for _ in range(4 * self.n + 100):
             if not self._cover_rows(chosen, lean):
                 return

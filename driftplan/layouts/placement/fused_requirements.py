@@ -29,7 +29,7 @@ from driftplan.model.filter_state import FilterState
 
 _CUTS_PER_ROUTE = 8  # at a time
 _WEIGHTED_STRETCHES = 1000  # beginnings of stretches, on all routes together
-_WEIGHTED_AT_ONCE = 10  # stretches
+_PAIRS_AT_ONCE = 200_000  # of sites, that are tried for one fractional layout
 _MISSED = 1e-3  # of 1: what a cut is missed by to be worth making
 _ROUNDING = 1e-9  # relative, of tr P
 
@@ -102,17 +102,23 @@ class FusedRequirements:
         return self._breach(r, frozenset(alive)) != NEVER
 
     def _weighted(self, y: Floats) -> list[Cut]:
-        """Weighted cuts on the stretches, apart from each other, for which ``y`` may be least enough."""
-        sums = np.array([stretches.least(y) for _, stretches in self._stretches])
-        taken: list[int] = []
-        for k in np.argsort(sums, kind="stable")[: int((sums < 1 - _MISSED).sum())].tolist():
-            mine, own = self._stretches[k]
-            others = (self._stretches[n] for n in taken if self._stretches[n][0] is mine)
-            if all(own.first >= other.ends[-1] or other.first >= own.ends[-1] for _, other in others):
-                taken.append(k)
-            if len(taken) == _WEIGHTED_AT_ONCE:
+        """Weighted cuts on stretches for which ``y`` may be least enough, the worst of every route before others."""
+        sums = [stretches.least(y) for _, stretches in self._stretches]
+        ranks: dict[int, int] = {}
+        order = []
+        for k in np.argsort(sums, kind="stable").tolist():
+            if sums[k] < 1 - _MISSED:
+                r = self._stretches[k][0].r
+                ranks[r] = ranks.get(r, -1) + 1
+                order.append((ranks[r], sums[k], k))
+        work, taken, found = 0, set(), []
+        for _, _, k in sorted(order):
+            weighted, stretches = self._stretches[k]
+            found += weighted.of(stretches)
+            taken.add(k)
+            work += len(stretches.sites) ** 2
+            if work > _PAIRS_AT_ONCE:
                 break
-        found = [cut for k in taken for cut in self._stretches[k][0].of(self._stretches[k][1])]
         self._stretches = [stretches for k, stretches in enumerate(self._stretches) if k not in taken]
         return found
 

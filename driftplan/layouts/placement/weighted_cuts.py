@@ -21,7 +21,7 @@ from driftplan.layouts.placement.cut_pool import Cut
 from driftplan.layouts.placement.fused_routes import FusedRoute
 from driftplan.model.filter_state import FilterState, LegColumns, Row
 
-_ENDS = np.linspace(1.25, 4.0, 12)  # of a stretch, in lengths of the one that fails when nothing is read
+_ENDS = np.linspace(1.5, 4.0, 6)  # of a stretch, in lengths of the one that fails when nothing is read
 _ROUNDING = 1e-6  # relative, of tr P: a set that all but holds counts as one that does
 _SIX = 6.0  # which one, two and three divide
 
@@ -59,12 +59,15 @@ class WeightedCuts:
     def stretches(self, first: int, last: int) -> Stretches:
         """Those that begin at border ``first``, where the limit fails at ``last`` if nothing is read."""
         distance = self.route.distance
-        ends = distance[first] + _ENDS * (distance[last] - distance[first])
-        ends = np.unique(np.clip(np.searchsorted(distance, ends), last, self.route.end))
-        sites, orders = self._orders(first, int(ends[-1]))
-        return Stretches(
-            first, ends, sites, orders, self.border[orders[:, :1]] < ends, self._holds(first, ends, orders)
-        )
+        farther = distance[first] + _ENDS * (distance[last] - distance[first])
+        farther = np.clip(np.searchsorted(distance, farther), last, self.route.end)
+        borders = np.arange(last, int(farther[-1]) + 1)
+        sites, orders = self._orders(first, int(borders[-1]))
+        holds = self._holds(first, borders, orders)
+        fails = borders[np.argmin(holds, axis=1)[~holds[:, -1]]]  # the border at which a site alone is not enough
+        where_they_fail = np.quantile(fails, (0.5, 1.0), method="lower") if len(fails) else fails
+        ends = np.unique(np.concatenate([farther, where_they_fail]).astype(np.intp))
+        return Stretches(first, ends, sites, orders, self.border[orders[:, :1]] < ends, holds[:, ends - last])
 
     def of(self, stretches: Stretches) -> list[Cut]:
         """A cut for every end."""
