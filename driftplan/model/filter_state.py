@@ -28,11 +28,6 @@ class Row(NamedTuple):
     coefficients: tuple[Any, Any, Any]
     variance: Any
 
-    def vector(self, size: int) -> Floats:
-        """The coefficients as an array (..., size)."""
-        columns = np.stack(np.broadcast_arrays(*(np.asarray(c, dtype=float) for c in self.coefficients)), axis=-1)
-        return np.concatenate([columns, np.zeros((*columns.shape[:-1], size - 3))], axis=-1)
-
 
 X_AXIS, Y_AXIS, HEADING_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
@@ -86,16 +81,10 @@ class FilterState:
     """The error of a fusing robot at one place, of one drive (Python numbers) or of many (arrays of one shape).
 
     Entry by entry: on thousands of drives ten times as fast as stacked matrices, on one drive too.
-
-    Attributes
-    ----------
-    P : tuple of columns
-        Upper triangle of the covariance, row by row.
-    mean : tuple of columns, or None where nothing is systematic
     """
 
-    P: tuple[Any, ...]
-    mean: tuple[Any, ...] | None = None
+    P: tuple[Any, ...]  # upper triangle of the covariance, row by row
+    mean: tuple[Any, ...] | None = None  # None where nothing is systematic
 
     @classmethod
     def from_matrix(cls, P: Floats, mean: Floats | None = None) -> FilterState:
@@ -176,8 +165,7 @@ def states_along(
     ----------
     start : FilterState
     legs : sequence of LegColumns, m of them
-    rows_at : mapping
-        Border (0 to m) to its readings, in order: rows and the chance of each, None for certainty.
+    rows_at : border (0 to m) to its readings, in order: rows and the chance of each, None for certainty
 
     Returns
     -------

@@ -83,31 +83,21 @@ class Reliance:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlanRequest:
-    """What `plan_route` is asked for; `of` checks it.
-
-    Attributes
-    ----------
-    ends : (2, 2) start and goal, metres
-    initial_paths : collision-free paths from start to goal
-    time_limit : seconds, huge where iterations are counted and no limit is given
-    iterations : int or None
-    until_done : whether to end when more time would bring next to nothing: neither limit nor iterations are given
-    began : when the clock of the call began to run, by `time.monotonic`
-    """
+    """What `plan_route` is asked for; `of` checks it."""
 
     world: World
-    ends: Floats
+    ends: Floats  # (2, 2) start and goal, metres
     noise: OdometryNoise
     minimise: Objective
     reliance: Reliance
     planner: str = ROADMAP
-    initial_paths: tuple[Floats, ...] = ()
+    initial_paths: tuple[Floats, ...] = ()  # collision-free paths from start to goal
     max_nodes: int = 1000
-    time_limit: float
+    time_limit: float  # seconds, huge where iterations are counted and no limit is given
     iterations: int | None = None
-    until_done: bool = False
+    until_done: bool = False  # end when more time would bring next to nothing: neither limit nor iterations are given
     seed: int = 0
-    began: float
+    began: float  # when the clock of the call began to run, by `time.monotonic`
 
     @classmethod
     def of(
@@ -136,6 +126,8 @@ class PlanRequest:
             whole("iterations", iterations, least=1)
         if whole("seed", seed, least=0) >= _SEEDS:
             raise ValueError(f"expected seed a whole number >= 0 and < {_SEEDS}, got {seed!r}")
+        if minimise == "length" and reliance.max_detour is not None:
+            raise ValueError(f"expected no max_detour with minimise='length', got {reliance.max_detour!r}")
         needs_labels = bool(reliance.beacons) or reliance.max_drift < math.inf or minimise == "worst_drift"
         if needs_labels:
             check_continuous((noise, *(zone.noise for zone in world.zones)))

@@ -20,9 +20,10 @@ from driftplan.planning.ompl.collision import use_world
 from driftplan.planning.ompl.objective import DriftObjective
 from driftplan.planning.ompl.paths import predict_ompl_path
 from driftplan.planning.ompl.roadmap_planner import RoadmapPlanner
+from driftplan.planning.roadmap.growth import RoadmapSearch
+from driftplan.planning.roadmap.prices import AdditiveCost
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
-from tests.planning.test_roadmap_search import searched
 
 NOISE = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3)
 WALLS = [[(4, 2), (5, 2), (5, 9), (4, 9)], [(8, 0), (9, 0), (9, 6), (8, 6)], [(12, 4), (13, 4), (13, 10), (12, 10)]]
@@ -83,6 +84,13 @@ def solve(setup, planner, batches=2, seconds=20.0):
 def waypoints(setup):
     states = setup.getProblemDefinition().getSolutionPath().getStates()
     return np.array([(q[0], q[1]) for q in states])
+
+
+def searched(world, ends, noise, *, minimise="drift", batches, seed=0):
+    search = RoadmapSearch(AdditiveCost(world, ends[1], noise, minimise), ends[0], seed=seed)
+    while search.batches < batches and not search.is_optimal:
+        search.grow()
+    return search
 
 
 def test_it_finds_in_ompl_the_path_that_the_plain_verb_finds():

@@ -293,7 +293,7 @@ ROOMS = World.from_polygons([[(4.9, 0), (5.1, 0), (5.1, 10), (4.9, 10)]], bounds
         ({"time_limit": 0.0}, ValueError, "time_limit > 0"),
         ({"seed": -1}, ValueError, "seed a whole number >= 0"),
         ({"seed": 10**23}, ValueError, "seed a whole number >= 0 and < 2147483648"),
-        ({"time_limit": float("inf")}, ValueError, "time_limit > 0 s and finite, got inf"),
+        ({"time_limit": float("inf")}, ValueError, "time_limit finite, got inf"),
         ({"minimise": "length", "max_detour": 1.2}, ValueError, "no max_detour with minimise='length'"),
         ({"noise": 0.1}, ValueError, "expected an OdometryNoise"),
         ({"initial_paths": [[(2, 2), (3, 3)]]}, ValueError, "initial_paths from"),
@@ -412,4 +412,5 @@ def test_a_planner_that_finds_nothing_in_time_is_not_asked_again(monkeypatch):
     world = World.from_polygons([], bounds=(0, 0, 10, 10), robot_radius=0.5)
     with pytest.raises(NoPathError):
         plan_route(world, (2, 2), (8, 2), OdometryNoise(heading_var_per_m=1e-4), planner="rrtstar", time_limit=0.5)
-    assert sum(asked) == pytest.approx(0.5)
+    assert len(asked) == 2  # for the shortest path, and for that of least drift
+    assert max(asked) <= 0.5

@@ -38,20 +38,12 @@ _LEAST_M = 1e-6  # a range touched on less than this is a graze, read once
 
 
 class Effects(NamedTuple):
-    """What edges do to the error state.
+    """What edges do to the error state."""
 
-    Attributes
-    ----------
-    edge : (m,) which edges; sorted
-    matrix : (m, 9, 9) state at the end = matrix @ state at the beginning
-    row : (k, 9) row @ state = E|e|² somewhere on the edge
-    first : (m + 1,) where the rows of each edge begin
-    """
-
-    edge: Ints
-    matrix: Floats
-    row: Floats
-    first: Ints
+    edge: Ints  # (m,) which edges; sorted
+    matrix: Floats  # (m, 9, 9) state at the end = matrix @ state at the beginning
+    row: Floats  # (k, 9) row @ state = E|e|² somewhere on the edge
+    first: Ints  # (m + 1,) where the rows of each edge begin
 
 
 class _Steps(NamedTuple):
@@ -65,26 +57,15 @@ class _Steps(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BeaconGraph:
-    """Nodes (n, 2) and directed edges sorted by where they leave, with their `Effects`.
-
-    Attributes
-    ----------
-    first : (n + 1,)
-        Where the edges out of each node begin.
-    tail, head : (m,)
-    direction : (m,) unit complex numbers
-    length : (m,) metres
-    effects : Effects
-        With all beacons alive.
-    """
+    """Nodes (n, 2) and directed edges sorted by where they leave, with their `Effects`."""
 
     xy: Floats
-    first: Ints
-    tail: Ints
-    head: Ints
-    direction: Complexes
-    length: Floats
-    effects: Effects
+    first: Ints  # (n + 1,) where the edges out of each node begin
+    tail: Ints  # (m,)
+    head: Ints  # (m,)
+    direction: Complexes  # (m,) unit complex numbers
+    length: Floats  # (m,) metres
+    effects: Effects  # with all beacons alive
     noise: OdometryNoise
     beacons: tuple[Beacon, ...]
     world: World | None
@@ -232,12 +213,7 @@ def _matrices(pieces: Moments, direction: Complexes) -> Floats:
     matrix[..., A_RE, D1_IM] += mirrored.imag
     matrix[..., A_IM, D1_RE] += mirrored.imag
     matrix[..., A_IM, D1_IM] -= mirrored.real
-    for row, column, value in (
-        (A_RE, D, lever + kappa),
-        (D1_RE, ONE, d1),
-        (E1_RE, ONE, e1),
-        (A_RE, ONE, a),
-    ):
+    for row, column, value in ((A_RE, D, lever + kappa), (D1_RE, ONE, d1), (E1_RE, ONE, e1), (A_RE, ONE, a)):
         matrix[..., row, column] += value.real
         matrix[..., row + 1, column] += value.imag
     return matrix
