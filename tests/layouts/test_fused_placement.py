@@ -69,8 +69,8 @@ def test_every_cut_is_kept_by_every_layout_that_holds_and_missed_by_the_one_aske
     layouts = np.array([[s >> i & 1 for i in range(n)] for s in range(2**n)], dtype=bool)
     good = layouts[[instance.acceptable(s) for s in range(2**n)]]
     found = [(None, cut) for cut in requirements.rows()]
-    while fresh := requirements.cuts_beyond(np.zeros(n)):
-        found += [(None, cut) for cut in fresh]
+    for y in (np.zeros(n), *np.random.default_rng(seed).uniform(0, 0.5, (3, n))):
+        found += [(None, cut) for cut in requirements.cuts_beyond(y)]
     for chosen in layouts:
         cuts = requirements.cuts(chosen)
         assert bool(cuts) == (not any((chosen == other).all() for other in good))
