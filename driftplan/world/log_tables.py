@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from driftplan.arrays import Bools, Floats, Ints
-from driftplan.errors import TrajectoryError
+from driftplan.errors import TrajectoryError, naming
 
 _MAX_BYTES = 256 << 20  # of text, unpacked: a million steps take a quarter of it
 _MAX_NUMBERS = 200_000_000
@@ -94,15 +94,12 @@ def read_table(
     file = Path(path)
     if file.exists() and not file.is_file():  # a pipe would wait for ever
         raise TrajectoryError(f"{file}: expected a file of numbers, got something else")
-    try:
+    with naming(file, TrajectoryError):
         if file.suffix.lower() == ".mat":
             values = _matlab(file, variable)
             table = Table(values, None, lines=np.arange(1, len(values) + 1))
         else:
             table = _text(file, recording)
-    except OSError as err:
-        reason = err.strerror or err
-        raise TrajectoryError(f"{file}: {reason}") from err
     if not np.isfinite(table.values).all():
         raise TrajectoryError(f"{file}: expected finite numbers, got {table.values[~np.isfinite(table.values)][0]}")
     if len(table.values) < min_rows:

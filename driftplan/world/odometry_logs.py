@@ -35,7 +35,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from driftplan.arrays import Floats
-from driftplan.errors import TrajectoryError
+from driftplan.errors import TrajectoryError, naming
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.world.log_order import in_order, seconds
 from driftplan.world.log_plausibility import misread
@@ -134,7 +134,7 @@ def read_odometry(
                 "turn rate): say which by kind"
             )
         columns = _NAMELESS_STEPS[kind]
-    try:
+    with naming(file, TrajectoryError):
         found, notes = _recording(file, table, columns, rate_hz)
         if kind is None:
             kind = _kind_of(file, table, found)
@@ -150,10 +150,6 @@ def read_odometry(
                 f"{file}: expected poses with a heading (heading, or qx qy qz qw), got {sorted(found)}"
             )
         return OdometryLog.from_poses(np.column_stack([truth.xy, truth.heading]), truth.times, notes=notes)
-    except TrajectoryError:
-        raise
-    except ValueError as err:
-        raise TrajectoryError(f"{file}: {err}") from err
 
 
 def read_truth(
@@ -168,12 +164,8 @@ def read_truth(
     Parameters and errors are those of `read_odometry`.
     """
     file = Path(path)
-    try:
+    with naming(file, TrajectoryError):
         return _trajectory(file, *_recording(file, read_table(file, variable, recording=True), columns, rate_hz))
-    except TrajectoryError:
-        raise
-    except ValueError as err:
-        raise TrajectoryError(f"{file}: {err}") from err
 
 
 def _recording(file: Path, table: Table, columns: Sequence[str] | None, rate_hz: float) -> _Recording:
@@ -188,10 +180,8 @@ def _recording(file: Path, table: Table, columns: Sequence[str] | None, rate_hz:
         found["time"], said = seconds(found["time"])
         notes += [said] if said else []
     if "time" in found:
-        try:
+        with naming(file, TrajectoryError):
             order, more = in_order(found["time"])
-        except ValueError as err:
-            raise TrajectoryError(f"{file}: {err}") from err
         found = {name: values[order] for name, values in found.items()}
         notes += more
     _check_headings(file, found)
