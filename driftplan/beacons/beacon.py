@@ -49,8 +49,7 @@ class BeaconKind:
 
     Raises
     ------
-    ValueError
-        For values that are not finite, out of range, or a kind that measures nothing.
+    ValueError : for values that are not finite, out of range, or a kind that measures nothing
     """
 
     name: str

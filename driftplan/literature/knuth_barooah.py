@@ -149,9 +149,8 @@ def theorem_2(
 
     Raises
     ------
-    ValueError
-        When nothing decorrelates the steps (no rotation noise on a straight line): the variance then is n Tr P, and ψ
-        and ω do not exist.
+    ValueError : when nothing decorrelates the steps (no rotation noise on a straight line): the variance then is n Tr
+        P, and ψ and ω do not exist
 
     Examples
     --------
@@ -231,8 +230,7 @@ def theorem_3(
 
     Raises
     ------
-    ValueError
-        For wrong shapes, or rotation errors of different means.
+    ValueError : for wrong shapes, or rotation errors of different means
 
     Examples
     --------

@@ -38,8 +38,7 @@ def worst_rms(drift: Drift) -> float:
 
     Raises
     ------
-    ValueError
-        For batches of paths, curved runs and noise per step.
+    ValueError : for batches of paths, curved runs and noise per step
 
     Examples
     --------

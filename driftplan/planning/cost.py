@@ -100,8 +100,7 @@ def edge_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNoise 
 
     Raises
     ------
-    ValueError
-        If a coordinate is not finite or the shapes do not fit.
+    ValueError : if a coordinate is not finite or the shapes do not fit
 
     Examples
     --------
@@ -263,8 +262,7 @@ def bracket(heading_std_end: ArrayLike) -> Floats:
 
     Raises
     ------
-    ValueError
-        If a standard deviation is negative or not finite.
+    ValueError : if a standard deviation is negative or not finite
 
     Examples
     --------

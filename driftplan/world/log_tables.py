@@ -88,8 +88,7 @@ def read_table(
 
     Raises
     ------
-    TrajectoryError
-        If the file cannot be read: the message names it, and the line or variable.
+    TrajectoryError : if the file cannot be read: the message names it, and the line or variable
     """
     file = Path(path)
     if file.exists() and not file.is_file():  # a pipe would wait for ever
@@ -113,8 +112,7 @@ def named(file: Path, table: Table, aliases: Mapping[str, Sequence[str]]) -> dic
 
     Raises
     ------
-    TrajectoryError
-        Where a column has a unit that is not in `UNITS`: it lists them.
+    TrajectoryError : where a column has a unit that is not in `UNITS`: it lists them
     """
     return {
         name: table.values[:, k] * unit_size(file, table, k)

@@ -44,10 +44,8 @@ def load_world(
 
     Raises
     ------
-    MapError
-        If the file is missing, broken, too large or not a map; the message names file and line, key or feature.
-    ValueError
-        If an argument is out of range or means nothing for this format.
+    MapError : if the file is missing, broken, too large or not a map; the message names file and line, key or feature
+    ValueError : if an argument is out of range or means nothing for this format
 
     Examples
     --------
@@ -87,8 +85,8 @@ def save_world(world: World, path: str | os.PathLike[str], *, cell_size_m: float
 
     Raises
     ------
-    ValueError
-        If the format cannot hold the world's zones or origin, or an argument is out of range. Nothing is written.
+    ValueError : if the format cannot hold the world's zones or origin, or an argument is out of range. Nothing is
+        written.
     """
     path, kind = _path_and_format(path)
     if kind == "GeoJSON":

@@ -30,8 +30,7 @@ def read_trajectory(path: str | os.PathLike[str], *, rate_hz: float = 10.0) -> T
 
     Raises
     ------
-    TrajectoryError
-        If the file cannot be read: the message names it, and the line.
+    TrajectoryError : if the file cannot be read: the message names it, and the line
 
     Examples
     --------
@@ -56,8 +55,8 @@ def read_path(path: str | os.PathLike[str]) -> Floats:
 
     Raises
     ------
-    TrajectoryError
-        If the file cannot be read, has other columns or fewer than 2 waypoints: the message names it, and the line.
+    TrajectoryError : if the file cannot be read, has other columns or fewer than 2 waypoints: the message names it, and
+        the line
 
     Examples
     --------

@@ -49,8 +49,7 @@ class World:
 
     Raises
     ------
-    ValueError
-        If the bounds are empty, the radius is negative, a polygon is invalid, or anything is not finite.
+    ValueError : if the bounds are empty, the radius is negative, a polygon is invalid, or anything is not finite
 
     Examples
     --------
@@ -168,8 +167,7 @@ class World:
 
         Raises
         ------
-        ValueError
-            If no place of the map is free for this robot.
+        ValueError : if no place of the map is free for this robot
         """
         x, y = point_of("xy", xy)
         if self.point_free(x, y):

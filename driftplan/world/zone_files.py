@@ -37,8 +37,7 @@ def load_zones(path: str | os.PathLike[str]) -> tuple[Zone, ...]:
 
     Raises
     ------
-    MapError
-        If the file is missing, broken or without zones, or names a grey that its picture does not have.
+    MapError : if the file is missing, broken or without zones, or names a grey that its picture does not have
 
     Examples
     --------

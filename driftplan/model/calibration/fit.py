@@ -222,8 +222,7 @@ def fit_noise(
 
     Raises
     ------
-    ValueError
-        For arguments out of range, recordings that do not overlap, and drives too short for the segments.
+    ValueError : for arguments out of range, recordings that do not overlap, and drives too short for the segments
 
     Notes
     -----

@@ -101,8 +101,7 @@ def match(
 
     Raises
     ------
-    ValueError
-        When the recordings do not overlap in time.
+    ValueError : when the recordings do not overlap in time
     """
     odometry = odometry.without_glitches()
     if time_offset_s is None:

@@ -70,8 +70,7 @@ def umbmark(clockwise: ArrayLike, counterclockwise: ArrayLike, *, side_m: float 
 
     Raises
     ------
-    ValueError
-        For arguments of the wrong shape, and errors larger than the square.
+    ValueError : for arguments of the wrong shape, and errors larger than the square
 
     Examples
     --------
