@@ -259,9 +259,10 @@ def _need(file: Path, found: Mapping[str, Floats], *names: str) -> None:
 
 
 def _heading(file: Path, found: Mapping[str, Floats]) -> Floats | None:
+    """Of the robot, rad: as recorded, or from its quaternion."""
     if "heading" in found:
         return found["heading"]
-    parts = [found[name] for name in ("qx", "qy", "qz", "qw") if name in found]
+    parts = [found[name] for name in _QUATERNION if name in found]
     if not parts:
         return None
     if len(parts) < 4:
@@ -273,15 +274,9 @@ def _heading(file: Path, found: Mapping[str, Floats]) -> Floats | None:
         raise TrajectoryError(
             f"{file}: expected unit quaternions, got one of length {norm[worst]:.4g} in row {worst + 1}"
         )
-    x, y, z, w = q / norm
-    # the body axes in the world, x and y components
-    axes = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y + z * w)],
-            [2 * (x * y - z * w), 1 - 2 * (x * x + z * z)],
-            [2 * (x * z + y * w), 2 * (y * z - x * w)],
-        ]
-    )
+    from scipy.spatial.transform import Rotation
+
+    axes = Rotation.from_quat(q.T).as_matrix()[:, :2].transpose(2, 1, 0)  # the body axes' x and y in the world
     level = np.hypot(axes[:, 0], axes[:, 1]).mean(axis=-1)
     # heading is the azimuth of the x axis, unless the robot carries it upright: then of the next one that is level
     axis = int(np.argmax(level > _LEVEL)) if (level > _LEVEL).any() else int(np.argmax(level))

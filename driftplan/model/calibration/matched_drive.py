@@ -132,7 +132,10 @@ def match(
         used_m=float(sum(np.ptp(part.driven) for part in resampled)),
         turned_rad=float(sum(part.angles.sum() for part in resampled)),
     )
-    turned_back = tuple(_turned_by(part, -heading_offset) for part in resampled)
+    turned_back = tuple(
+        part if part.truth_heading is None else part._replace(truth_heading=part.truth_heading - heading_offset)
+        for part in resampled
+    )
     return MatchedDrive(turned_back, counts, float(time_offset_s), float(heading_offset))
 
 
@@ -159,10 +162,6 @@ def _mounting(resampled: list[ResampledDrive]) -> float:
     if not resampled:
         return 0.0
     return reference_offsets.heading_offset(np.concatenate(estimated), np.concatenate(gained), np.concatenate(true))
-
-
-def _turned_by(part: ResampledDrive, angle: float) -> ResampledDrive:
-    return part if part.truth_heading is None else part._replace(truth_heading=part.truth_heading + angle)
 
 
 def _good_samples(odometry: OdometryLog, truth: Trajectory) -> tuple[Bools, list[tuple[float, float]]]:

@@ -119,10 +119,8 @@ class OdometryLog:
                 "expected times_s, speeds_m_per_s and turn_rates_rad_per_s of one shape (n,), n >= 2, got "
                 f"{times.shape}, {speeds.shape} and {rates.shape}"
             )
-        keep = _later(times)
+        keep = _later("times_s", times)
         times, speeds, rates = times[keep], speeds[keep], rates[keep]
-        if times.size < 2:
-            raise ValueError("expected at least 2 different times_s, got one")
         dt = np.diff(times)
         turns = rates[:-1] * dt
         repeated = int(keep.size - keep.sum())
@@ -151,10 +149,8 @@ class OdometryLog:
         times = np.arange(float(len(array))) if times_s is None else _series("times_s", times_s)
         if times.size != len(array):
             raise ValueError(f"expected times_s of shape ({len(array)},), one per pose, got {times.shape}")
-        keep = _later(times)
+        keep = _later("times_s", times)
         array, times = array[keep], times[keep]
-        if times.size < 2:
-            raise ValueError("expected at least 2 different times_s, got one")
         moves = np.diff(array[:, 0] + 1j * array[:, 1]) * np.exp(-1j * array[:-1, 2])
         repeated = int(keep.size - keep.sum())
         return cls(
@@ -188,9 +184,7 @@ class OdometryLog:
         half = max(0.5, float(np.median(np.diff(self.times))))
         at = 0.5 * (self.times[1:] + self.times[:-1])
         ends = np.clip(np.stack([at - half, at + half]), self.times[0], self.times[-1])
-        positions = self.positions
-        x, y = (np.interp(ends, self.times, part) for part in (positions.real, positions.imag))
-        moved = np.hypot(x[1] - x[0], y[1] - y[0])
+        moved = np.abs(np.diff(np.interp(ends, self.times, self.positions), axis=0)[0])
         turned = np.abs(np.diff(np.interp(ends, self.times, self.headings), axis=0)[0])
         slow = (moved < _STANDING * np.quantile(moved, 0.9)) & (
             turned < max(_STANDING * float(np.quantile(turned, 0.9)), _STANDING_RAD)
@@ -262,9 +256,7 @@ class Trajectory:
             raise ValueError(
                 f"expected xy of shape (n, 2) and times of shape (n,), n >= 2, got {xy.shape} and {times.shape}"
             )
-        keep = _later(times)
-        if keep.sum() < 2:
-            raise ValueError("expected at least 2 different times, got one")
+        keep = _later("times", times)
         if self.heading is not None:
             heading = _series("heading", self.heading)
             if heading.shape != times.shape:
@@ -301,23 +293,23 @@ def _chord(turns: Floats) -> Complexes:
 def _merged(times: Floats, moves: Complexes, turns: Floats) -> OdometryLog:
     """Steps that end no later than they began are joined to the step before them: the motion they report is real, only
     their time is not. (Before any time has passed there is nothing to join to: such motion precedes the log.)"""
-    keep = _later(times)
+    keep = _later("times_s", times)
+    log = OdometryLog(times, moves, turns)
     if keep.all():
-        return OdometryLog(times, moves, turns)
-    if keep.sum() < 2:
-        raise ValueError("expected at least 2 different times_s, got one")
-    headings = np.concatenate([[0.0], np.cumsum(turns)])
-    positions = np.concatenate([[0.0], np.cumsum(moves * np.exp(1j * headings[:-1]))])
+        return log
     # the last sample of each group of repeated times holds all the motion reported up to that time
     last = np.append(np.flatnonzero(keep)[1:] - 1, len(times) - 1)
-    headings, positions = headings[last], positions[last]
+    headings, positions = log.headings[last], log.positions[last]
     moves = np.diff(positions) * np.exp(-1j * headings[:-1])
     return OdometryLog(times[keep], moves, np.diff(headings), repeated=int(keep.size - keep.sum()))
 
 
-def _later(times: Floats) -> Bools:
-    """Which samples are later than all before them."""
-    return np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
+def _later(name: str, times: Floats) -> Bools:
+    """Which samples are later than all before them: two at least."""
+    keep = np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
+    if keep.sum() < 2:
+        raise ValueError(f"expected at least 2 different {name}, got one")
+    return keep
 
 
 def _series(name: str, values: object) -> Floats:

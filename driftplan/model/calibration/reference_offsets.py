@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from driftplan.arrays import Complexes, Floats
+from driftplan.arrays import Array, Complexes, Floats
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 
 _OFFSETS = 20  # clock offsets tried to either side
@@ -26,29 +26,17 @@ def clock_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0)
         return 0.0
     at = np.linspace(first, last, min(int((last - first) / (0.5 * window)), 4000))
     at = at[at + window <= last]
-    if truth.heading is not None:
-        reference = truth.heading
-        said = np.interp(at + window, odometry.times, odometry.headings) - np.interp(
-            at, odometry.times, odometry.headings
-        )
-    else:
-        reference = None
-        positions = odometry.positions
-        said = np.abs(
-            interpolated(at + window, odometry.times, positions) - interpolated(at, odometry.times, positions)
-        )
+    headings = None if truth.heading is None else (odometry.headings, truth.heading)
+    reported, measured = headings or (odometry.positions, truth.positions)
+
+    def gained(since: Floats, times: Floats, values: Array) -> Floats:
+        change = np.interp(since + window, times, values) - np.interp(since, times, values)
+        return np.abs(change) if np.iscomplexobj(change) else np.asarray(change)
+
+    by_odometry = gained(at, odometry.times, reported)
 
     def disagreement(offset: float) -> float:
-        if reference is not None:
-            seen = np.interp(at + window + offset, truth.times, reference) - np.interp(
-                at + offset, truth.times, reference
-            )
-        else:
-            seen = np.abs(
-                interpolated(at + window + offset, truth.times, truth.positions)
-                - interpolated(at + offset, truth.times, truth.positions)
-            )
-        difference = said - seen
+        difference = by_odometry - gained(at + offset, truth.times, measured)
         return float(np.mean(np.abs(difference - np.median(difference))))
 
     unshifted = disagreement(0.0)
@@ -57,13 +45,8 @@ def clock_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0)
         offsets = best + step * np.arange(-_OFFSETS, _OFFSETS + 1)
         values = [disagreement(float(offset)) for offset in offsets]
         best, least, step = float(offsets[int(np.argmin(values))]), min(values), step / _OFFSETS
-    if (
-        least > _CLEARLY * unshifted
-        or unshifted < 1e-9 * float(np.ptp(said))
-        or abs(best) > (1 - 1 / _OFFSETS) * reach_s
-    ):
-        return 0.0
-    return best
+    says_nothing = unshifted < 1e-9 * float(np.ptp(by_odometry)) or least > _CLEARLY * unshifted
+    return 0.0 if says_nothing or abs(best) > (1 - 1 / _OFFSETS) * reach_s else best
 
 
 def heading_offset(estimate: Complexes, gained: Floats, truth: Complexes) -> float:
@@ -86,7 +69,3 @@ def heading_offset(estimate: Complexes, gained: Floats, truth: Complexes) -> flo
     angle = -float(np.angle(mean))
     error = float(np.sqrt(np.sum((product * np.exp(1j * angle)).imag ** 2)) / np.abs(mean))
     return angle if abs(angle) > max(_CLEARLY_TURNED * error, _LEAST_RAD) else 0.0
-
-
-def interpolated(at: Floats, times: Floats, positions: Complexes) -> Complexes:
-    return np.asarray(np.interp(at, times, positions.real) + 1j * np.interp(at, times, positions.imag))

@@ -60,6 +60,16 @@ class RelativeErrors:
     translation_percent: float
     rotation_deg_per_m: float
 
+    @classmethod
+    def of(cls, rows: Sequence[RelativeError]) -> RelativeErrors:
+        """Every segment counts the same."""
+        weight = [row.segments for row in rows]
+        translation, rotation = (
+            float(np.average(column, weights=weight))
+            for column in ([row.translation_percent for row in rows], [row.rotation_deg_per_m for row in rows])
+        )
+        return cls(lengths=tuple(rows), translation_percent=translation, rotation_deg_per_m=rotation)
+
     def __str__(self) -> str:
         rows = self.lengths
         return table(
@@ -115,7 +125,7 @@ def relative_errors(
         raise ValueError(f"expected lengths_m > 0, got {lengths_m!r}")
     path = true if pairs == "kitti" else estimated
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path[:, :3, 3], axis=0), axis=1))])
-    rows, translations, rotations = [], [], []
+    rows = []
     for length in lengths.tolist():
         first, last = _kitti_pairs(along, length, step) if pairs == "kitti" else _evo_pairs(along, length)
         if first.size == 0:
@@ -124,25 +134,19 @@ def relative_errors(
         translation = np.linalg.norm(off[:, :3, 3], axis=1)
         cosine = np.clip(0.5 * (np.trace(off[:, :3, :3], axis1=1, axis2=2) - 1), -1.0, 1.0)
         rotation = np.degrees(np.arccos(cosine))
-        translations.append(100 * translation / length)
-        rotations.append(rotation / length)
         rows.append(
             RelativeError(
                 length,
                 int(first.size),
-                float(translations[-1].mean()),
-                float(rotations[-1].mean()),
+                float(100 * translation.mean() / length),
+                float(rotation.mean() / length),
                 float(np.sqrt(np.mean(translation**2))),
                 float(np.sqrt(np.mean(rotation**2))),
             )
         )
     if not rows:
         raise ValueError(f"expected a path longer than {lengths.min():.4g} m, got {along[-1]:.4g} m")
-    return RelativeErrors(
-        lengths=tuple(rows),
-        translation_percent=float(np.concatenate(translations).mean()),
-        rotation_deg_per_m=float(np.concatenate(rotations).mean()),
-    )
+    return RelativeErrors.of(rows)
 
 
 def pooled(several: Sequence[RelativeErrors]) -> RelativeErrors:
@@ -170,12 +174,7 @@ def pooled(several: Sequence[RelativeErrors]) -> RelativeErrors:
                 float(np.sqrt(np.average([row.rotation_rms_deg**2 for row in same], weights=weight))),
             )
         )
-    weight = [row.segments for row in lengths]
-    return RelativeErrors(
-        lengths=tuple(lengths),
-        translation_percent=float(np.average([row.translation_percent for row in lengths], weights=weight)),
-        rotation_deg_per_m=float(np.average([row.rotation_deg_per_m for row in lengths], weights=weight)),
-    )
+    return RelativeErrors.of(lengths)
 
 
 def segment_errors(

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Complexes, Floats, Ints
+from driftplan.arrays import Complexes, Floats, Ints, as_covariance, as_plane
 from driftplan.model.calibration.resampling import ResampledDrive
 from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import OdometryNoise
@@ -248,11 +248,10 @@ def _expect_with_heading(seen: Observations, w: Moments, truth: TruthNoise) -> t
     sine_square = -0.5 * (2 * w.d1 + w.d2).real
     e_sine = (w.b - w.a) / (2j * seen.frame)
     mean = np.stack([e1.real, e1.imag, sine], axis=-1)
-    spread, skew = w.N - np.abs(e1) ** 2, e2 - e1**2
-    cross = e_sine - e1 * sine
-    cov = _symmetric(
-        (spread + skew.real) / 2, skew.imag / 2, (spread - skew.real) / 2, cross.real, cross.imag, sine_square - sine**2
-    )
+    cov = np.empty((len(sine), 3, 3))
+    cov[:, :2, :2] = as_covariance(e1, w.N, e2)
+    cov[:, :2, 2] = cov[:, 2, :2] = as_plane(e_sine - e1 * sine)
+    cov[:, 2, 2] = sine_square - sine**2
     # a heading error η of the truth at the start turns the estimate by η, and adds η to the heading gained
     lever = 1j * seen.chord
     eta = np.stack([lever.real, lever.imag, np.ones(len(sine))], axis=-1)
@@ -274,8 +273,8 @@ def _expect_positions(seen: Observations, back: Moments, ahead: Moments, truth: 
     c2 = (ahead.p + y1) / g
     v = truth.position_var
     cov = np.zeros((len(c1), 4, 4))  # of Re x, Im x, Re y, Im y there
-    cov[:, :2, :2] = _planar_cov(X - np.abs(x1) ** 2 + 4 * v, (x2 - x1**2) / g**2)
-    cov[:, 2:, 2:] = _planar_cov(Y - np.abs(y1) ** 2 + 4 * v, (y2 - y1**2) / g**2)
+    cov[:, :2, :2] = as_covariance(x1, X + 4 * v, x2, 1 / g)
+    cov[:, 2:, 2:] = as_covariance(y1, Y + 4 * v, y2, 1 / g)
     for k in (0, 1):
         cov[:, k, 2 + k] = cov[:, 2 + k, k] = -v
 
@@ -294,17 +293,5 @@ def _expect_positions(seen: Observations, back: Moments, ahead: Moments, truth: 
     spread = form @ cov[:, None]
     base = np.stack([c1 - seen.chord.real, (c2 - second).real, (c2 - second).imag], axis=-1)
     mean = base + np.trace(spread, axis1=2, axis2=3)
-    spread[:, 0] = (
-        0.0  # |c1 + x| varies no more than Re x: what the one has of Im x², the other has with the other sign
-    )
+    spread[:, 0] = 0.0  # |c1 + x| varies no more than Re x: what one has of Im x², the other has with the other sign
     return mean, linear @ cov @ np.swapaxes(linear, 1, 2) + 2 * np.einsum("niab,njba->nij", spread, spread)
-
-
-def _planar_cov(spread: Floats, skew: Complexes) -> Floats:
-    xx, yy, xy = (spread + skew.real) / 2, (spread - skew.real) / 2, skew.imag / 2
-    return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
-
-
-def _symmetric(xx: Floats, xy: Floats, yy: Floats, xz: Floats, yz: Floats, zz: Floats) -> Floats:
-    rows = [np.stack(row, axis=-1) for row in ([xx, xy, xz], [xy, yy, yz], [xz, yz, zz])]
-    return np.stack(rows, axis=-2)
