@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Complexes, Floats
+from driftplan.arrays import Complexes, Floats, positive, whole
 from driftplan.model.noise import (
     BETWEEN_DRIVES,
     NO_SPREAD,
@@ -65,10 +65,9 @@ def simulate_drift(
     >>> errors.shape, round(float(errors[:, -1, 0].std()), 2)  # sqrt(0.01 * 10) = 0.316
     ((4000, 2, 2), 0.32)
     """
-    if isinstance(runs, bool) or not isinstance(runs, (int, np.integer)) or runs < 1:
-        raise ValueError(f"expected runs a whole number >= 1, got {runs!r}")
-    if substep_m is not None and not substep_m > 0:
-        raise ValueError(f"expected substep_m > 0, got {substep_m!r}")
+    runs = whole("runs", runs, least=1)
+    if substep_m is not None:
+        substep_m = positive("substep_m", substep_m)
     checked_estimator(estimator)
     legs = read_path(path, start_heading)
     if legs.lengths.ndim != 1:

@@ -234,7 +234,8 @@ def _numbers(
 ) -> Floats:
     """The numbers of some columns of some lines, (n, k): fast where all lines are alike, else line by line."""
     separator = next((mark for mark in ",;" if mark in lines[rows[0]]), None)
-    if _all_as_wide(lines, rows, separator, width):
+    # loadtxt takes no notice of columns that it was not asked for
+    if all(len(lines[k].split(separator)) == width for k in rows):
         try:
             values = np.loadtxt((lines[k] for k in rows), float, None, separator, usecols=kept, ndmin=2)
         except ValueError:
@@ -242,13 +243,6 @@ def _numbers(
         if np.isfinite(values).all():
             return values
     return _numbers_by_line(file, lines, rows, width, kept, recording, all_cells)
-
-
-def _all_as_wide(lines: list[str], rows: list[int], separator: str | None, width: int) -> bool:
-    """Whether all lines have as many columns: loadtxt takes no notice of those that it was not asked for."""
-    if separator is None:
-        return all(len(lines[k].split()) == width for k in rows)
-    return all(lines[k].count(separator) == width - 1 for k in rows)
 
 
 def _numbers_by_line(

@@ -159,9 +159,18 @@ def read_truth(
     variable: str | None = None,
     rate_hz: float = 10.0,
 ) -> Trajectory:
-    """Timed true positions, with headings if the file has any.
+    """Where a robot was: times, planar positions and, if the file has any, headings.
 
     Parameters and errors are those of `read_odometry`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "truth.csv")
+    ...     _ = file.write_text("time,x,y,heading\\n0,0,0,0\\n1,2,0,0\\n2,2,2,1.57\\n")
+    ...     read_truth(file).xy.tolist()
+    [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]]
     """
     file = Path(path)
     with naming(file, TrajectoryError):

@@ -10,7 +10,6 @@ import numpy as np
 from driftplan.arrays import Floats, Ints
 from driftplan.model.calibration.quasi_likelihood import (
     RANDOM,
-    SYSTEMATIC,
     TRUTH,
     Model,
     Solution,
@@ -22,17 +21,12 @@ from driftplan.model.calibration.quasi_likelihood import (
 )
 from driftplan.model.calibration.segment_sets import SegmentSet
 from driftplan.model.calibration.segments import TruthNoise
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import BETWEEN_DRIVES, SYSTEMATIC, OdometryNoise
 
 _MOST_LOG = 50.0  # of a mean square over its prediction: beyond, nothing is known, and exp would overflow
 _THREE_ERRORS = 0.00135  # chance of a normal value above three standard deviations
 _BLOCK_SPANS = 2  # length of a bootstrap block, in longest segments
 _BLOCK_STARTS = 8  # blocks begin every 1/8 of their length
-_STD_OF = {
-    "distance_scale_error": "distance_scale_std",
-    "heading_bias_per_m": "heading_bias_std_per_m",
-    "heading_bias_per_rad": "heading_bias_std_per_rad",
-}
 
 
 def bootstrap(segments: SegmentSet, solution: Solution, resamples: int, rng: np.random.Generator) -> tuple[Floats, int]:
@@ -149,10 +143,9 @@ def between_drives(segments: SegmentSet, solution: Solution, std_errors: dict[st
     fitted ones: the fit's own error, and the spread from drive to drive beyond what each drive leaves open. Of one
     drive that spread is unknown, and taken for as large as the fit's own error."""
     drives = np.unique(segments.drive_of)
-    chosen = [k for k, name in enumerate(solution.names) if name in SYSTEMATIC]
     own = drive_deviations(segments, solution)
     found = {}
-    for k, values in zip(chosen, own.T, strict=True):
+    for k, values in zip(np.flatnonzero(~solution.bounded), own.T, strict=True):
         name = solution.names[k]
         error = std_errors[name] ** 2
         if drives.size < 2:
@@ -160,7 +153,7 @@ def between_drives(segments: SegmentSet, solution: Solution, std_errors: dict[st
         else:
             spread = float(np.var(values, ddof=1))  # of which each drive's own error is no part of the next drive's
             variance = max(spread - drives.size * error, 0.0) + max(error, spread / drives.size)
-        found[_STD_OF[name]] = sqrt(variance)
+        found[BETWEEN_DRIVES[name]] = sqrt(variance)
     return found
 
 

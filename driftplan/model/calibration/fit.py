@@ -37,7 +37,6 @@ from driftplan.model.calibration.notes import (
 from driftplan.model.calibration.quasi_likelihood import (
     DRIVES_TO_HOLD_OUT,
     RANDOM,
-    SYSTEMATIC,
     TRUTH,
     Solution,
     elsewhere,
@@ -49,7 +48,7 @@ from driftplan.model.calibration.relative_errors import RelativeErrors, segment_
 from driftplan.model.calibration.resampling import laid_on_truth
 from driftplan.model.calibration.segment_check import SegmentCheck, check_segments
 from driftplan.model.calibration.segment_sets import SegmentSet, drives_of, segment_set
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import SYSTEMATIC, OdometryNoise
 from driftplan.tables import table
 
 PARAMETERS = SYSTEMATIC + RANDOM

@@ -11,12 +11,11 @@ from numpy.typing import ArrayLike
 
 from driftplan.model.calibration.bootstrap import RmsSpread, systematic_errors
 from driftplan.model.calibration.notes import judged, systematic_notes
-from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_check import SegmentCheck, check_segments
 from driftplan.model.calibration.segment_sets import SegmentSet, drives_of, segment_set
 from driftplan.model.calibration.segments import TruthNoise
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import BETWEEN_DRIVES, OdometryNoise
 
 Estimate = OdometryLog | ArrayLike
 Truth = Trajectory | ArrayLike
@@ -67,9 +66,8 @@ def checked(
     """The check of a noise, and what it says of systematic errors; for a fitted one within its standard errors."""
     mean, cov = segments.expected(segments.windows(noise), truth)
     values, slopes = systematic_errors(segments, noise.on_drive((0, 0, 0)), truth)
-    between = {"distance_scale_error": noise.distance_scale_std, "heading_bias_per_m": noise.heading_bias_std_per_m}
-    between["heading_bias_per_rad"] = noise.heading_bias_std_per_rad
-    variances = np.array([between[name] for name in SYSTEMATIC]) ** 2
+    between = {name: getattr(noise, std) for name, std in BETWEEN_DRIVES.items()}
+    variances = np.array([*between.values()]) ** 2
     cov = cov + np.einsum("nki,k,nkj->nij", slopes, variances, slopes)
     found = check_segments(
         segments, noise, truth, moments=(mean, cov), rms_intervals_m=None if spread is None else spread.intervals

@@ -11,7 +11,7 @@ import numpy as np
 from driftplan.arrays import Floats
 from driftplan.model.calibration.chance import LEVELS, LIMITS
 from driftplan.model.calibration.matched_drive import MatchedDrive
-from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC, Solution, drive_deviations
+from driftplan.model.calibration.quasi_likelihood import Solution, drive_deviations
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_check import SegmentCheck
 from driftplan.model.calibration.segment_sets import SegmentSet
@@ -100,10 +100,9 @@ def drive_notes(segments: SegmentSet, solution: Solution, error: Floats) -> list
     drives = np.unique(segments.drive_of)
     if drives.size < 2:
         return []
-    systematic = [k for k, name in enumerate(solution.names) if name in SYSTEMATIC]
     own = drive_deviations(segments, solution)
     notes = []
-    for k, values in zip(systematic, own.T, strict=True):
+    for k, values in zip(np.flatnonzero(~solution.bounded), own.T, strict=True):
         spread = float(np.std(values, ddof=1))
         chance = float(error[k]) * sqrt(drives.size)  # standard error of one drive's value
         if spread**2 * (drives.size - 1) > chance**2 * float(chdtri(drives.size - 1, _CHANCE)):

@@ -19,14 +19,15 @@ care, and the true heading is needed only at the start of a segment.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from driftplan.arrays import Complexes, Floats, Ints, as_covariance, as_plane
 from driftplan.model.calibration.resampling import ResampledDrive
-from driftplan.model.moments import Moments, compose
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.moments import Moments, compose, identity
+from driftplan.model.noise import BETWEEN_DRIVES, OdometryNoise
 
 _LEAST_CHORD = 1e-3  # of the true chord
 _SHORTEST_CHORD = 0.25  # of its path: below, the chord's direction says too little to align by
@@ -94,14 +95,8 @@ def repeated(
     """The drive many times over, with Gaussian errors of the odometry as `pieces` has them, and of the truth: estimate
     and truth are (runs, K). ``deviations`` (3, runs) are those of the drives' systematic errors, in their stds."""
     runs = deviations.shape[1]
-    bias_per_m, bias_per_rad, scale = (
-        std * z[:, None]
-        for std, z in zip(
-            (noise.heading_bias_std_per_m, noise.heading_bias_std_per_rad, noise.distance_scale_std),
-            deviations,
-            strict=True,
-        )
-    )
+    stds = [getattr(noise, name) for name in BETWEEN_DRIVES.values()]
+    bias_per_m, bias_per_rad, scale = (std * z[:, None] for std, z in zip(stds, deviations, strict=True))
     random = _increments(part, noise)
     shape = (runs, len(part.turns))
     halves = np.sqrt(random.heading_var / 2) * rng.standard_normal((2, *shape)) + random.heading_mean / 2
@@ -112,9 +107,8 @@ def repeated(
     major, minor = (np.sqrt(np.maximum(random.square + sign * size, 0.0) / 2) for sign in (1, -1))
     axis = np.exp(0.5j * np.angle(random.elongation))
     error = axis * (major * rng.standard_normal(shape) + 1j * minor * rng.standard_normal(shape))
-    moves = ((1 + noise.distance_scale_error + scale) * np.diff(part.truth) + error) * np.exp(
-        1j * (gained[:, :-1] + halves[0])
-    )
+    moves = (1 + noise.distance_scale_error + scale) * np.diff(part.truth) + error
+    moves = moves * np.exp(1j * (gained[:, :-1] + halves[0]))
     estimate = part.truth[0] + np.concatenate([np.zeros((runs, 1)), np.cumsum(moves, axis=1)], axis=1)
     white = rng.standard_normal((2, runs, len(part.truth)))
     seen = part.truth + np.sqrt(truth.position_var) * (white[0] + 1j * white[1])
@@ -174,19 +168,8 @@ def pieces(part: ResampledDrive, noise: OdometryNoise, way: int = 1) -> Moments:
     half = _heading_error(random.heading_var / 2, random.heading_mean / 2)
     move = np.diff(part.truth)
     shift = noise.distance_scale_error * move
-    zero = np.zeros(move.shape)
-    moved = Moments(
-        np.ones(move.shape),
-        move,
-        zero,
-        zero,
-        zero,
-        shift,
-        np.abs(shift) ** 2 + random.square,
-        shift**2 + random.elongation,
-        zero,
-        zero,
-    )
+    square, elongation = np.abs(shift) ** 2 + random.square, shift**2 + random.elongation
+    moved = replace(identity(move.shape), p=move, e1=shift, N=square, e2=elongation)
     return compose(compose(half, moved), half)
 
 
@@ -238,8 +221,7 @@ def _heading_error(variance: Floats, mean: Floats) -> Moments:
     """A heading error ~ N(mean, variance) and nothing else."""
     d1 = np.expm1(-variance / 2 + 1j * mean)
     d2 = np.expm1(-2 * variance + 2j * mean) - 2 * d1
-    zero = np.zeros(variance.shape)
-    return Moments(np.ones(variance.shape), zero, d1, d2, -2 * d1.real, zero, zero, zero, zero, zero)
+    return replace(identity(variance.shape), d1=d1, d2=d2, D=-2 * d1.real)
 
 
 def _expect_with_heading(seen: Observations, w: Moments, truth: TruthNoise) -> tuple[Floats, Floats]:
