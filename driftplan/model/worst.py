@@ -141,8 +141,7 @@ def greatest_between(
     ----------
     begun : Moments (n,)
         At the beginning of every stretch.
-    length, which : (n,)
-        Metres; index into ``noises``.
+    length, which : (n,), metres; index into ``noises``
     end : (n,) E|e|² at the end of every stretch, m²
     group : (n,) index into ``greatest``
     greatest : (groups,) at least that of all ends

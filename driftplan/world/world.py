@@ -41,8 +41,7 @@ class World:
     ----------
     obstacles : shapely MultiPolygon
         Walls as drawn, not inflated.
-    bounds : (xmin, ymin, xmax, ymax)
-        The map's extent in metres. The outside is an obstacle to driving, not to seeing.
+    bounds : (xmin, ymin, xmax, ymax), the map's extent in metres. The outside is an obstacle to driving, not to seeing.
     robot_radius : metres, >= 0
     zones : where zones overlap, the later one holds
 
