@@ -344,11 +344,6 @@ def test_anchors_on_the_path_are_refused():
         bearing_row(np.zeros(2), 0.1)
 
 
-def test_spreads_are_checked():
-    with pytest.raises(ValueError, match="heading_bias_per_m >= 0"):
-        SystematicSpread(heading_bias_per_m=-0.1)
-
-
 def test_an_independent_kalman_filter_agrees():
     kalman = pytest.importorskip("filterpy.kalman", reason="filterpy is not installed")
     rng = np.random.default_rng(11)

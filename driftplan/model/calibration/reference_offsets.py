@@ -26,29 +26,17 @@ def clock_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0)
         return 0.0
     at = np.linspace(first, last, min(int((last - first) / (0.5 * window)), 4000))
     at = at[at + window <= last]
-    if truth.heading is not None:
-        reference = truth.heading
-        said = np.interp(at + window, odometry.times, odometry.headings) - np.interp(
-            at, odometry.times, odometry.headings
-        )
-    else:
-        reference = None
-        positions = odometry.positions
-        said = np.abs(
-            interpolated(at + window, odometry.times, positions) - interpolated(at, odometry.times, positions)
-        )
+    turning = truth.heading is not None
+    counted, true = (odometry.headings, truth.heading) if turning else (odometry.positions, truth.positions)
+
+    def gained(begin: Floats, times: Floats, values: Floats | Complexes) -> Floats:
+        change = interpolated(begin + window, times, values) - interpolated(begin, times, values)
+        return np.asarray(change.real if turning else np.abs(change))
+
+    said = gained(at, odometry.times, counted)
 
     def disagreement(offset: float) -> float:
-        if reference is not None:
-            seen = np.interp(at + window + offset, truth.times, reference) - np.interp(
-                at + offset, truth.times, reference
-            )
-        else:
-            seen = np.abs(
-                interpolated(at + window + offset, truth.times, truth.positions)
-                - interpolated(at + offset, truth.times, truth.positions)
-            )
-        difference = said - seen
+        difference = said - gained(at + offset, truth.times, true)
         return float(np.mean(np.abs(difference - np.median(difference))))
 
     unshifted = disagreement(0.0)
@@ -88,5 +76,5 @@ def heading_offset(estimate: Complexes, gained: Floats, truth: Complexes) -> flo
     return angle if abs(angle) > max(_CLEARLY_TURNED * error, _LEAST_RAD) else 0.0
 
 
-def interpolated(at: Floats, times: Floats, positions: Complexes) -> Complexes:
+def interpolated(at: Floats, times: Floats, positions: Floats | Complexes) -> Complexes:
     return np.asarray(np.interp(at, times, positions.real) + 1j * np.interp(at, times, positions.imag))
