@@ -27,8 +27,7 @@ class DriftLimit:
     ----------
     max_drift : float, one per route, or None
         Metres. None: there is no limit, the least drift is sought.
-    redundancy : int
-        The limit holds with any ``redundancy - 1`` beacons dead; 1: all live.
+    redundancy : the limit holds with any ``redundancy - 1`` beacons dead; 1: all live
     confidence : float in [0.75, 1), optional
         The limit is on the radius that holds the estimate with this confidence; None: on the rms.
 

@@ -37,17 +37,13 @@ class AckermannDrift:
 
     Attributes
     ----------
-    xy : array, shape (n + 1, 2)
-        True positions, metres, from the origin.
-    bias : array, shape (n + 1, 2)
-        E[estimate - truth], metres.
-    cov : array, shape (n + 1, 2, 2)
-        Cov(P_t), m².
-    increment_cov : array, shape (n, 2, 2)
-        Cov(ΔP_t), m², of the step's measured displacement in the world frame: it carries the heading error of all steps
-        before.
-    cross_cov : array, shape (n, 2, 2)
-        Cov(P_{t-1}, ΔP_t), m²: ``cov[t] = cov[t-1] + increment_cov[t-1] + cross_cov[t-1] + cross_cov[t-1]ᵀ``.
+    xy : (n + 1, 2), true positions, metres, from the origin
+    bias : (n + 1, 2), E[estimate - truth], metres
+    cov : (n + 1, 2, 2), Cov(P_t), m²
+    increment_cov : (n, 2, 2), Cov(ΔP_t), m², of the step's measured displacement in the world frame: it carries the
+        heading error of all steps before
+    cross_cov : (n, 2, 2), Cov(P_{t-1}, ΔP_t), m²:
+        ``cov[t] = cov[t-1] + increment_cov[t-1] + cross_cov[t-1] + cross_cov[t-1]ᵀ``
     """
 
     xy: Floats
@@ -81,11 +77,9 @@ def ackermann_step(
 
     Parameters
     ----------
-    distances_m, steering_rad : array, shape (...)
-        True distance of each step, metres, and steering angle, rad, positive to the left.
+    distances_m, steering_rad : (...), true distance of each step, metres, and steering angle, rad, positive to the left
     wheelbase_m : float
-    distance_std_m, steering_std_rad : float
-        Deviations of each step's ε_d and ε_φ.
+    distance_std_m, steering_std_rad : deviations of each step's ε_d and ε_φ
 
     Raises
     ------
@@ -142,8 +136,7 @@ def ackermann_drift(
 
     Parameters
     ----------
-    distances_m, steering_rad : array, shape (n,)
-        These, the rest and the errors as in `ackermann_step`.
+    distances_m, steering_rad : (n,), these, the rest and the errors as in `ackermann_step`
 
     Examples
     --------

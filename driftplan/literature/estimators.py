@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from driftplan.arrays import Floats, as_covariance, as_plane, finite, number, plane, shaped
-from driftplan.literature.relative_pose import StepNoise, moments_of_noise, step_moments
+from driftplan.literature.relative_pose import StepNoise, checked_steps, moments_of_noise, step_moments
 from driftplan.model.moments import power
 
 _TRY_ALL = 4096  # step numbers tried one by one
@@ -35,10 +35,8 @@ class Correction:
 
     Attributes
     ----------
-    rotation : complex
-        Factor of the measured rotation exp(jθ); of a length other than 1 it also scales all that follows.
-    translation_m : complex
-        Subtracted from the measured translation, metres.
+    rotation : factor of the measured rotation exp(jθ); of a length other than 1 it also scales all that follows
+    translation_m : subtracted from the measured translation, metres
     """
 
     rotation: complex = 1 + 0j
@@ -51,10 +49,8 @@ class Crossovers:
 
     Attributes
     ----------
-    variance_steps : int or None
-        In the trace of the covariance.
-    mean_square_steps : int or None
-        In E|e|²: later, as long as there is a bias to remove.
+    variance_steps : in the trace of the covariance
+    mean_square_steps : in E|e|²: later, as long as there is a bias to remove
     """
 
     variance_steps: int | None
@@ -130,10 +126,8 @@ def estimate_positions(
     Parameters
     ----------
     measured_turns_rad : array, shape (..., n)
-    measured_translations_m : array, shape (..., n, 2)
-        Each in the frame after its turn, metres.
-    correction : Correction, optional
-        Default: none.
+    measured_translations_m : (..., n, 2), each in the frame after its turn, metres
+    correction : default: none
 
     Returns
     -------
@@ -183,11 +177,7 @@ def bias_reduced_cov(turns_rad: ArrayLike, translations_m: ArrayLike, noise: Ste
     array([[0.0013 , 0.     ],
            [0.     , 0.14001]])
     """
-    turns, t = finite("turns_rad", turns_rad), plane("translations_m", translations_m)
-    if turns.ndim != 1 or not len(turns) or t.shape not in ((), turns.shape):
-        raise ValueError(
-            f"expected turns_rad (n,), n >= 1, and translations_m (n, 2) or (2,), got {turns.shape} and {(*t.shape, 2)}"
-        )
+    turns, t = checked_steps(turns_rad, translations_m)
     if isinstance(noise, StepNoise):
         left: StepNoise | list[StepNoise] = corrected(noise, bias_reduction(noise))
     else:
@@ -209,13 +199,11 @@ def crossovers(
 
     Parameters
     ----------
-    turn_rad : float
-        Turn before every step: 0 for a straight line.
+    turn_rad : turn before every step: 0 for a straight line
     translation_m : (2,)
         True translation of every step, metres, in the frame after its turn.
     noise : StepNoise
-    correction : Correction, optional
-        Default: `bias_reduction` of the noise.
+    correction : default: `bias_reduction` of the noise
 
     Notes
     -----

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Array, covariance, finite, not_negative, number, plane, shaped
+from driftplan.arrays import Array, Floats, covariance, finite, not_negative, number, plane, shaped
 from driftplan.model.drift import PointDrift
 from driftplan.model.heading_laws import law_moments, shifted
 from driftplan.model.moments import Moments, identity, scan
@@ -34,8 +34,7 @@ class StepNoise:
         E[δ], E[δ²], E[|δ|²] of δ = r - 1 (no unit).
     s1, S, s2 : complex, float, complex
         E[s] (m), E[|s|²] (m²), E[s²] (m²) of s = rτ. E[s] is ρ in Knuth & Barooah.
-    a, b : complex
-        E[s conj(δ)], E[s δ] (m).
+    a, b : E[s conj(δ)], E[s δ] (m)
     """
 
     d1: complex
@@ -62,8 +61,7 @@ class StepNoise:
 
         Parameters
         ----------
-        heading_std_rad, heading_mean_rad : float
-            Deviation and mean of the rotation error θ̃.
+        heading_std_rad, heading_mean_rad : deviation and mean of the rotation error θ̃
         heading_law : {"gaussian", "laplace", "von_mises", "uniform"}
             Its law (for "von_mises" the concentration is 1/std², and no gain is allowed).
         translation_bias_m : (2,)
@@ -127,12 +125,9 @@ class StepNoise:
         ----------
         translation_m : (2,)
             The true translation t, in the frame after the rotation.
-        heading_std_rad, heading_mean_rad, heading_law :
-            Of the rotation error.
-        direction_std_rad, direction_law :
-            Of φ̃, zero mean.
-        distance_std_m : float
-            Of d̃, zero mean, any law.
+        heading_std_rad, heading_mean_rad, heading_law : of the rotation error
+        direction_std_rad, direction_law : of φ̃, zero mean
+        distance_std_m : of d̃, zero mean, any law
 
         Examples
         --------
@@ -178,10 +173,8 @@ def step_moments(turns_rad: ArrayLike, translations_m: ArrayLike, noise: StepNoi
 
     Parameters
     ----------
-    turns_rad : array, shape (...)
-        True rotation of each step, rad.
-    translations_m : array, shape (..., 2)
-        True translation, metres, in the frame after the rotation.
+    turns_rad : (...), true rotation of each step, rad
+    translations_m : (..., 2), true translation, metres, in the frame after the rotation
     noise : StepNoise, or one per step
         A sequence goes with the last axis.
 
@@ -238,14 +231,20 @@ def dead_reckoning(
     >>> found.rms.round(4)
     array([0.    , 0.0999, 0.2231])
     """
-    turns, t = finite("turns_rad", turns_rad), finite("translations_m", translations_m)
+    turns, t = checked_steps(turns_rad, translations_m)
+    states = scan(step_moments(turns, translations_m, noise), identity())
+    driven = np.cumsum(np.broadcast_to(np.abs(t), turns.shape))
+    return PointDrift(np.concatenate([[0.0], driven]), states)
+
+
+def checked_steps(turns_rad: ArrayLike, translations_m: ArrayLike) -> tuple[Floats, Array]:
+    """Turns (n,) and translations, as complex numbers (n,) or, one for all steps, ()."""
+    turns, t = finite("turns_rad", turns_rad), plane("translations_m", translations_m)
     if turns.ndim != 1 or not len(turns):
         raise ValueError(f"expected turns_rad of shape (n,), n >= 1, got {turns.shape}")
-    if t.shape not in ((2,), (len(turns), 2)):
-        raise ValueError(f"expected translations_m of shape (2,) or ({len(turns)}, 2), got {t.shape}")
-    states = scan(step_moments(turns, t, noise), identity())
-    driven = np.cumsum(np.broadcast_to(np.hypot(t[..., 0], t[..., 1]), turns.shape))
-    return PointDrift(np.concatenate([[0.0], driven]), states)
+    if t.shape not in ((), turns.shape):
+        raise ValueError(f"expected translations_m of shape (2,) or ({len(turns)}, 2), got {(*t.shape, 2)}")
+    return turns, t
 
 
 def moments_of_noise(noise: StepNoise | Sequence[StepNoise], shape: tuple[int, ...]) -> tuple[Array, ...]:

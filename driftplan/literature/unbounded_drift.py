@@ -51,12 +51,9 @@ class Proposition1:
 
     Attributes
     ----------
-    bias : array, shape (..., 2)
-        E[e], metres.
-    cov : array, shape (..., 2, 2)
-        Covariance of e, m², with the x-y entry that the paper leaves out.
-    table : Table
-        Table I, corrected.
+    bias : (..., 2), E[e], metres
+    cov : (..., 2, 2), covariance of e, m², with the x-y entry that the paper leaves out
+    table : table I, corrected
     """
 
     bias: Floats
@@ -75,18 +72,13 @@ class Proposition2:
 
     Attributes
     ----------
-    bias : array, shape (..., 2)
-        E[e | measurements], metres: e is the error of fresh measurements of the unknown true path.
-    total_cov : array, shape (..., 2, 2)
-        Covariance of e given the measurements, m². This is what the sums of Table II give.
-    average_true_cov : array, shape (..., 2, 2)
-        Covariance of e for a known path, averaged over the true paths, m². This is what equation (6) announces; it is
-        smaller by the spread of the bias over the true paths.
-    measured_path_bias : array, shape (..., 2)
-        E[measured end - true end | measurements], metres: the posterior mean of the error that *has been* made. Not the
-        same as ``bias``; at first order it has the opposite sign.
-    table : Table
-        Table II, corrected.
+    bias : (..., 2), E[e | measurements], metres: e is the error of fresh measurements of the unknown true path
+    total_cov : (..., 2, 2), covariance of e given the measurements, m². This is what the sums of Table II give.
+    average_true_cov : (..., 2, 2), covariance of e for a known path, averaged over the true paths, m². This is what
+        equation (6) announces; it is smaller by the spread of the bias over the true paths.
+    measured_path_bias : (..., 2), E[measured end - true end | measurements], metres: the posterior mean of the error
+        that *has been* made. Not the same as ``bias``; at first order it has the opposite sign.
+    table : table II, corrected
     """
 
     bias: Floats
@@ -106,10 +98,9 @@ def proposition_1(
 
     Parameters
     ----------
-    distances_m, turns_rad : array, shape (..., n)
-        True distance (metres) of each step and the turn before it (rad, positive to the left).
-    heading_std_rad, distance_std_m : float
-        δ_θ and δ_d: deviations of each turn's and each distance's error.
+    distances_m, turns_rad : (..., n), true distance (metres) of each step and the turn before it (rad, positive to the
+        left)
+    heading_std_rad, distance_std_m : δ_θ and δ_d: deviations of each turn's and each distance's error
 
     Raises
     ------
@@ -142,10 +133,8 @@ def proposition_2(
 
     Parameters
     ----------
-    distances_m, turns_rad : array, shape (..., n)
-        Measured distance (metres) of each step and the measured turn before it (rad).
-    heading_std_rad, distance_std_m : float
-        δ_θ and δ_d.
+    distances_m, turns_rad : (..., n), measured distance (metres) of each step and the measured turn before it (rad)
+    heading_std_rad, distance_std_m : δ_θ and δ_d
 
     Examples
     --------

@@ -83,34 +83,30 @@ class OdometryNoise:
 
     Parameters
     ----------
-    heading_var_per_m : float
-        Heading variance gained per metre driven, rad²/m.
-    distance_var_per_m, lateral_var_per_m : float
-        Variance of the distance along, and across, the direction of travel per metre driven, m²/m.
-    heading_var_per_rad, distance_var_per_rad : float
-        Heading (rad²/rad) and distance (m²/rad) variance per radian turned, on the spot or along an arc.
-    heading_var_per_step, distance_var_per_step, lateral_var_per_step : float
-        The same per step: rad², m², m². They need ``step_m``.
-    step_m : float or None
-        Length of a step in metres; None for the continuous model.
+    heading_var_per_m : heading variance gained per metre driven, rad²/m
+    distance_var_per_m, lateral_var_per_m : variance of the distance along, and across, the direction of travel per
+        metre driven, m²/m
+    heading_var_per_rad, distance_var_per_rad : heading (rad²/rad) and distance (m²/rad) variance per radian turned, on
+        the spot or along an arc
+    heading_var_per_step, distance_var_per_step, lateral_var_per_step : the same per step: rad², m², m². They need
+        ``step_m``.
+    step_m : length of a step in metres; None for the continuous model.
     heading_law : {"gaussian", "laplace", "von_mises", "uniform"}
         Distribution of one step's heading error, entering by its exact characteristic function. The von Mises
         concentration is the reciprocal of the step's heading variance, and it takes no ``heading_distance_corr``.
         Laws other than the Gaussian need ``step_m``:
         a continuous white error is Gaussian.
-    heading_distance_corr : float
-        Correlation, in [-1, 1], of the heading and distance errors of the same step or stretch. In the continuous
-        model it acts half before and half after (Stratonovich), the limit of ever finer odometry.
-    heading_bias_per_m : float
-        Systematic heading error per metre, rad/m; positive when the estimate turns left of the truth.
-    heading_bias_per_rad : float
-        Systematic relative error of measured turns: the odometry reports ``(1 + heading_bias_per_rad) * turn``.
-    distance_scale_error : float
-        Systematic relative error of measured distances: reported is ``(1 + distance_scale_error) * distance``.
-    heading_bias_std_per_m, heading_bias_std_per_rad, distance_scale_std : float
-        How much these systematic errors differ from one drive to the next (another day, other tyres, another load):
-        standard deviations about the values above, Gaussian and constant during a drive. Predictions average over
-        drives; routes and layouts are searched for with the values above, and scored with the average.
+    heading_distance_corr : correlation, in [-1, 1], of the heading and distance errors of the same step or stretch. In
+        the continuous model it acts half before and half after (Stratonovich), the limit of ever finer odometry.
+    heading_bias_per_m : systematic heading error per metre, rad/m; positive when the estimate turns left of the truth
+    heading_bias_per_rad : systematic relative error of measured turns: the odometry reports
+        ``(1 + heading_bias_per_rad) * turn``
+    distance_scale_error : systematic relative error of measured distances: reported is
+        ``(1 + distance_scale_error) * distance``
+    heading_bias_std_per_m, heading_bias_std_per_rad, distance_scale_std : how much these systematic errors differ from
+        one drive to the next (another day, other tyres, another load): standard deviations about the values above,
+        Gaussian and constant during a drive. Predictions average over drives; routes and layouts are searched for with
+        the values above, and scored with the average.
 
     Raises
     ------
@@ -177,14 +173,11 @@ class OdometryNoise:
 
         Parameters
         ----------
-        heading_deg : float
-            Standard deviation of the heading error, in degrees, after ``after_m`` metres.
-        distance_m : float
-            Standard deviation of the distance error, in metres, after ``after_m`` metres.
-        after_m : float
-            Length of the drives, in metres.
-        heading_deg_per_full_turn : float
-            Standard deviation of the heading error, in degrees, after turning once around (360°) on the spot.
+        heading_deg : standard deviation of the heading error, in degrees, after ``after_m`` metres
+        distance_m : standard deviation of the distance error, in metres, after ``after_m`` metres
+        after_m : length of the drives, in metres
+        heading_deg_per_full_turn : standard deviation of the heading error, in degrees, after turning once around
+            (360°) on the spot
 
         Examples
         --------

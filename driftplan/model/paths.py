@@ -6,7 +6,7 @@ Frame: world, metres, x to the right, y up, headings counter-clockwise from +x i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -48,14 +48,10 @@ class Runs:
 
     Attributes
     ----------
-    start : complex array, shape (...)
-        x + jy of the start, metres.
-    heading : array, shape (...)
-        Heading before the first turn, rad.
-    turns, lengths, curvatures : arrays, shape (..., m)
-        rad, m, 1/m.
-    legs_per_waypoint : int
-        Legs between two waypoints of the path that was read.
+    start : (...), x + jy of the start, metres
+    heading : (...), heading before the first turn, rad
+    turns, lengths, curvatures : (..., m), rad, m, 1/m
+    legs_per_waypoint : legs between two waypoints of the path that was read
     """
 
     start: NDArray[np.complex128]
@@ -71,8 +67,7 @@ class Runs:
 
         Parameters
         ----------
-        distances_m, turns_rad : array, shape (..., m)
-            Distances >= 0. The path starts at the origin with heading 0.
+        distances_m, turns_rad : (..., m), distances >= 0. The path starts at the origin with heading 0.
 
         Examples
         --------
@@ -154,10 +149,9 @@ def read_path(path: Any, start_heading: float | ArrayLike | None = None) -> Runs
 
     Parameters
     ----------
-    path :
-        (n, 2) waypoints joined by straight runs; (n, 3) poses x, y, heading: at each the robot turns to face the next
-        waypoint, drives, and turns to the heading asked for; (..., n, 2|3) batches; a list of arrays of different
-        lengths (shorter ones then stand still at their end, which costs nothing); a list of `Run`; `Runs`.
+    path : (n, 2) waypoints joined by straight runs; (n, 3) poses x, y, heading: at each the robot turns to face the
+        next waypoint, drives, and turns to the heading asked for; (..., n, 2|3) batches; a list of arrays of different
+        lengths (shorter ones then stand still at their end, which costs nothing); a list of `Run`; `Runs`
     start_heading : float or array, optional
         Heading before the first turn, rad. Default: the heading of the first run; for `Run` lists and logs 0. Poses
         bring their own.
@@ -167,24 +161,18 @@ def read_path(path: Any, start_heading: float | ArrayLike | None = None) -> Runs
     ValueError
         For fewer than 2 waypoints, wrong shapes, values that are not finite, negative lengths.
     """
-    if isinstance(path, Runs):
-        runs = path
-    elif _is_sequence_of(path, Run):
-        runs = _from_runs(path)
-    else:
-        runs = _from_array(_as_array(path))
-        if start_heading is None:
-            return runs
-        if runs.legs_per_waypoint == 2:
-            raise ValueError("expected no start_heading with a path of poses, whose first heading it is: got both")
-        heading = np.broadcast_to(finite("start_heading", start_heading), runs.heading.shape)
-        turns = runs.turns.copy()
-        turns[..., 0] = wrap(turns[..., 0] + runs.heading - heading)
-        return Runs(runs.start, heading, turns, runs.lengths, runs.curvatures)
+    driven = path if isinstance(path, Runs) else _from_runs(path) if _is_sequence_of(path, Run) else None
+    runs = _from_array(_as_array(path)) if driven is None else driven
     if start_heading is None:
         return runs
     heading = np.broadcast_to(finite("start_heading", start_heading), np.shape(runs.heading))
-    return Runs(runs.start, heading, runs.turns, runs.lengths, runs.curvatures, runs.legs_per_waypoint)
+    if driven is not None:  # its turns are given
+        return replace(runs, heading=heading)
+    if runs.legs_per_waypoint == 2:
+        raise ValueError("expected no start_heading with a path of poses, whose first heading it is: got both")
+    turns = runs.turns.copy()
+    turns[..., 0] = wrap(turns[..., 0] + runs.heading - heading)
+    return replace(runs, heading=heading, turns=turns)
 
 
 def wrap(angle_rad: Floats) -> Floats:

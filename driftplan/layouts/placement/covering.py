@@ -102,12 +102,9 @@ def cheapest_cover(
         Sites that are there anyway.
     hint : bool array (n,)
         A layout to start from.
-    stop_at_first : bool
-        Stop at the first acceptable layout (`Outcome.GOOD_ENOUGH`) instead of looking for the cheapest.
-    time_limit : float
-        Seconds.
-    progress : callable, optional
-        Called with seconds, cost of the best layout and lower bound whenever one of them changes.
+    stop_at_first : stop at the first acceptable layout (`Outcome.GOOD_ENOUGH`) instead of looking for the cheapest
+    time_limit : seconds
+    progress : called with seconds, cost of the best layout and lower bound whenever one of them changes
 
     Examples
     --------

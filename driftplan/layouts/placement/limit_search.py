@@ -40,12 +40,9 @@ class LimitSearch:
     Parameters
     ----------
     problem : PlacementProblem
-    table : RouteTable
-        The problem's, fine enough for the limits.
-    deadline : float
-        When to stop, by the monotonic clock.
-    progress : callable, optional
-        Called with seconds, cost and lower bound of the cover that is being looked for.
+    table : the problem's, fine enough for the limits
+    deadline : when to stop, by the monotonic clock
+    progress : called with seconds, cost and lower bound of the cover that is being looked for
     """
 
     def __init__(self, problem: PlacementProblem, table: RouteTable, deadline: float, progress: Progress | None = None):

@@ -30,14 +30,10 @@ class SpatialDrift:
 
     Attributes
     ----------
-    position : array, shape (n + 1, 3)
-        True position, metres, world frame.
-    distance : array, shape (n + 1,)
-        Metres flown.
-    bias : array, shape (n + 1, 3)
-        E[e], metres, world frame.
-    cov : array, shape (n + 1, 3, 3)
-        Covariance of e, m², world frame. Its smallest eigenvalue is known to about 1e-15 rms² only.
+    position : (n + 1, 3), true position, metres, world frame
+    distance : (n + 1,), metres flown
+    bias : (n + 1, 3), E[e], metres, world frame
+    cov : (n + 1, 3, 3), covariance of e, m², world frame. Its smallest eigenvalue is known to about 1e-15 rms² only.
     """
 
     position: Floats
@@ -92,8 +88,7 @@ def predict_drift_3d(
         True attitude increments, body frame. Matrices orthonormal within 1e-6 are made so to rounding.
     translations : (n, 3)
         True displacements, metres, body frame.
-    rotation_noise : RotationNoise
-        One for all steps, or with a leading axis of length n.
+    rotation_noise : one for all steps, or with a leading axis of length n
     translation_cov : (3, 3) or (n, 3, 3), optional
         Covariance of the displacement error, m², body frame. Default: none.
     translation_bias : (3,) or (n, 3), optional
@@ -182,12 +177,9 @@ def predict_flight_drift(
     if len(path) < 2:
         raise ValueError(f"expected at least 2 waypoints, got {len(path)}")
     legs = np.diff(path, axis=0)
-    rates = {
-        "rotation_var_per_m": rotation_var_per_m,
-        "distance_var_per_m": distance_var_per_m,
-        "lateral_var_per_m": lateral_var_per_m,
-    }
-    turn, along, across = (_rate(name, value, len(legs)) for name, value in rates.items())
+    turn = _rate("rotation_var_per_m", rotation_var_per_m, len(legs))
+    along = _rate("distance_var_per_m", distance_var_per_m, len(legs))
+    across = _rate("lateral_var_per_m", lateral_var_per_m, len(legs))
 
     def pieces(where: slice) -> IsotropicMoments:
         return IsotropicMoments.of_straight_runs(legs[where], turn[where], along[where], across[where])

@@ -41,10 +41,8 @@ class RotationNoise:
 
     Attributes
     ----------
-    law : str
-        "gaussian", "brownian", "von_mises_fisher" (isotropic) or "anisotropic_gaussian".
-    parameter : array, shape (...) or (..., 3, 3)
-        Standard deviation in rad per axis, concentration, or covariance in rad².
+    law : "gaussian", "brownian", "von_mises_fisher" (isotropic) or "anisotropic_gaussian"
+    parameter : (...) or (..., 3, 3), standard deviation in rad per axis, concentration, or covariance in rad²
 
     Examples
     --------

@@ -28,8 +28,7 @@ def simulate_drift_3d(
     ----------
     rotations, translations, rotation_noise, translation_cov, translation_bias
         As for `predict_drift_3d`.
-    runs : int
-        Number of flights, >= 1.
+    runs : number of flights, >= 1
     rng : Generator or seed
         Same seed, same answer.
 

@@ -24,8 +24,7 @@ def flight_steps(waypoints: ArrayLike, step_m: float) -> tuple[Floats, Floats]:
     ----------
     waypoints : (n, 3)
         Metres, n >= 2. Runs of no length give no step.
-    step_m : float
-        Greatest length of a step, metres.
+    step_m : greatest length of a step, metres
 
     Returns
     -------

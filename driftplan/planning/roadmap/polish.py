@@ -182,10 +182,8 @@ def shortened(
 
     Parameters
     ----------
-    holds : callable
-        Asked about one path at a time; true of ``path``.
-    stop : callable
-        Asked before every trial; True ends it with what was reached.
+    holds : asked about one path at a time; true of ``path``
+    stop : asked before every trial; True ends it with what was reached.
     """
     path = _without_needless(path, space, holds, stop)
     for _ in range(_PULLING_SWEEPS):

@@ -41,8 +41,7 @@ def plot_fit(
     fit : NoiseFit
     others : mapping of label to SegmentCheck, optional
         Checks of the fit on other drives, from `NoiseFit.check_on`.
-    figure : Figure, optional
-        An empty figure to draw into; default: a new one that knows nothing of pyplot.
+    figure : an empty figure to draw into; default: a new one that knows nothing of pyplot
     """
     checks = {FITTED: fit.check, **(others or {})}
     headed = fit.check.has_heading
@@ -68,8 +67,7 @@ def plot_tracks(fit: NoiseFit, *, ax: Axes | None = None) -> list[Line2D]:
     Parameters
     ----------
     fit : NoiseFit
-    ax : Axes, optional
-        Default: pyplot's current Axes.
+    ax : default: pyplot's current Axes
     """
     ax = style.current_axes(ax)
     drawn: list[Line2D] = []
@@ -94,10 +92,8 @@ def plot_growth(
     fit : NoiseFit
     others : mapping of label to SegmentCheck, optional
         Checks on other drives.
-    heading : bool
-        The heading error gained (degrees) instead of the position error (metres).
-    ax : Axes, optional
-        Default: pyplot's current Axes.
+    heading : the heading error gained (degrees) instead of the position error (metres)
+    ax : default: pyplot's current Axes
     """
     ax = style.current_axes(ax)
     bands = fit.heading_rms_intervals if heading else np.array([r.predicted_rms_interval_m for r in fit.check.lengths])
@@ -150,8 +146,7 @@ def plot_predicted(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None
     Parameters
     ----------
     checks : mapping of label to SegmentCheck
-    ax : Axes, optional
-        Default: pyplot's current Axes.
+    ax : default: pyplot's current Axes
     """
     ax = style.current_axes(ax)
     drawn, sizes = [], []
@@ -178,8 +173,7 @@ def plot_coverage(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None)
     Parameters
     ----------
     checks : mapping of label to SegmentCheck
-    ax : Axes, optional
-        Default: pyplot's current Axes.
+    ax : default: pyplot's current Axes
     """
     ax = style.current_axes(ax)
     drawn = []
