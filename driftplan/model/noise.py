@@ -303,7 +303,8 @@ class OdometryNoise:
         shifted = (value + z * std for value, z, std in zip(known, deviations, self.spread, strict=True))
         changed: dict[str, Any] = dict(zip(SYSTEMATIC, shifted, strict=True))
         changed["distance_scale_error"] = max(changed["distance_scale_error"], -0.99)
-        return replace(self, **changed, **dict.fromkeys(BETWEEN_DRIVES.values(), 0.0))
+        changed |= dict.fromkeys(BETWEEN_DRIVES.values(), 0.0)
+        return replace(self, **changed)
 
     @property
     def is_systematic(self) -> bool:

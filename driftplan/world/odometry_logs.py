@@ -143,7 +143,8 @@ def read_odometry(
                 raise ValueError(f"expected poses with a heading (heading, or qx qy qz qw), got {sorted(found)}")
             log = OdometryLog.from_poses(np.column_stack([truth.xy, truth.heading]), truth.times)
         elif kind == "increments":
-            log = OdometryLog.from_increments(*_needed(found, "distance", "turn"), found.get("time"))
+            distances, turns = _needed(found, "distance", "turn")
+            log = OdometryLog.from_increments(distances, turns, found.get("time"))
         else:
             log = OdometryLog.from_velocities(*_needed(found, "time", "speed", "turn_rate"))
         return replace(log, notes=notes)

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.model.covariance import SystematicSpread, path_legs
+from driftplan.model.covariance import path_legs
 from driftplan.model.filter_state import FilterState, bearing_row, heading_row, position_rows, range_row
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import OdometryNoise, SystematicSpread
 from driftplan.model.paths import Run, read_path
 
 QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])

@@ -26,14 +26,15 @@ def clock_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0)
         return 0.0
     at = np.linspace(first, last, min(int((last - first) / (0.5 * window)), 4000))
     at = at[at + window <= last]
-    turning = truth.heading is not None
-    counted, true = (odometry.headings, truth.heading) if turning else (odometry.positions, truth.positions)
+    turning, counted, true = False, odometry.positions, truth.positions
+    if truth.heading is not None:
+        turning, counted, true = True, odometry.headings.astype(complex), truth.heading.astype(complex)
 
-    def gained(begin: Floats, times: Floats, values: Floats | Complexes) -> Floats:
+    def gained(begin: Floats, times: Floats, values: Complexes) -> Floats:
         change = interpolated(begin + window, times, values) - interpolated(begin, times, values)
         return np.asarray(change.real if turning else np.abs(change))
 
-    said = gained(at, odometry.times, counted)
+    said: Floats = gained(at, odometry.times, counted)
 
     def disagreement(offset: float) -> float:
         difference = said - gained(at + offset, truth.times, true)
@@ -76,5 +77,5 @@ def heading_offset(estimate: Complexes, gained: Floats, truth: Complexes) -> flo
     return angle if abs(angle) > max(_CLEARLY_TURNED * error, _LEAST_RAD) else 0.0
 
 
-def interpolated(at: Floats, times: Floats, positions: Floats | Complexes) -> Complexes:
+def interpolated(at: Floats, times: Floats, positions: Complexes) -> Complexes:
     return np.asarray(np.interp(at, times, positions.real) + 1j * np.interp(at, times, positions.imag))
