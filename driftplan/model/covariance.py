@@ -10,6 +10,9 @@ frame, and the unknown constants of the odometry (`SystematicSpread`), if any. P
 * Reading z = Hx + v, v ~ N(0, R): ``P ← P (I + J P)⁻¹`` with the information J = Hᵀ R⁻¹ H. A reading of position,
   heading, range or bearing is one to three `Row` objects, read one after the other: no matrix is inverted, and a
   perfect reading (variance 0) is exact.
+* Whole stretches, ``P ↦ A (I + P J)⁻¹ P Aᵀ + C``, are one element each and compose (`compose`, `prefixes`).
+  Source: S. Särkkä, Á. García-Fernández, Temporal parallelization of Bayesian smoothers, IEEE Trans. Automatic Control
+  66(1), 2021; the use for routes: S. Prentice, N. Roy, The belief roadmap, IJRR 28(11-12), 2009.
 
 Both are monotone: P₁ ⪯ P₂ stays so through every leg and reading, and a reading never hurts. Valid while the heading's
 standard deviation between readings stays below `filter_state.LINEAR_HEADING_STD_RAD`: beyond, the filter itself goes
@@ -32,12 +35,100 @@ import numpy as np
 from driftplan.arrays import Array, Complexes, Floats, Ints, as_covariance, as_plane
 from driftplan.model import moments
 from driftplan.model.elements import run_moments, turn_moments
-from driftplan.model.filter_state import LegColumns, transition_entries, upper_triangle
+from driftplan.model.filter_state import LegColumns, Row, transition_entries, upper_triangle
 from driftplan.model.moments import Moments
 from driftplan.model.noise import NO_SPREAD, SYSTEMATIC, OdometryNoise, SystematicSpread
 from driftplan.model.paths import Runs
 
 SMALL_NOISE_FACTOR = 2.0**-20  # on standard deviations: the neglected terms are 1e-12 of what is kept
+_PERFECT_READING_VARIANCE = 1e-12  # m² or rad²: of a perfect reading of what a stretch began with, in an element only
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CovarianceMap:
+    """What driving and reading do to the covariance: ``P ↦ A (I + P J)⁻¹ P Aᵀ + C``, over any leading axes."""
+
+    A: Floats  # (..., d, d) transition, d = 3 + constants
+    C: Floats  # (..., d, d) covariance gained
+    J: Floats  # (..., d, d) information gained about the state at the beginning
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.A.shape[:-2]
+
+    def arrays(self) -> tuple[Floats, Floats, Floats]:
+        return self.A, self.C, self.J
+
+    def __getitem__(self, index: Any) -> CovarianceMap:
+        """By the first of the leading axes."""
+        return CovarianceMap(*(x[index] for x in self.arrays()))
+
+    def along_last(self, part: slice) -> CovarianceMap:
+        """A part of the last of the leading axes."""
+        return CovarianceMap(*(x[..., part, :, :] for x in self.arrays()))
+
+    def __call__(self, P: Floats) -> Floats:
+        """The covariance at the end of the stretch, given that at its beginning, (..., d, d)."""
+        inner = np.linalg.solve(np.eye(P.shape[-1]) + P @ self.J, P)
+        return _symmetric(self.A @ inner @ _T(self.A) + self.C)
+
+    def read(self, rows: Sequence[Row]) -> CovarianceMap:
+        """The same stretch with a reading at its end; nothing is inverted.
+
+        A perfect reading of something on which the stretch put no noise would be infinite information: it then counts
+        as one of a micrometre or microradian.
+        """
+        A, C, J = self.A, self.C, self.J
+        for row in rows:
+            h = row.vector(A.shape[-1])
+            g, back = C @ h, np.squeeze(_T(A) @ h[..., None], -1)
+            s = np.maximum((h * g).sum(-1) + row.variance, _PERFECT_READING_VARIANCE * (h * h).sum(-1))[..., None, None]
+            gain = g[..., :, None] / s
+            A, C = A - gain * back[..., None, :], _symmetric(C - gain * g[..., None, :])
+            J = J + back[..., :, None] * back[..., None, :] / s
+        return CovarianceMap(A, C, J)
+
+
+def identity(shape: tuple[int, ...] = (), size: int = 3) -> CovarianceMap:
+    """The stretch in which nothing happens: neutral for `compose`."""
+    eye = np.broadcast_to(np.eye(size), (*shape, size, size))
+    return CovarianceMap(eye, np.zeros(eye.shape), np.zeros(eye.shape))
+
+
+def compose(first: CovarianceMap, second: CovarianceMap) -> CovarianceMap:
+    """The stretch that is ``first`` followed by ``second``; associative.
+
+    Examples
+    --------
+    >>> compose(identity(), identity()).A.trace().item()
+    3.0
+    """
+    M: Floats = np.asarray(np.linalg.inv(np.eye(first.A.shape[-1]) + first.C @ second.J), dtype=float)
+    onward, back = second.A @ M, _T(first.A) @ _T(M) @ second.J
+    return CovarianceMap(
+        onward @ first.A, _symmetric(onward @ first.C @ _T(second.A) + second.C), _symmetric(back @ first.A + first.J)
+    )
+
+
+def prefixes(maps: CovarianceMap) -> CovarianceMap:
+    """``maps[0]``, ``maps[0]·maps[1]``, … along the last of the leading axes, in about twice as many compositions.
+
+    Examples
+    --------
+    >>> prefixes(identity((5,))).shape
+    (5,)
+    """
+    n = maps.shape[-1]
+    if n < 2:
+        return maps
+    pairs = prefixes(compose(maps.along_last(slice(0, n - 1, 2)), maps.along_last(slice(1, None, 2))))
+    rest = compose(pairs.along_last(slice(0, (n - 1) // 2)), maps.along_last(slice(2, None, 2)))
+    arrays = [np.empty(maps.A.shape) for _ in range(3)]
+    for array, first, odd, even in zip(arrays, maps.arrays(), pairs.arrays(), rest.arrays(), strict=True):
+        array[..., 0, :, :] = first[..., 0, :, :]
+        array[..., 1::2, :, :] = odd
+        array[..., 2::2, :, :] = even
+    return CovarianceMap(*arrays)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +138,11 @@ class Legs:
     A: Floats  # (..., d, d)
     C: Floats  # (..., d, d)
     shift: Floats  # (..., d) what known systematic errors add to the mean; the filter does not know of it
+
+    @property
+    def maps(self) -> CovarianceMap:
+        """As elements, without the shift of the mean."""
+        return CovarianceMap(self.A, self.C, np.zeros(self.C.shape))
 
     @property
     def moves(self) -> Complexes:
@@ -164,3 +260,11 @@ def _sensitivity(
 def _in_turn(columns: tuple[Any, ...]) -> list[tuple[Any, ...]]:
     """Entry by entry along the last axis."""
     return list(zip(*(x.tolist() if x.ndim == 1 else list(np.moveaxis(x, -1, 0)) for x in columns), strict=True))
+
+
+def _T(x: Floats) -> Floats:
+    return np.swapaxes(x, -1, -2)
+
+
+def _symmetric(x: Floats) -> Floats:
+    return np.asarray(0.5 * (x + _T(x)))

@@ -28,6 +28,11 @@ class Row(NamedTuple):
     coefficients: tuple[Any, Any, Any]
     variance: Any
 
+    def vector(self, size: int) -> Floats:
+        """The coefficients as an array (..., size)."""
+        columns = np.stack(np.broadcast_arrays(*(np.asarray(c, dtype=float) for c in self.coefficients)), axis=-1)
+        return np.concatenate([columns, np.zeros((*columns.shape[:-1], size - 3))], axis=-1)
+
 
 X_AXIS, Y_AXIS, HEADING_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 

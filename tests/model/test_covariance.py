@@ -9,7 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.model.covariance import path_legs
+from driftplan.model.covariance import (
+    CovarianceMap,
+    compose,
+    identity,
+    path_legs,
+    prefixes,
+)
 from driftplan.model.filter_state import FilterState, bearing_row, heading_row, position_rows, range_row
 from driftplan.model.noise import OdometryNoise, SystematicSpread
 from driftplan.model.paths import Run, read_path
@@ -78,6 +84,15 @@ def random_run(rng):
         curvature_per_m=rng.uniform(-2, 2) * (rng.random() < 0.5),
         turn_rad=rng.uniform(-4, 4) * (rng.random() < 0.7),
     )
+
+
+def random_elements(rng, count):
+    path = path_legs(read_path([random_run(rng) for _ in range(count)]), [EVERYTHING]).maps
+    return [path[k].read(random_reading(rng)[0] if rng.random() < 0.5 else ()) for k in range(count)]
+
+
+def scaled_difference(X: CovarianceMap, Y: CovarianceMap) -> float:
+    return max(np.abs(x - y).max() / max(np.abs(x).max(), 1e-300) for x, y in zip(X.arrays(), Y.arrays(), strict=True))
 
 
 def test_straight_legs_are_those_of_the_sheet():
@@ -149,27 +164,39 @@ def test_cutting_a_leg_changes_nothing(seed, share):
     noise = replace(EVERYTHING, heading_bias_per_m=0.01, heading_bias_per_rad=0.02, distance_scale_error=0.03)
     spread = SystematicSpread(heading_bias_per_m=0.01, heading_bias_per_rad=0.02, distance_scale_error=0.03)
     whole, parts = (path_legs(read_path(runs), [noise], None, spread) for runs in ([run], [first, second]))
-    np.testing.assert_allclose(parts.A[1] @ parts.A[0], whole.A[0], atol=1e-9 * np.abs(whole.A).max())
-    C = parts.A[1] @ parts.C[0] @ parts.A[1].T + parts.C[1]
-    np.testing.assert_allclose(C, whole.C[0], atol=1e-9 * np.abs(whole.C).max())
+    a, b = parts.maps[0], parts.maps[1]
+    assert scaled_difference(whole.maps[0], compose(a, b)) < 1e-9
     np.testing.assert_allclose(parts.A[1] @ parts.shift[0] + parts.shift[1], whole.shift[0], atol=1e-9)
 
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=30)
-def test_states_and_plain_matrices_agree(seed):
+def test_composition_is_associative_and_has_an_identity(seed):
+    a, b, c = random_elements(np.random.default_rng(seed), 3)
+    assert scaled_difference(compose(compose(a, b), c), compose(a, compose(b, c))) < 1e-9
+    assert scaled_difference(compose(a, identity()), a) < 1e-13
+    assert scaled_difference(compose(identity(), a), a) < 1e-13
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=30)
+def test_elements_states_and_plain_matrices_agree(seed):
     rng = np.random.default_rng(seed)
     count = 25
     path = path_legs(read_path([random_run(rng) for _ in range(count)]), [EVERYTHING])
     readings = [random_reading(rng) for _ in range(count)]
     P = np.diag([*rng.uniform(0, 0.1, 2), 0.01])
     plain, state = P, FilterState.from_matrix(P)
+    elements = [path.maps[k].read(rows) for k, (rows, _, _) in enumerate(readings)]
+    stacked = CovarianceMap(*(np.stack(x) for x in zip(*(e.arrays() for e in elements), strict=True)))
+    upto = prefixes(stacked)
     for k, (leg, (rows, H, R)) in enumerate(zip(path.columns(), readings, strict=True)):
         plain = path.A[k] @ plain @ path.A[k].T + path.C[k]
         plain = plain_reading(plain, H, R)
         state = state.driven(leg).read(rows)
         scale = np.sqrt(np.outer(plain.diagonal(), plain.diagonal())) + 1e-12
         assert (np.abs(state.matrix - plain) / scale).max() < 1e-7
+        assert (np.abs(upto[k](P) - plain) / scale).max() < 1e-5
 
 
 def test_thousands_of_drives_at_once_are_each_as_if_alone():
@@ -230,6 +257,17 @@ def test_perfect_readings_leave_nothing_and_need_no_inverse():
     ranged = state.read((along,)).read((along,))
     assert abs(np.array([0.6, 0.8]) @ ranged.matrix[:2, :2] @ [0.6, 0.8]) < 1e-15
     assert np.linalg.eigvalsh(ranged.matrix).min() > -1e-15
+
+
+def test_a_perfect_reading_in_an_element_is_exact_once_noise_has_entered():
+    leg = path_legs(read_path([(0, 0), (5, 2)]), [EVERYTHING])
+    P = np.diag([0.1, 0.2, 0.01])
+    rows = position_rows(np.zeros((2, 2)))
+    after = FilterState.from_matrix(P).driven(leg.columns()[0]).read(rows)
+    np.testing.assert_allclose(leg.maps[0].read(rows)(P), after.matrix, atol=1e-12)
+    floored = identity().read(rows)(P)  # infinite information: counts as a micrometre
+    assert 0 < floored[0, 0] < 2e-12
+    assert floored[2, 2] == pytest.approx(0.01)
 
 
 def test_a_reading_far_better_than_the_estimate_keeps_its_digits():

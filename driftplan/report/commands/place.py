@@ -134,13 +134,12 @@ def _layout_text(args: argparse.Namespace, layout: Layout) -> str:
             "on route": [NONE if row.worst_route_if_dead < 0 else row.worst_route_if_dead for row in rows],
         }
         parts.append(table(columns))
-    note = layout.note.replace('estimator="filter"', "--estimator filter")
     hurts = ""
     if rows and rows[0].routes:
         hurts = f"The failure that hurts most is that of {rows[0].id}: {rows[0].worst_drift_if_dead_m:.3g} m. "
     parts.append(
         f"{counted(len(layout.beacons), 'new beacon')} of cost {layout.cost:g}; worst {what} "
-        f"{layout.worst_drift:.3g} m. {hurts}{_proof(layout)} {note}".rstrip()
+        f"{layout.worst_drift:.3g} m. {hurts}{_proof(layout)} {shared.note_of(layout)}".rstrip()
     )
     return "\n\n".join(parts)
 

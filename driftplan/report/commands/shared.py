@@ -15,7 +15,7 @@ from driftplan.report.commands.answer import talk
 from driftplan.report.commands.option import Group, Idle, Option, point
 
 if TYPE_CHECKING:
-    from driftplan import BeaconKind, Fix, OdometryNoise, World
+    from driftplan import BeaconKind, Fix, Layout, OdometryNoise, World
 
 PLANNERS = ("roadmap", "rrtstar", "informed_rrtstar", "sorrtstar", "bitstar")  # here too, so that --help loads none
 DEFAULT_PLANNER = "roadmap"
@@ -76,7 +76,7 @@ START_SPREAD = (
 )
 SEARCH = (
     Option("planner", "NAME", ", ".join(PLANNERS), str, DEFAULT_PLANNER),
-    Option("time_limit", "S", "planning time per route, seconds (default: 1; 5 with beacons or a limit; none with "
+    Option("time_limit", "S", "planning time per route, seconds (default: until it is done, at most 5; none with "
            "--iterations)"),
     Option("iterations", "N", "end after N batches of the roadmap, or iterations of another planner: the same seed "
            "then gives the same route (default: the time decides)", int),
@@ -237,6 +237,11 @@ def kind_from(args: argparse.Namespace, **common: Any) -> BeaconKind:
         **{name.removesuffix("_deg"): radians(std) if name.endswith("_deg") else std for name, std in stds.items()},
         **common,
     )
+
+
+def note_of(layout: Layout) -> str:
+    """What `Layout.note` says, in the words of the command line."""
+    return layout.note.replace('estimator="filter"', "--estimator filter")
 
 
 def search_effort(args: argparse.Namespace) -> str:
