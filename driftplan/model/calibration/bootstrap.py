@@ -10,6 +10,7 @@ import numpy as np
 from driftplan.arrays import Floats, Ints
 from driftplan.model.calibration.quasi_likelihood import (
     RANDOM,
+    SYSTEMATIC,
     TRUTH,
     Model,
     Solution,
@@ -21,7 +22,7 @@ from driftplan.model.calibration.quasi_likelihood import (
 )
 from driftplan.model.calibration.segment_sets import SegmentSet
 from driftplan.model.calibration.segments import TruthNoise
-from driftplan.model.noise import BETWEEN_DRIVES, SYSTEMATIC, OdometryNoise
+from driftplan.model.noise import BETWEEN_DRIVES, OdometryNoise
 
 _MOST_LOG = 50.0  # of a mean square over its prediction: beyond, nothing is known, and exp would overflow
 _THREE_ERRORS = 0.00135  # chance of a normal value above three standard deviations
@@ -142,19 +143,13 @@ def between_drives(segments: SegmentSet, solution: Solution, std_errors: dict[st
     """Standard deviations, by the names of `OdometryNoise`, by which another drive's systematic errors differ from the
     fitted ones: the fit's own error, and the spread from drive to drive beyond what each drive leaves open. Of one
     drive that spread is unknown, and taken for as large as the fit's own error."""
-    drives = np.unique(segments.drive_of)
-    own = drive_deviations(segments, solution)
-    found = {}
-    for k, values in zip(np.flatnonzero(~solution.bounded), own.T, strict=True):
-        name = solution.names[k]
-        error = std_errors[name] ** 2
-        if drives.size < 2:
-            variance = 2 * error
-        else:
-            spread = float(np.var(values, ddof=1))  # of which each drive's own error is no part of the next drive's
-            variance = max(spread - drives.size * error, 0.0) + max(error, spread / drives.size)
-        found[BETWEEN_DRIVES[name]] = sqrt(variance)
-    return found
+    own, names = drive_deviations(segments, solution), [name for name in solution.names if name in SYSTEMATIC]
+    error = np.array([std_errors[name] for name in names]) ** 2
+    drives, variances = len(own), 2 * error
+    if drives > 1:
+        spread = np.var(own, axis=0, ddof=1)  # of which each drive's own error is no part of the next drive's
+        variances = np.maximum(spread - drives * error, 0.0) + np.maximum(error, spread / drives)
+    return {BETWEEN_DRIVES[name]: sqrt(variance) for name, variance in zip(names, variances.tolist(), strict=True)}
 
 
 def _widened(blocks: int) -> float:

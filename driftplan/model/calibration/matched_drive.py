@@ -101,7 +101,8 @@ def match(
 
     Raises
     ------
-    ValueError : when the recordings do not overlap in time
+    ValueError
+        When the recordings do not overlap in time.
     """
     odometry = odometry.without_glitches()
     if time_offset_s is None:
@@ -132,10 +133,7 @@ def match(
         used_m=float(sum(np.ptp(part.driven) for part in resampled)),
         turned_rad=float(sum(part.angles.sum() for part in resampled)),
     )
-    turned_back = tuple(
-        part if part.truth_heading is None else part._replace(truth_heading=part.truth_heading - heading_offset)
-        for part in resampled
-    )
+    turned_back = tuple(_turned_by(part, -heading_offset) for part in resampled)
     return MatchedDrive(turned_back, counts, float(time_offset_s), float(heading_offset))
 
 
@@ -162,6 +160,10 @@ def _mounting(resampled: list[ResampledDrive]) -> float:
     if not resampled:
         return 0.0
     return reference_offsets.heading_offset(np.concatenate(estimated), np.concatenate(gained), np.concatenate(true))
+
+
+def _turned_by(part: ResampledDrive, angle: float) -> ResampledDrive:
+    return part if part.truth_heading is None else part._replace(truth_heading=part.truth_heading + angle)
 
 
 def _good_samples(odometry: OdometryLog, truth: Trajectory) -> tuple[Bools, list[tuple[float, float]]]:

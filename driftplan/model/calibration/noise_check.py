@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from math import hypot
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.model.calibration.bootstrap import RmsSpread, systematic_errors
 from driftplan.model.calibration.notes import judged, systematic_notes
+from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_check import SegmentCheck, check_segments
 from driftplan.model.calibration.segment_sets import SegmentSet, drives_of, segment_set
@@ -60,18 +60,16 @@ def checked(
     segments: SegmentSet,
     noise: OdometryNoise,
     truth: TruthNoise,
-    std_errors: Mapping[str, float] | None = None,
     spread: RmsSpread | None = None,
 ) -> SegmentCheck:
-    """The check of a noise, and what it says of systematic errors; for a fitted one within its standard errors."""
+    """The check of a noise, and what it says of systematic errors; for a fit within what it knows."""
     mean, cov = segments.expected(segments.windows(noise), truth)
     values, slopes = systematic_errors(segments, noise.on_drive((0, 0, 0)), truth)
     between = {name: getattr(noise, std) for name, std in BETWEEN_DRIVES.items()}
-    variances = np.array([*between.values()]) ** 2
+    variances = np.array([between[name] for name in SYSTEMATIC]) ** 2
     cov = cov + np.einsum("nki,k,nkj->nij", slopes, variances, slopes)
     found = check_segments(
         segments, noise, truth, moments=(mean, cov), rms_intervals_m=None if spread is None else spread.intervals
     )
-    errors = {name: hypot((std_errors or {}).get(name, 0.0), std) for name, std in between.items()}
-    shifts = systematic_notes(noise, values, errors)
+    shifts = systematic_notes(noise, values, between)
     return judged(replace(found, notes=tuple(shifts)), None if spread is None else spread.std_errors)

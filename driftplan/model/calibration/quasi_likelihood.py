@@ -34,8 +34,9 @@ from numpy.typing import NDArray
 from driftplan.arrays import Floats
 from driftplan.model.calibration.segment_sets import SegmentSet
 from driftplan.model.calibration.segments import TruthNoise
-from driftplan.model.noise import SYSTEMATIC, OdometryNoise
+from driftplan.model.noise import OdometryNoise
 
+SYSTEMATIC = ("distance_scale_error", "heading_bias_per_m", "heading_bias_per_rad")
 RANDOM = ("heading_var_per_m", "heading_var_per_rad", "distance_var_per_m", "distance_var_per_rad", "lateral_var_per_m")
 TRUTH = ("truth_position_var", "truth_heading_var")
 DRIVES_TO_HOLD_OUT = 3  # as many as these, and each is predicted from the others
@@ -140,7 +141,7 @@ def solve(
 
 def drive_deviations(segments: SegmentSet, solution: Solution) -> Floats:
     """By how much each drive's own systematic errors differ from the fitted ones, (drives, of them fitted)."""
-    chosen = np.flatnonzero(~solution.bounded)
+    chosen = [k for k, name in enumerate(solution.names) if name in SYSTEMATIC]
     own = []
     for drive in np.unique(segments.drive_of):
         mine = segments.drive_of == drive

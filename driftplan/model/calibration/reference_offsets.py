@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from driftplan.arrays import Array, Complexes, Floats
+from driftplan.arrays import Complexes, Floats
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 
 _OFFSETS = 20  # clock offsets tried to either side
@@ -26,17 +26,18 @@ def clock_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0)
         return 0.0
     at = np.linspace(first, last, min(int((last - first) / (0.5 * window)), 4000))
     at = at[at + window <= last]
-    headings = None if truth.heading is None else (odometry.headings, truth.heading)
-    reported, measured = headings or (odometry.positions, truth.positions)
+    turning, counted, true = False, odometry.positions, truth.positions
+    if truth.heading is not None:
+        turning, counted, true = True, odometry.headings.astype(complex), truth.heading.astype(complex)
 
-    def gained(since: Floats, times: Floats, values: Array) -> Floats:
-        change = np.interp(since + window, times, values) - np.interp(since, times, values)
-        return np.abs(change) if np.iscomplexobj(change) else np.asarray(change)
+    def gained(begin: Floats, times: Floats, values: Complexes) -> Floats:
+        change = interpolated(begin + window, times, values) - interpolated(begin, times, values)
+        return np.asarray(change.real if turning else np.abs(change))
 
-    by_odometry = gained(at, odometry.times, reported)
+    said: Floats = gained(at, odometry.times, counted)
 
     def disagreement(offset: float) -> float:
-        difference = by_odometry - gained(at + offset, truth.times, measured)
+        difference = said - gained(at + offset, truth.times, true)
         return float(np.mean(np.abs(difference - np.median(difference))))
 
     unshifted = disagreement(0.0)
@@ -45,8 +46,13 @@ def clock_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0)
         offsets = best + step * np.arange(-_OFFSETS, _OFFSETS + 1)
         values = [disagreement(float(offset)) for offset in offsets]
         best, least, step = float(offsets[int(np.argmin(values))]), min(values), step / _OFFSETS
-    says_nothing = unshifted < 1e-9 * float(np.ptp(by_odometry)) or least > _CLEARLY * unshifted
-    return 0.0 if says_nothing or abs(best) > (1 - 1 / _OFFSETS) * reach_s else best
+    if (
+        least > _CLEARLY * unshifted
+        or unshifted < 1e-9 * float(np.ptp(said))
+        or abs(best) > (1 - 1 / _OFFSETS) * reach_s
+    ):
+        return 0.0
+    return best
 
 
 def heading_offset(estimate: Complexes, gained: Floats, truth: Complexes) -> float:
@@ -69,3 +75,7 @@ def heading_offset(estimate: Complexes, gained: Floats, truth: Complexes) -> flo
     angle = -float(np.angle(mean))
     error = float(np.sqrt(np.sum((product * np.exp(1j * angle)).imag ** 2)) / np.abs(mean))
     return angle if abs(angle) > max(_CLEARLY_TURNED * error, _LEAST_RAD) else 0.0
+
+
+def interpolated(at: Floats, times: Floats, positions: Complexes) -> Complexes:
+    return np.asarray(np.interp(at, times, positions.real) + 1j * np.interp(at, times, positions.imag))

@@ -57,8 +57,9 @@ class SegmentCheck:
     lengths : shortest first
     errors_m : position errors of all segments, metres, by length
     has_heading : whether segments were aligned by measured headings
-    heavy_tails : (int, float), index of the length at which most of the error lies in the fewest segments, and the
-        chance that Gaussian errors look so at some length
+    heavy_tails : (int, float)
+        Index of the length at which most of the error lies in the fewest segments, and the chance that Gaussian errors
+        look so at some length.
     clear_errors : standard errors by which measured rms, and shares in the widest region, differ clearly at some length
     notes : plain sentences; empty when the model describes the errors within sampling errors
     """

@@ -19,15 +19,14 @@ care, and the true heading is needed only at the start of a segment.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Complexes, Floats, Ints, as_covariance, as_plane
+from driftplan.arrays import Complexes, Floats, Ints
 from driftplan.model.calibration.resampling import ResampledDrive
-from driftplan.model.moments import Moments, compose, identity
-from driftplan.model.noise import BETWEEN_DRIVES, OdometryNoise
+from driftplan.model.moments import Moments, compose
+from driftplan.model.noise import OdometryNoise
 
 _LEAST_CHORD = 1e-3  # of the true chord
 _SHORTEST_CHORD = 0.25  # of its path: below, the chord's direction says too little to align by
@@ -95,8 +94,7 @@ def repeated(
     """The drive many times over, with Gaussian errors of the odometry as `pieces` has them, and of the truth: estimate
     and truth are (runs, K). ``deviations`` (3, runs) are those of the drives' systematic errors, in their stds."""
     runs = deviations.shape[1]
-    stds = [getattr(noise, name) for name in BETWEEN_DRIVES.values()]
-    bias_per_m, bias_per_rad, scale = (std * z[:, None] for std, z in zip(stds, deviations, strict=True))
+    bias_per_m, bias_per_rad, scale = np.array(noise.spread)[:, None, None] * deviations[..., None]
     random = _increments(part, noise)
     shape = (runs, len(part.turns))
     halves = np.sqrt(random.heading_var / 2) * rng.standard_normal((2, *shape)) + random.heading_mean / 2
@@ -107,8 +105,9 @@ def repeated(
     major, minor = (np.sqrt(np.maximum(random.square + sign * size, 0.0) / 2) for sign in (1, -1))
     axis = np.exp(0.5j * np.angle(random.elongation))
     error = axis * (major * rng.standard_normal(shape) + 1j * minor * rng.standard_normal(shape))
-    moves = (1 + noise.distance_scale_error + scale) * np.diff(part.truth) + error
-    moves = moves * np.exp(1j * (gained[:, :-1] + halves[0]))
+    moves = ((1 + noise.distance_scale_error + scale) * np.diff(part.truth) + error) * np.exp(
+        1j * (gained[:, :-1] + halves[0])
+    )
     estimate = part.truth[0] + np.concatenate([np.zeros((runs, 1)), np.cumsum(moves, axis=1)], axis=1)
     white = rng.standard_normal((2, runs, len(part.truth)))
     seen = part.truth + np.sqrt(truth.position_var) * (white[0] + 1j * white[1])
@@ -168,8 +167,19 @@ def pieces(part: ResampledDrive, noise: OdometryNoise, way: int = 1) -> Moments:
     half = _heading_error(random.heading_var / 2, random.heading_mean / 2)
     move = np.diff(part.truth)
     shift = noise.distance_scale_error * move
-    square, elongation = np.abs(shift) ** 2 + random.square, shift**2 + random.elongation
-    moved = replace(identity(move.shape), p=move, e1=shift, N=square, e2=elongation)
+    zero = np.zeros(move.shape)
+    moved = Moments(
+        np.ones(move.shape),
+        move,
+        zero,
+        zero,
+        zero,
+        shift,
+        np.abs(shift) ** 2 + random.square,
+        shift**2 + random.elongation,
+        zero,
+        zero,
+    )
     return compose(compose(half, moved), half)
 
 
@@ -221,7 +231,8 @@ def _heading_error(variance: Floats, mean: Floats) -> Moments:
     """A heading error ~ N(mean, variance) and nothing else."""
     d1 = np.expm1(-variance / 2 + 1j * mean)
     d2 = np.expm1(-2 * variance + 2j * mean) - 2 * d1
-    return replace(identity(variance.shape), d1=d1, d2=d2, D=-2 * d1.real)
+    zero = np.zeros(variance.shape)
+    return Moments(np.ones(variance.shape), zero, d1, d2, -2 * d1.real, zero, zero, zero, zero, zero)
 
 
 def _expect_with_heading(seen: Observations, w: Moments, truth: TruthNoise) -> tuple[Floats, Floats]:
@@ -230,10 +241,11 @@ def _expect_with_heading(seen: Observations, w: Moments, truth: TruthNoise) -> t
     sine_square = -0.5 * (2 * w.d1 + w.d2).real
     e_sine = (w.b - w.a) / (2j * seen.frame)
     mean = np.stack([e1.real, e1.imag, sine], axis=-1)
-    cov = np.empty((len(sine), 3, 3))
-    cov[:, :2, :2] = as_covariance(e1, w.N, e2)
-    cov[:, :2, 2] = cov[:, 2, :2] = as_plane(e_sine - e1 * sine)
-    cov[:, 2, 2] = sine_square - sine**2
+    spread, skew = w.N - np.abs(e1) ** 2, e2 - e1**2
+    cross = e_sine - e1 * sine
+    cov = _symmetric(
+        (spread + skew.real) / 2, skew.imag / 2, (spread - skew.real) / 2, cross.real, cross.imag, sine_square - sine**2
+    )
     # a heading error η of the truth at the start turns the estimate by η, and adds η to the heading gained
     lever = 1j * seen.chord
     eta = np.stack([lever.real, lever.imag, np.ones(len(sine))], axis=-1)
@@ -255,8 +267,8 @@ def _expect_positions(seen: Observations, back: Moments, ahead: Moments, truth: 
     c2 = (ahead.p + y1) / g
     v = truth.position_var
     cov = np.zeros((len(c1), 4, 4))  # of Re x, Im x, Re y, Im y there
-    cov[:, :2, :2] = as_covariance(x1, X + 4 * v, x2, 1 / g)
-    cov[:, 2:, 2:] = as_covariance(y1, Y + 4 * v, y2, 1 / g)
+    cov[:, :2, :2] = _planar_cov(X - np.abs(x1) ** 2 + 4 * v, (x2 - x1**2) / g**2)
+    cov[:, 2:, 2:] = _planar_cov(Y - np.abs(y1) ** 2 + 4 * v, (y2 - y1**2) / g**2)
     for k in (0, 1):
         cov[:, k, 2 + k] = cov[:, 2 + k, k] = -v
 
@@ -275,5 +287,17 @@ def _expect_positions(seen: Observations, back: Moments, ahead: Moments, truth: 
     spread = form @ cov[:, None]
     base = np.stack([c1 - seen.chord.real, (c2 - second).real, (c2 - second).imag], axis=-1)
     mean = base + np.trace(spread, axis1=2, axis2=3)
-    spread[:, 0] = 0.0  # |c1 + x| varies no more than Re x: what one has of Im x², the other has with the other sign
+    spread[:, 0] = (
+        0.0  # |c1 + x| varies no more than Re x: what the one has of Im x², the other has with the other sign
+    )
     return mean, linear @ cov @ np.swapaxes(linear, 1, 2) + 2 * np.einsum("niab,njba->nij", spread, spread)
+
+
+def _planar_cov(spread: Floats, skew: Complexes) -> Floats:
+    xx, yy, xy = (spread + skew.real) / 2, (spread - skew.real) / 2, skew.imag / 2
+    return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+
+
+def _symmetric(xx: Floats, xy: Floats, yy: Floats, xz: Floats, yz: Floats, zz: Floats) -> Floats:
+    rows = [np.stack(row, axis=-1) for row in ([xx, xy, xz], [xy, yy, yz], [xz, yz, zz])]
+    return np.stack(rows, axis=-2)

@@ -70,7 +70,8 @@ def umbmark(clockwise: ArrayLike, counterclockwise: ArrayLike, *, side_m: float 
 
     Raises
     ------
-    ValueError : for arguments of the wrong shape, and errors larger than the square
+    ValueError
+        For arguments of the wrong shape, and errors larger than the square.
 
     Examples
     --------
