@@ -41,10 +41,8 @@ class ItineraryCheck:
 
     Parameters
     ----------
-    redundancy : int
-        2: with any one beacon dead too.
-    min_capture : float
-        Passes that happen less surely than this do not count; 0: all do.
+    redundancy : 2: with any one beacon dead too
+    min_capture : passes that happen less surely than this do not count; 0: all do
     """
 
     world: World | None
