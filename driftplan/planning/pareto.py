@@ -14,7 +14,7 @@ from driftplan.arrays import Floats, keywords_checked
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import InfeasibleError
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.readings import Fix
+from driftplan.model.readings import Estimator, Fix
 from driftplan.planning.routes import Route, plan_route
 from driftplan.world.world import World
 
@@ -34,6 +34,7 @@ def pareto_routes(
     min_capture: float = 0.9,
     start_fix: Fix | None = None,
     start_heading: float | None = None,
+    estimator: Estimator = "reset",
     max_nodes: int = 1000,
     time_limit: float = 30.0,
     seed: int = 0,
@@ -56,7 +57,7 @@ def pareto_routes(
     time_limit : float
         Seconds for all of them. Unless they run out (the `status` of a route says so) the same seed gives the same
         routes.
-    redundancy, min_capture, start_fix, start_heading, max_nodes, seed :
+    redundancy, min_capture, start_fix, start_heading, estimator, max_nodes, seed :
         As for `plan_route`.
 
     Returns
@@ -99,6 +100,7 @@ def pareto_routes(
             min_capture=min_capture,
             start_fix=start_fix,
             start_heading=start_heading,
+            estimator=estimator,
             max_nodes=max_nodes,
             time_limit=share * left,
             seed=seed,

@@ -15,7 +15,7 @@ from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns
 from driftplan.errors import GoalError, NoPathError, PlannerError, StartError
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.readings import Fix
+from driftplan.model.readings import NEEDS_FILTER, Estimator, Fix, checked_estimator
 from driftplan.world.world import World
 
 Objective = Literal["drift", "length", "worst_drift"]
@@ -46,6 +46,8 @@ class Reliance:
         Uncertainty at the start.
     start_heading : float or None
         Heading at the start, rad: then the first turn counts too.
+    estimator : {"reset", "filter"}
+        What the robot does with a reading. Without beacons nothing is read: the exact moments of ``reset`` are taken.
     """
 
     beacons: tuple[Beacon, ...] = ()
@@ -55,9 +57,15 @@ class Reliance:
     min_capture: float = 0.9
     start_fix: Fix | None = None
     start_heading: float | None = None
+    estimator: Estimator = "reset"
 
     def __post_init__(self) -> None:
         BeaconColumns.of(self.beacons)
+        checked_estimator(self.estimator)
+        if self.estimator == "reset" and (beacons := [b for b in self.beacons if b.kind.needs_filter]):
+            raise ValueError(f"{NEEDS_FILTER}: expected estimator='filter' for beacons of kind {beacons[0].kind.name}")
+        if not self.beacons:
+            object.__setattr__(self, "estimator", "reset")
         if self.max_drift != math.inf:
             positive("max_drift", self.max_drift)
         if self.max_detour is not None and not (math.isfinite(self.max_detour) and self.max_detour >= 1):

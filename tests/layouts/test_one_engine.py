@@ -15,7 +15,7 @@ from driftplan.layouts.placement.route_table import route_table
 from driftplan.model.drift import predict_drift
 from driftplan.model.readings import Resets
 from driftplan.model.worst import worst_rms
-from driftplan.planning.itinerary.check import ItineraryCheck
+from driftplan.planning.roadmap.itinerary_check import ItineraryCheck
 
 PLAIN = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
 TURNING = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0, heading_deg_per_full_turn=10.0)

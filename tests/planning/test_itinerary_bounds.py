@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.bounds import least_end_drift, least_length, least_worst_drift
-from driftplan.planning.itinerary.check import ItineraryCheck
 from driftplan.planning.request import Reliance
 from driftplan.planning.roadmap import beacon_walks
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.graph import Roadmap
+from driftplan.planning.roadmap.itinerary_check import ItineraryCheck
 from driftplan.planning.roadmap.prices import AdditiveCost, length_of
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
