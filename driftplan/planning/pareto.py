@@ -144,7 +144,7 @@ def knee(routes: Sequence[Route]) -> int:
     Examples
     --------
     >>> knee([])
-    Traceback (max_routes recent call last):
+    Traceback (most recent call last):
     ...
     ValueError: expected at least one route, got none
     """
@@ -170,7 +170,7 @@ def _thinned(routes: list[Route], difference: float, max_routes: int) -> tuple[R
         ratio = [np.abs(np.log(_scores(route) / np.maximum(_scores(other), 1e-300))).max() for other in kept]
         if route is steadiest or min(ratio, default=math.inf) >= difference:
             kept.append(route)
-    while len(kept) > max_routes:  # the two max_routes alike in worst drift become one
+    while len(kept) > max_routes:  # the two most alike in worst drift become one
         gaps = np.abs(np.diff(np.log([max(route.worst_guaranteed, 1e-300) for route in kept])))
         k = int(np.argmin(gaps[:-1])) if len(gaps) > 1 else 0
         del kept[k + 1 if kept[k + 1] is not steadiest else k]
