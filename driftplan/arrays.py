@@ -55,12 +55,12 @@ def whole(name: str, value: object, *, least: int) -> int:
     return int(value)
 
 
-def finite(name: str, values: Any) -> Floats:
-    """An array of finite numbers."""
+def finite(name: str, values: Any, what: str = "numbers") -> Floats:
+    """An array of finite numbers; ``what`` they are, for the message."""
     try:
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError) as err:
-        raise ValueError(f"expected {name} to be numbers, got {type(values).__name__}: {err}") from None
+        raise ValueError(f"expected {name} to be {what}, got {type(values).__name__}: {err}") from None
     if not np.isfinite(array).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise ValueError(f"expected {name} finite, got {array[where]} at index {where}")
@@ -108,14 +108,9 @@ def as_covariance(mean: Array, N: Array, e2: Array, u: Array | complex = 1.0) ->
 
 
 def points_of(name: str, value: ArrayLike) -> Floats:
-    try:
-        points = np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as err:
-        raise ValueError(f"expected {name} to be an array of points (..., 2) in metres, got {value!r}") from err
+    points = finite(name, value, "an array of points (..., 2) in metres")
     if points.ndim < 1 or points.shape[-1] != 2:
         raise ValueError(f"expected {name} to be points (..., 2) in metres, got an array of shape {points.shape}")
-    if not np.isfinite(points).all():
-        raise ValueError(f"expected {name} finite, got NaN or infinite coordinates")
     return points
 
 

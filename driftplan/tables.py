@@ -135,8 +135,7 @@ class Rows:
 
     Attributes
     ----------
-    rows : tuple of dict
-        Values by names that say their units.
+    rows : values by names that say their units
     """
 
     rows: tuple[dict[str, Any], ...]

@@ -16,30 +16,19 @@ class BeaconKind:
     Parameters
     ----------
     name : str
-    range_m : float
-        Metres, > 0: a closed disc around the beacon.
-    position_std_m : float or None
-        Standard deviation of a measured position per axis, metres; None: position is not measured.
-    heading_std : float or None
-        Standard deviation of a measured heading, rad; None: heading is not measured.
-    detection_probability : float
-        Probability in (0, 1] that a pass is noticed.
-    line_of_sight : bool
-        Whether walls block it (when a world is given).
-    reading_spacing_m : float
-        Readings on a long pass are at most this far apart, metres.
-    cost : float
-        What one costs, in any unit, > 0.
-    range_std_m, bearing_std : float or None
-        Standard deviation of a measured distance to the beacon (m), and of its measured direction in the robot's frame
-        (rad); None: not measured. Only a robot with a filter can use them.
-    std_per_m : float
-        What ``position_std_m`` and ``range_std_m`` grow by for every metre of distance to the beacon, m/m.
-    view_angle_deg : float
-        The angle from within which it is seen, degrees, centred on where the beacon faces (`Beacon.facing_deg`): a tag
-        on a shelf 180 or less. 360: from everywhere.
-    sensor_view_deg : float
-        The field of view, degrees, centred straight ahead, of the sensor with which the robot reads it.
+    range_m : metres, > 0: a closed disc around the beacon
+    position_std_m : standard deviation of a measured position per axis, metres; None: position is not measured.
+    heading_std : standard deviation of a measured heading, rad; None: heading is not measured.
+    detection_probability : probability in (0, 1] that a pass is noticed
+    line_of_sight : whether walls block it (when a world is given)
+    reading_spacing_m : readings on a long pass are at most this far apart, metres
+    cost : what one costs, in any unit, > 0
+    range_std_m, bearing_std : standard deviation of a measured distance to the beacon (m), and of its measured
+        direction in the robot's frame (rad); None: not measured. Only a robot with a filter can use them.
+    std_per_m : what ``position_std_m`` and ``range_std_m`` grow by for every metre of distance to the beacon, m/m
+    view_angle_deg : the angle from within which it is seen, degrees, centred on where the beacon faces
+        (`Beacon.facing_deg`): a tag on a shelf 180 or less. 360: from everywhere.
+    sensor_view_deg : the field of view, degrees, centred straight ahead, of the sensor with which the robot reads it
 
     Raises
     ------

@@ -73,16 +73,11 @@ def passes_of(
 
     Parameters
     ----------
-    path : array, shape (n, 2)
-        Waypoints, metres.
-    xy, range_m : arrays, shapes (m, 2) and (m,)
-        Where the beacons are and how far they reach, metres.
-    must_see : bool array, shape (m,)
-        Whether a beacon works in line of sight only.
-    world : World or None
-        Its obstacles block sight; None: nothing does.
-    views : Views, optional
-        Default: beacons are seen from everywhere, and so does the robot see.
+    path : (n, 2), waypoints, metres
+    xy, range_m : (m, 2) and (m,), where the beacons are and how far they reach, metres
+    must_see : (m,), whether a beacon works in line of sight only
+    world : its obstacles block sight; None: nothing does.
+    views : default: beacons are seen from everywhere, and so does the robot see
 
     Examples
     --------
@@ -196,13 +191,7 @@ def _merged(beacon: Ints, enter: Floats, leave: Floats, length: float) -> Passes
 
 
 def _in_sight(
-    chords: _Chords,
-    path: Floats,
-    steps: Floats,
-    lengths: Floats,
-    xy: Floats,
-    must_see: NDArray[np.bool_],
-    world: World,
+    chords: _Chords, path: Floats, steps: Floats, lengths: Floats, xy: Floats, must_see: NDArray[np.bool_], world: World
 ) -> _Chords:
     """The parts of chords from which the beacon is seen."""
     along = steps / np.where(lengths > 0, lengths, 1.0)[:, None]

@@ -45,8 +45,7 @@ def beacon_passes(path: Any, beacon: Beacon, world: World | None = None) -> Floa
     ----------
     path : (n, 2) waypoints in metres, or anything with such a ``path``
     beacon : Beacon
-    world : World, optional
-        Its walls block beacons that work in line of sight; without it nothing does.
+    world : its walls block beacons that work in line of sight; without it nothing does
 
     Returns
     -------
@@ -113,16 +112,11 @@ def drift_with_beacons(
     path : (n, 2) waypoints in metres, or anything with such a ``path``
     noise : OdometryNoise
     beacons : sequence of Beacon
-    world : World, optional
-        Its walls block sight and its zones have their own noise; the result then has a waypoint at every zone border.
-    fixes : sequence of Fix
-        Further fixes, such as one at 0 for an uncertain start. At one place they come before the beacons'.
-    estimator, spread, start_heading :
-        As for `predict_drift`: what the robot does with a reading, and where it faces before its first turn.
-
-    Returns
-    -------
-    Drift
+    world : its walls block sight and its zones have their own noise; the result then has a waypoint at every zone
+        border
+    fixes : further fixes, such as one at 0 for an uncertain start. At one place they come before the beacons'.
+    estimator, spread, start_heading : as for `predict_drift`: what the robot does with a reading, and where it faces
+        before its first turn
 
     Examples
     --------
@@ -287,8 +281,7 @@ def detection_chances(
 
     Parameters
     ----------
-    path, noise, beacons, world, fixes, estimator, spread :
-        As for `drift_with_beacons`.
+    path, noise, beacons, world, fixes, estimator, spread : as for `drift_with_beacons`
 
     Returns
     -------

@@ -34,27 +34,19 @@ class Layout:
 
     Attributes
     ----------
-    beacons : tuple of Beacon
-        Those to be installed, in the order of the sites.
-    existing : tuple of Beacon
-        Those that were there.
-    cost : float
-        Of `beacons`.
-    lower_bound : float
-        No layout that keeps the limit costs less.
-    proven : bool
-        Whether the layout is proven to be the best: for a limit, `cost` equals `lower_bound`; for a budget, the worst
-        drift is within the tolerance of `drift_bound`.
+    beacons : those to be installed, in the order of the sites
+    existing : those that were there
+    cost : of `beacons`
+    lower_bound : no layout that keeps the limit costs less
+    proven : whether the layout is proven to be the best: for a limit, `cost` equals `lower_bound`; for a budget, the
+        worst drift is within the tolerance of `drift_bound`
     status : Outcome
     max_drift : tuple of float, metres
         The limit of every route.
-    drift_bound : float
-        For a budget: no layout within it has a smaller worst drift, metres. For a limit: 0.
-    drifts : tuple of Drift
-        One per route, all beacons alive.
+    drift_bound : for a budget: no layout within it has a smaller worst drift, metres. For a limit: 0.
+    drifts : one per route, all beacons alive
     seconds : float
-    scenario : Scenario
-        What it is for.
+    scenario : what it is for
     """
 
     beacons: tuple[Beacon, ...]

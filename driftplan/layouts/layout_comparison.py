@@ -17,10 +17,9 @@ class LayoutComparison(Rows):
 
     Attributes
     ----------
-    rows : tuple of dict
-        One per layout: name, beacons (new ones), existing, cost, lower_bound, proven, routes, route_m (of all
-        together), max_drift_m (the strictest limit), worst_drift_m, and worst_single_failure_m, the greatest drift with
-        one beacon dead (nan without beacons).
+    rows : one per layout: name, beacons (new ones), existing, cost, lower_bound, proven, routes, route_m
+        (of all together), max_drift_m (the strictest limit), worst_drift_m, and worst_single_failure_m, the greatest
+        drift with one beacon dead (nan without beacons)
     """
 
     def columns(self) -> dict[str, Iterable[object]]:

@@ -63,32 +63,25 @@ def place_beacons(
 
     Parameters
     ----------
-    world : World or None
-        Its walls block sight, its zones have their own noise, and sites are generated in its free space.
+    world : its walls block sight, its zones have their own noise, and sites are generated in its free space
     routes : one route or many, each waypoints (n, 2) in metres or an object with such a ``path``
-    noise : OdometryNoise
-        Of the continuous kind (no ``step_m``).
+    noise : of the continuous kind (no ``step_m``)
     limit : metres (one number or one per route), DriftLimit or None
         None, or a `DriftLimit` without ``max_drift``: the least worst drift within ``max_beacons`` and ``budget`` is
         sought.
     sites : BeaconKind or several, or Sites
         Kinds alone: sites are generated, as `Sites` says.
-    max_beacons : int
-        At most so many new beacons.
-    budget : float
-        New beacons cost at most this.
+    max_beacons : at most so many new beacons
+    budget : new beacons cost at most this
     estimator : {"reset", "filter"}
         What the robot does with a reading. ``filter`` takes no ``confidence`` and no known systematic errors.
     start_fix : Fix at 0
         Uncertainty at the start of every route; default: the start is known.
-    drift_tolerance : float
-        Without a limit: the worst drift is within this share of the least.
-    time_limit : float
-        Seconds. The best layout so far is returned when they are over, and ``status`` says so. The tables of the search
-        are made and the layout is verified whatever the limit: a second for 60 routes and 1250 sites, a dozen for
-        500 and 5000.
-    progress : callable
-        Called with seconds, cost of the best layout and lower bound when one changes.
+    drift_tolerance : without a limit: the worst drift is within this share of the least
+    time_limit : seconds. The best layout so far is returned when they are over, and ``status`` says so. The tables of
+        the search are made and the layout is verified whatever the limit: a second for 60 routes and 1250 sites, a
+        dozen for 500 and 5000.
+    progress : called with seconds, cost of the best layout and lower bound when one changes
 
     Returns
     -------
@@ -149,14 +142,10 @@ def beacon_tradeoff(
 
     Parameters
     ----------
-    world, routes, noise, sites, budget, estimator, start_fix, drift_tolerance :
-        See `place_beacons`.
-    max_beacons : int
-        Where the curve ends.
-    redundancy, confidence :
-        Of the drift that is made least; see `DriftLimit`.
-    time_limit : float
-        Seconds for the whole curve.
+    world, routes, noise, sites, budget, estimator, start_fix, drift_tolerance : see `place_beacons`
+    max_beacons : where the curve ends
+    redundancy, confidence : of the drift that is made least; see `DriftLimit`
+    time_limit : seconds for the whole curve
 
     Returns
     -------

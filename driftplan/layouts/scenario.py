@@ -27,8 +27,7 @@ class DriftLimit:
     ----------
     max_drift : float, one per route, or None
         Metres. None: there is no limit, the least drift is sought.
-    redundancy : int
-        The limit holds with any ``redundancy - 1`` beacons dead; 1: all live.
+    redundancy : the limit holds with any ``redundancy - 1`` beacons dead; 1: all live
     confidence : float in [0.75, 1), optional
         The limit is on the radius that holds the estimate with this confidence; None: on the rms.
 
@@ -73,28 +72,15 @@ class DriftLimit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scenario:
-    """Routes and how drift on them is scored; made by `Scenario.of`.
-
-    Attributes
-    ----------
-    world : World or None
-    routes : tuple of (n, 2) arrays, metres
-    noise : OdometryNoise
-    start_fix : Fix or None
-        Uncertainty at the start of every route.
-    confidence, redundancy :
-        Of the `DriftLimit`.
-    estimator : {"reset", "filter"}
-        What the robot does with a reading.
-    """
+    """Routes and how drift on them is scored; made by `Scenario.of`."""
 
     world: World | None
-    routes: tuple[Floats, ...]
+    routes: tuple[Floats, ...]  # (n, 2) each, metres
     noise: OdometryNoise
-    start_fix: Fix | None = None
-    confidence: float | None = None
-    redundancy: int = 1
-    estimator: Estimator = "reset"
+    start_fix: Fix | None = None  # uncertainty at the start of every route
+    confidence: float | None = None  # of the `DriftLimit`
+    redundancy: int = 1  # likewise
+    estimator: Estimator = "reset"  # what the robot does with a reading
 
     @classmethod
     def of(

@@ -54,18 +54,14 @@ class Sites:
     points : (n, 2) in metres, or Beacons
         None: a grid over the world's free space (without a world: points along the routes), ``spacing_m`` apart
         (default: the smallest range), as far as a route comes into range.
-    spacing_m : float
-        Of generated points.
+    spacing_m : of generated points
     costs : (n,), or (n, kinds)
         Per point, > 0. Default: the kind's cost.
-    existing : sequence of Beacon
-        Already there, for nothing; they may die like any other.
+    existing : already there, for nothing; they may die like any other
     forbidden : sequence of polygons (shapely, or corners)
         No sites inside.
-    groups : sequence of SiteGroup
-        At least, or at most, so many of these sites.
-    min_spacing_m : float
-        New beacons are at least this far from each other and from existing ones.
+    groups : at least, or at most, so many of these sites
+    min_spacing_m : new beacons are at least this far from each other and from existing ones
 
     Raises
     ------
@@ -175,22 +171,12 @@ class Sites:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ListedSites:
-    """Sites one by one, each with an id of its own.
+    """Sites one by one, each with an id of its own."""
 
-    Attributes
-    ----------
-    new : tuple of Beacon
-        What may be placed, off forbidden areas.
-    costs : (new,)
-    existing : tuple of Beacon
-    members : tuple of arrays
-        For every group, its members by their position in ``new``.
-    """
-
-    new: tuple[Beacon, ...]
-    costs: Floats
+    new: tuple[Beacon, ...]  # what may be placed, off forbidden areas
+    costs: Floats  # (new,)
     existing: tuple[Beacon, ...]
-    members: tuple[Ints, ...]
+    members: tuple[Ints, ...]  # for every group, its members by their position in ``new``
 
 
 def _members(name: str, group: SiteGroup, beacons: Sequence[Beacon], kept: Ints) -> Ints:

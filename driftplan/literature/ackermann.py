@@ -37,17 +37,13 @@ class AckermannDrift:
 
     Attributes
     ----------
-    xy : array, shape (n + 1, 2)
-        True positions, metres, from the origin.
-    bias : array, shape (n + 1, 2)
-        E[estimate - truth], metres.
-    cov : array, shape (n + 1, 2, 2)
-        Cov(P_t), m².
-    increment_cov : array, shape (n, 2, 2)
-        Cov(ΔP_t), m², of the step's measured displacement in the world frame: it carries the heading error of all steps
-        before.
-    cross_cov : array, shape (n, 2, 2)
-        Cov(P_{t-1}, ΔP_t), m²: ``cov[t] = cov[t-1] + increment_cov[t-1] + cross_cov[t-1] + cross_cov[t-1]ᵀ``.
+    xy : (n + 1, 2), true positions, metres, from the origin
+    bias : (n + 1, 2), E[estimate - truth], metres
+    cov : (n + 1, 2, 2), Cov(P_t), m²
+    increment_cov : (n, 2, 2), Cov(ΔP_t), m², of the step's measured displacement in the world frame: it carries the
+        heading error of all steps before
+    cross_cov : (n, 2, 2), Cov(P_{t-1}, ΔP_t), m²:
+        ``cov[t] = cov[t-1] + increment_cov[t-1] + cross_cov[t-1] + cross_cov[t-1]ᵀ``
     """
 
     xy: Floats
@@ -70,7 +66,7 @@ def ackermann_step(
     distance_std_m: float,
     steering_std_rad: float,
 ) -> Moments:
-    """Elements of the error-moment algebra for Ackermann steps, without linearisation.
+    """Elements of the error-moment algebra for Ackermann steps, shape (...), without linearisation.
 
     Given ε_φ, with g = tan(φ + ε_φ)/L and v = σ_d², the rotation error is Gaussian and ::
 
@@ -81,15 +77,9 @@ def ackermann_step(
 
     Parameters
     ----------
-    distances_m, steering_rad : array, shape (...)
-        True distance of each step, metres, and steering angle, rad, positive to the left.
+    distances_m, steering_rad : (...), true distance of each step, metres, and steering angle, rad, positive to the left
     wheelbase_m : float
-    distance_std_m, steering_std_rad : float
-        Deviations of each step's ε_d and ε_φ.
-
-    Returns
-    -------
-    Moments, shape (...)
+    distance_std_m, steering_std_rad : deviations of each step's ε_d and ε_φ
 
     Raises
     ------
@@ -146,17 +136,7 @@ def ackermann_drift(
 
     Parameters
     ----------
-    distances_m, steering_rad : array, shape (n,)
-        See `ackermann_step` for these and the rest.
-
-    Returns
-    -------
-    AckermannDrift
-
-    Raises
-    ------
-    ValueError
-        As `ackermann_step`.
+    distances_m, steering_rad : (n,), these, the rest and the errors as in `ackermann_step`
 
     Examples
     --------
@@ -170,11 +150,7 @@ def ackermann_drift(
     if d.ndim != 1 or not len(d):
         raise ValueError(f"expected distances_m of shape (n,), n >= 1, got {d.shape}")
     steps = ackermann_step(
-        d,
-        steering_rad,
-        wheelbase_m=wheelbase_m,
-        distance_std_m=distance_std_m,
-        steering_std_rad=steering_std_rad,
+        d, steering_rad, wheelbase_m=wheelbase_m, distance_std_m=distance_std_m, steering_std_rad=steering_std_rad
     )
     states = scan(steps, identity())
     return AckermannDrift(

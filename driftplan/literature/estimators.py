@@ -35,10 +35,8 @@ class Correction:
 
     Attributes
     ----------
-    rotation : complex
-        Factor of the measured rotation exp(jθ); of a length other than 1 it also scales all that follows.
-    translation_m : complex
-        Subtracted from the measured translation, metres.
+    rotation : factor of the measured rotation exp(jθ); of a length other than 1 it also scales all that follows
+    translation_m : subtracted from the measured translation, metres
     """
 
     rotation: complex = 1 + 0j
@@ -51,10 +49,8 @@ class Crossovers:
 
     Attributes
     ----------
-    variance_steps : int or None
-        In the trace of the covariance.
-    mean_square_steps : int or None
-        In E|e|²: later, as long as there is a bias to remove.
+    variance_steps : in the trace of the covariance
+    mean_square_steps : in E|e|²: later, as long as there is a bias to remove
     """
 
     variance_steps: int | None
@@ -130,10 +126,8 @@ def estimate_positions(
     Parameters
     ----------
     measured_turns_rad : array, shape (..., n)
-    measured_translations_m : array, shape (..., n, 2)
-        Each in the frame after its turn, metres.
-    correction : Correction, optional
-        Default: none.
+    measured_translations_m : (..., n, 2), each in the frame after its turn, metres
+    correction : default: none
 
     Returns
     -------
@@ -209,21 +203,17 @@ def crossovers(
 
     Parameters
     ----------
-    turn_rad : float
-        Turn before every step: 0 for a straight line.
+    turn_rad : turn before every step: 0 for a straight line
     translation_m : (2,)
         True translation of every step, metres, in the frame after its turn.
     noise : StepNoise
-    correction : Correction, optional
-        Default: `bias_reduction` of the noise.
+    correction : default: `bias_reduction` of the noise
 
-    Returns
-    -------
-    Crossovers
-
-    Notes ----- A grid of step numbers, two per cent apart, is searched up to 25/(-ln|E r|) steps, where the
-    bias-reduced estimate has grown beyond any help; between the last grid point where it still pays and the next,
-    every number is tried. Worse means by more than 10⁻⁹ E|e|².
+    Notes
+    -----
+    A grid of step numbers, two per cent apart, is searched up to 25/(-ln|E r|) steps, where the bias-reduced estimate
+    has grown beyond any help; between the last grid point where it still pays and the next, every number is tried.
+    Worse means by more than 10⁻⁹ E|e|².
 
     Examples
     --------

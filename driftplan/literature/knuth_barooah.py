@@ -33,8 +33,7 @@ class MeanNoise:
         b = E t̃, metres.
     bias_loss_m : (d,)
         b - ρ, ρ = E[R̃ t̃], metres.
-    translation_var_m2 : float
-        Trace of the covariance P of t̃, m².
+    translation_var_m2 : trace of the covariance P of t̃, m²
     """
 
     rotation_loss: Floats
@@ -85,11 +84,10 @@ class Theorem2:
     ----------
     bias_m : (d,)
         E[estimate - truth], metres, in the frame of the start.
-    variance_m2 : float
-        Trace of the covariance, m²: equal to ``psi_m2 * steps + omega_m2``, summed so that no digits cancel on short
-        straight runs.
-    psi_m2, omega_m2 : float
-        ψ and ω(n), m². ψ is the rate at which the variance grows in the long run; ω(n) tends to a constant.
+    variance_m2 : trace of the covariance, m²: equal to ``psi_m2 * steps + omega_m2``, summed so that no digits cancel
+        on short straight runs
+    psi_m2, omega_m2 : ψ and ω(n), m². ψ is the rate at which the variance grows in the long run; ω(n) tends to a
+        constant.
     """
 
     bias_m: Floats
@@ -120,11 +118,7 @@ class Theorem3:
 
 
 def theorem_2(
-    steps: int,
-    translation_m: ArrayLike,
-    noise: StepNoise | MeanNoise,
-    *,
-    turn: float | ArrayLike = 0.0,
+    steps: int, translation_m: ArrayLike, noise: StepNoise | MeanNoise, *, turn: float | ArrayLike = 0.0
 ) -> Theorem2:
     """Exact bias and variance after n equal steps: straight lines (Theorem 2), and circles and helices beyond it.
 
@@ -146,17 +140,12 @@ def theorem_2(
 
     Parameters
     ----------
-    steps : int
-        n >= 1.
+    steps : n >= 1
     translation_m : (d,)
         r, the true translation of every step, metres, in the frame after its rotation; d is 2 or 3.
     noise : StepNoise (plane), MeanNoise (plane or space)
     turn : float, or (d, d) rotation matrix
         True rotation before every translation; a number is an angle in rad, in the plane.
-
-    Returns
-    -------
-    Theorem2
 
     Raises
     ------
@@ -218,10 +207,7 @@ def theorem_2(
 
 
 def theorem_3(
-    steps: int,
-    turns_rad: ArrayLike,
-    translations_m: ArrayLike,
-    noise: StepNoise | Sequence[StepNoise],
+    steps: int, turns_rad: ArrayLike, translations_m: ArrayLike, noise: StepNoise | Sequence[StepNoise]
 ) -> Theorem3:
     """Bias (Theorem 3) and covariance after n steps of a planar motion that repeats itself every p steps.
 
@@ -237,18 +223,11 @@ def theorem_3(
 
     Parameters
     ----------
-    steps : int
-        n >= 1.
-    turns_rad : array, shape (p,)
-        Turns of one period, each before its translation.
-    translations_m : array, shape (p, 2), or (2,)
-        Translations of one period, each in the frame after its turn.
+    steps : n >= 1
+    turns_rad : (p,), turns of one period, each before its translation
+    translations_m : (p, 2), or (2,), translations of one period, each in the frame after its turn
     noise : StepNoise, or one per step of the period
         Rotation errors must have one mean: an assumption the paper makes without listing it.
-
-    Returns
-    -------
-    Theorem3
 
     Raises
     ------

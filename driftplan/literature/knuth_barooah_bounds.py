@@ -19,10 +19,9 @@ class Theorem1:
 
     Attributes
     ----------
-    bias_lower_m, bias_upper_m : float
-        |E e| lies between them, metres. It grows no faster than the true displacement, plus a constant.
-    variance_upper_m2 : float
-        The trace of the covariance of e is at most this, m²: it grows no faster than linearly.
+    bias_lower_m, bias_upper_m : |E e| lies between them, metres. It grows no faster than the true displacement, plus a
+        constant.
+    variance_upper_m2 : the trace of the covariance of e is at most this, m²: it grows no faster than linearly
     """
 
     bias_lower_m: float
@@ -48,24 +47,14 @@ def theorem_1(
 
     Parameters
     ----------
-    steps : int
-        n >= 1.
-    displacement_m : float
-        True distance |t| between the first and the last position.
-    longest_step_m : float
-        τ, an upper bound of the true translations.
-    coherence : float
-        γ in (0, 1], an upper bound of the spectral norm of E R̃; in the plane |E exp(jθ̃)|.
-    translation_error_m : float
-        β, an upper bound of E|t̃|.
-    translation_bias_m, rotated_bias_m : float
-        b and ρ, upper bounds of |E t̃| and |E[R̃ t̃]|; ρ defaults to b, which always holds for independent errors.
-    translation_var_m2 : float, optional
-        Upper bound of the trace of the covariance of t̃; default β².
-
-    Returns
-    -------
-    Theorem1
+    steps : n >= 1
+    displacement_m : true distance |t| between the first and the last position
+    longest_step_m : τ, an upper bound of the true translations
+    coherence : γ in (0, 1], an upper bound of the spectral norm of E R̃; in the plane |E exp(jθ̃)|
+    translation_error_m : β, an upper bound of E|t̃|
+    translation_bias_m, rotated_bias_m : b and ρ, upper bounds of |E t̃| and |E[R̃ t̃]|; ρ defaults to b, which always
+        holds for independent errors
+    translation_var_m2 : upper bound of the trace of the covariance of t̃; default β²
 
     Raises
     ------
@@ -112,12 +101,9 @@ def second_moment_lower_bound(
     Parameters
     ----------
     steps : int
-    coherence : float
-        c, the lower bound of |E exp(jθ̃)| over the steps, in [0, 1].
-    shortest_step_m : float
-        Lower bound of |r_k + b_k|, metres.
-    translation_var_m2 : float
-        Lower bound of Tr P_k, m².
+    coherence : c, the lower bound of |E exp(jθ̃)| over the steps, in [0, 1]
+    shortest_step_m : lower bound of |r_k + b_k|, metres
+    translation_var_m2 : lower bound of Tr P_k, m²
 
     Examples
     --------

@@ -11,7 +11,7 @@ Plane as complex numbers, j to the left. Errors are estimate minus truth (Knuth 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -34,8 +34,7 @@ class StepNoise:
         E[δ], E[δ²], E[|δ|²] of δ = r - 1 (no unit).
     s1, S, s2 : complex, float, complex
         E[s] (m), E[|s|²] (m²), E[s²] (m²) of s = rτ. E[s] is ρ in Knuth & Barooah.
-    a, b : complex
-        E[s conj(δ)], E[s δ] (m).
+    a, b : E[s conj(δ)], E[s δ] (m)
     """
 
     d1: complex
@@ -62,8 +61,7 @@ class StepNoise:
 
         Parameters
         ----------
-        heading_std_rad, heading_mean_rad : float
-            Deviation and mean of the rotation error θ̃.
+        heading_std_rad, heading_mean_rad : deviation and mean of the rotation error θ̃
         heading_law : {"gaussian", "laplace", "von_mises", "uniform"}
             Its law (for "von_mises" the concentration is 1/std², and no gain is allowed).
         translation_bias_m : (2,)
@@ -86,22 +84,26 @@ class StepNoise:
         if heading_law == "von_mises" and gain != 0:
             raise ValueError("gain_m_per_rad is not available for heading_law='von_mises': use 'gaussian', got both")
         d1, d2 = (complex(x) for x in shifted(law.d1, law.d2, np.asarray(mean)))
-        w = np.exp(1j * mean)
-        theta_r, theta_r2, theta2_r2 = (0j, 0j, 0j)
-        if gain != 0:
-            theta_r, theta_r2, theta2_r2 = 1j * law.theta_r * w, 1j * law.theta_r2 * w * w, law.theta2_r2 * w * w
-        m2 = 1 + 2 * d1 + d2
         skew = complex(P[0, 0] - P[1, 1], 2 * P[0, 1])
-        return cls(
-            d1=d1,
-            d2=d2,
-            D=-2 * d1.real,
-            s1=complex((1 + d1) * bias + gain * theta_r),
-            S=float(abs(gain) ** 2 * var + abs(bias) ** 2 + np.trace(P)),
-            s2=complex(m2 * (bias**2 + skew) + 2 * gain * bias * theta_r2 + gain**2 * theta2_r2),
-            a=complex(-d1 * bias - gain * theta_r),
-            b=complex((d1 + d2) * bias + gain * (theta_r2 - theta_r)),
+        noise = cls._independent(d1, d2, bias, float(abs(bias) ** 2 + np.trace(P)), bias**2 + skew)
+        if gain == 0:
+            return noise
+        w = np.exp(1j * mean)
+        theta_r, theta_r2, theta2_r2 = 1j * law.theta_r * w, 1j * law.theta_r2 * w * w, law.theta2_r2 * w * w
+        return replace(
+            noise,
+            s1=complex(noise.s1 + gain * theta_r),
+            S=noise.S + abs(gain) ** 2 * var,
+            s2=complex(noise.s2 + 2 * gain * bias * theta_r2 + gain**2 * theta2_r2),
+            a=complex(noise.a - gain * theta_r),
+            b=complex(noise.b + gain * (theta_r2 - theta_r)),
         )
+
+    @classmethod
+    def _independent(cls, d1: complex, d2: complex, bias: complex, S: float, square: complex) -> StepNoise:
+        """Rotation errors with E δ, E δ², and errors τ independent of them with E τ, E|τ|², E τ²."""
+        s2, b = (1 + 2 * d1 + d2) * square, (d1 + d2) * bias
+        return cls(d1=d1, d2=d2, D=-2 * d1.real, s1=(1 + d1) * bias, S=S, s2=s2, a=-d1 * bias, b=b)
 
     @classmethod
     def polar(
@@ -123,12 +125,9 @@ class StepNoise:
         ----------
         translation_m : (2,)
             The true translation t, in the frame after the rotation.
-        heading_std_rad, heading_mean_rad, heading_law :
-            Of the rotation error.
-        direction_std_rad, direction_law :
-            Of φ̃, zero mean.
-        distance_std_m : float
-            Of d̃, zero mean, any law.
+        heading_std_rad, heading_mean_rad, heading_law : of the rotation error
+        direction_std_rad, direction_law : of φ̃, zero mean
+        distance_std_m : of d̃, zero mean, any law
 
         Examples
         --------
@@ -151,17 +150,7 @@ class StepNoise:
         turned = cls.additive(
             heading_std_rad=heading_std_rad, heading_mean_rad=heading_mean_rad, heading_law=heading_law
         )
-        d1, d2 = turned.d1, turned.d2
-        return cls(
-            d1=d1,
-            d2=d2,
-            D=turned.D,
-            s1=(1 + d1) * bias,
-            S=-2 * abs(t) ** 2 * loss + var,
-            s2=(1 + 2 * d1 + d2) * square,
-            a=-d1 * bias,
-            b=(d1 + d2) * bias,
-        )
+        return cls._independent(turned.d1, turned.d2, bias, -2 * abs(t) ** 2 * loss + var, square)
 
     @property
     def coherence(self) -> float:
@@ -180,20 +169,14 @@ class StepNoise:
 
 
 def step_moments(turns_rad: ArrayLike, translations_m: ArrayLike, noise: StepNoise | Sequence[StepNoise]) -> Moments:
-    """Elements of the error-moment algebra for steps with errors of any law.
+    """Elements of the error-moment algebra for steps with errors of any law, shape (...).
 
     Parameters
     ----------
-    turns_rad : array, shape (...)
-        True rotation of each step, rad.
-    translations_m : array, shape (..., 2)
-        True translation, metres, in the frame after the rotation.
+    turns_rad : (...), true rotation of each step, rad
+    translations_m : (..., 2), true translation, metres, in the frame after the rotation
     noise : StepNoise, or one per step
         A sequence goes with the last axis.
-
-    Returns
-    -------
-    Moments, shape (...)
 
     Examples
     --------

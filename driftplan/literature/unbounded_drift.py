@@ -51,12 +51,9 @@ class Proposition1:
 
     Attributes
     ----------
-    bias : array, shape (..., 2)
-        E[e], metres.
-    cov : array, shape (..., 2, 2)
-        Covariance of e, m², with the x-y entry that the paper leaves out.
-    table : Table
-        Table I, corrected.
+    bias : (..., 2), E[e], metres
+    cov : (..., 2, 2), covariance of e, m², with the x-y entry that the paper leaves out
+    table : table I, corrected
     """
 
     bias: Floats
@@ -75,18 +72,13 @@ class Proposition2:
 
     Attributes
     ----------
-    bias : array, shape (..., 2)
-        E[e | measurements], metres: e is the error of fresh measurements of the unknown true path.
-    total_cov : array, shape (..., 2, 2)
-        Covariance of e given the measurements, m². This is what the sums of Table II give.
-    average_true_cov : array, shape (..., 2, 2)
-        Covariance of e for a known path, averaged over the true paths, m². This is what equation (6) announces; it is
-        smaller by the spread of the bias over the true paths.
-    measured_path_bias : array, shape (..., 2)
-        E[measured end - true end | measurements], metres: the posterior mean of the error that *has been* made. Not the
-        same as ``bias``; at first order it has the opposite sign.
-    table : Table
-        Table II, corrected.
+    bias : (..., 2), E[e | measurements], metres: e is the error of fresh measurements of the unknown true path
+    total_cov : (..., 2, 2), covariance of e given the measurements, m². This is what the sums of Table II give.
+    average_true_cov : (..., 2, 2), covariance of e for a known path, averaged over the true paths, m². This is what
+        equation (6) announces; it is smaller by the spread of the bias over the true paths.
+    measured_path_bias : (..., 2), E[measured end - true end | measurements], metres: the posterior mean of the error
+        that *has been* made. Not the same as ``bias``; at first order it has the opposite sign.
+    table : table II, corrected
     """
 
     bias: Floats
@@ -106,14 +98,9 @@ def proposition_1(
 
     Parameters
     ----------
-    distances_m, turns_rad : array, shape (..., n)
-        True distance (metres) of each step and the turn before it (rad, positive to the left).
-    heading_std_rad, distance_std_m : float
-        δ_θ and δ_d: deviations of each turn's and each distance's error.
-
-    Returns
-    -------
-    Proposition1
+    distances_m, turns_rad : (..., n), true distance (metres) of each step and the turn before it (rad, positive to the
+        left)
+    heading_std_rad, distance_std_m : δ_θ and δ_d: deviations of each turn's and each distance's error
 
     Raises
     ------
@@ -126,22 +113,9 @@ def proposition_1(
     >>> found.cov.diagonal().round(6)
     array([0.038969, 0.119953])
     """
-    path = _Path.read(distances_m, turns_rad, heading_std_rad, distance_std_m)
-    z, a, b, g, c = path.z, path.a, path.b, path.g, path.c
-    fresh = path.distance_var * path.d.shape[-1]
-    weighted = z * a
-    N = (
-        2 * _sum(np.abs(z) ** 2 * a)
-        + 2 * (_pairs(np.conj(weighted), z, 1.0) + _pairs(np.conj(weighted), z, c)).real
-        + fresh
-    )
-    e2 = (
-        _sum(z**2 * (a - b))
-        + 2 * (_pairs(weighted, z, 1.0) - _pairs(z * b, z, c))
-        + path.distance_var * _sum(path.u**2 * g)
-    )
-    mean = -_sum(weighted)
-    return Proposition1(bias=as_plane(mean), cov=as_covariance(mean, N, e2), table=_table_1(path))
+    path = _Path.read(distances_m, turns_rad, heading_std_rad, distance_std_m, measured=False)
+    mean, N, e2 = _error_moments(path)
+    return Proposition1(bias=as_plane(mean), cov=as_covariance(mean, N, e2), table=_table(path))
 
 
 def proposition_2(
@@ -159,19 +133,8 @@ def proposition_2(
 
     Parameters
     ----------
-    distances_m, turns_rad : array, shape (..., n)
-        Measured distance (metres) of each step and the measured turn before it (rad).
-    heading_std_rad, distance_std_m : float
-        δ_θ and δ_d.
-
-    Returns
-    -------
-    Proposition2
-
-    Raises
-    ------
-    ValueError
-        As `proposition_1`.
+    distances_m, turns_rad : (..., n), measured distance (metres) of each step and the measured turn before it (rad)
+    heading_std_rad, distance_std_m : δ_θ and δ_d
 
     Examples
     --------
@@ -179,35 +142,28 @@ def proposition_2(
     >>> found.total_cov.diagonal().round(6), found.average_true_cov.diagonal().round(6)
     (array([0.040357, 0.118745]), array([0.040352, 0.118732]))
     """
-    path = _Path.read(distances_m, turns_rad, heading_std_rad, distance_std_m)
-    z, a, b, g, h, c = path.z, path.a, path.b, path.g, path.h, path.c
-    single = np.abs(z) ** 2 + path.distance_var  # E d̄²
-    single2 = path.u**2 * (path.d**2 + path.distance_var) * g
-    fresh = path.distance_var * path.d.shape[-1]
-
-    weighted = np.conj(z * a)
-    N = 2 * _sum(single * a) + 2 * (_pairs(weighted, z, c) + _pairs(weighted, z, c * c)).real + fresh
-    e2 = (
-        _sum(single2 * (a - b))
-        + 2 * (_pairs(z * g * a, z, c) - _pairs(z * g * b, z, c * c))
-        + path.distance_var * _sum(path.u**2 * g * g)
-    )
-    mean = -_sum(z * h * a)
+    path = _Path.read(distances_m, turns_rad, heading_std_rad, distance_std_m, measured=True)
+    mean, N, e2 = _error_moments(path)
     # μ = E[e | true path] is linear in the true steps: its own second moments
-    mu_N = _sum(single * a**2) + 2 * _pairs(weighted, z * a, c).real
-    mu_e2 = _sum(single2 * a**2) + 2 * _pairs(z * g * a, z * a, c)
+    z, a, c = path.z, path.a, path.c
+    mu_N = _sum(path.square * a**2) + 2 * _pairs(np.conj(z * a), z * a, c).real
+    mu_e2 = _sum(path.square2 * a**2) + 2 * _pairs(z * path.open2 * a, z * a, c)
     return Proposition2(
         bias=as_plane(mean),
         total_cov=as_covariance(mean, N, e2),
         average_true_cov=as_covariance(np.zeros_like(mean), N - mu_N, e2 - mu_e2),
         measured_path_bias=as_plane(_sum(z * a)),
-        table=_table_2(path),
+        table=_table(path),
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Path:
-    """A path and its noise in the letters of the module's docstring, arrays of shape (..., n) or (n,)."""
+    """A path and its noise in the letters of the module's docstring, arrays of shape (..., n) or (n,).
+
+    The truth is the path itself or, if that is measured, differs from it by errors of the same law: its heading after i
+    turns by one of E cos ``open1``, its distances by one of variance ``open_var``.
+    """
 
     d: Floats
     u: Complexes  # exp(j T_i)
@@ -216,63 +172,84 @@ class _Path:
     a: Floats
     b: Floats
     g: Floats
-    h: Floats
+    open1: Floats  # h_i, or 1 for a true path
+    open2: Floats  # E cos of twice that error: g_i, or 1
+    open_var: float
+    fade: float  # of open1 per step: c, or 1
 
     @property
     def z(self) -> Complexes:
         return self.d * self.u
 
+    @property
+    def square(self) -> Floats:
+        """E of the true distance squared."""
+        return self.d**2 + self.open_var
+
+    @property
+    def square2(self) -> Complexes:
+        """E of the true step squared, as a complex number."""
+        return self.u**2 * self.square * self.open2
+
     @classmethod
-    def read(cls, distances_m: ArrayLike, turns_rad: ArrayLike, heading_std_rad: float, distance_std_m: float) -> _Path:
+    def read(
+        cls, distances_m: ArrayLike, turns_rad: ArrayLike, heading_std: float, distance_std: float, *, measured: bool
+    ) -> _Path:
         d, turns = finite("distances_m", distances_m), finite("turns_rad", turns_rad)
         if d.shape != turns.shape or d.ndim < 1 or d.shape[-1] < 1:
             raise ValueError(
                 f"expected distances_m and turns_rad of one shape (..., n), n >= 1, got {d.shape} and {turns.shape}"
             )
-        var = not_negative("heading_std_rad", heading_std_rad) ** 2
+        var = not_negative("heading_std_rad", heading_std) ** 2
+        distance_var = not_negative("distance_std_m", distance_std) ** 2
         i = np.arange(1, d.shape[-1] + 1)
-        h = np.exp(-0.5 * i * var)
+        c, h, g, one = exp(-0.5 * var), np.exp(-0.5 * i * var), np.exp(-2 * i * var), np.ones(i.shape)
         return cls(
             d=d,
             u=np.exp(1j * np.cumsum(turns, axis=-1)),
-            distance_var=not_negative("distance_std_m", distance_std_m) ** 2,
-            c=exp(-0.5 * var),
+            distance_var=distance_var,
+            c=c,
             a=-np.expm1(-0.5 * i * var),
             b=-h * np.expm1(-1.5 * i * var),
-            g=np.exp(-2 * i * var),
-            h=h,
+            g=g,
+            open1=h if measured else one,
+            open2=g if measured else one,
+            open_var=distance_var if measured else 0.0,
+            fade=c if measured else 1.0,
         )
 
 
-def _table_1(path: _Path) -> Table:
+def _error_moments(path: _Path) -> tuple[Complexes, Floats, Complexes]:
+    """E e, E|e|² and E e² at the end of the path."""
+    z, a, b, open2, late = path.z, path.a, path.b, path.open2, path.fade * path.c
+    weighted = np.conj(z * a)
+    N = (
+        2 * _sum(path.square * a)
+        + 2 * (_pairs(weighted, z, path.fade) + _pairs(weighted, z, late)).real
+        + path.distance_var * path.d.shape[-1]
+    )
+    e2 = (
+        _sum(path.square2 * (a - b))
+        + 2 * (_pairs(z * open2 * a, z, path.fade) - _pairs(z * open2 * b, z, late))
+        + path.distance_var * _sum(path.u**2 * path.g * open2)
+    )
+    return -_sum(z * path.open1 * a), N, e2
+
+
+def _table(path: _Path) -> Table:
+    """Table I or, of a measured path, Table II: sin², cos² and sin·cos averaged over what the headings leave open."""
     d, a, b, g, c = path.d, path.a, path.b, path.g, path.c
     forward, left = path.u.real, path.u.imag  # cos T, sin T: the paper's y and x
-
-    def entries(own: Floats, other: Floats) -> tuple[Floats, Floats, Floats]:
-        single = _sum(d**2 * (own**2 * (a + 0.5 * (a - b)) + other**2 * 0.5 * (a + b)))
-        pairs = 2 * _pairs(d * own * a, d * own, 1.0)
-        pairs = pairs + _pairs(d * own * (a - b), d * own, c) + _pairs(d * other * (a + b), d * other, c)
-        return single, pairs, path.distance_var * _sum(0.5 * own**2 * (1 + g) + 0.5 * other**2 * (a + b))
-
-    A, B, C = entries(left, forward)
-    D, E, F = entries(forward, left)
-    return Table(A=A, B=B, C=C, D=D, E=E, F=F)
-
-
-def _table_2(path: _Path) -> Table:
-    """As Table I, with sin², cos² and sin·cos of the true heading averaged over what the measured one leaves open."""
-    d, a, b, g, c = path.d, path.a, path.b, path.g, path.c
-    forward, left = path.u.real, path.u.imag
-    half = 0.5 * (1 - g)
-    mean_left2, mean_forward2 = half + g * left**2, half + g * forward**2  # E sin² T̄, E cos² T̄: the paper's S and K
-    mixed = g * left * forward  # E sin T̄ cos T̄
-    moved = d**2 + path.distance_var
+    half = 0.5 * (1 - path.open2)
+    mean_left2 = half + path.open2 * left**2  # E sin² T̄: the paper's S
+    mean_forward2 = half + path.open2 * forward**2  # E cos² T̄: the paper's K
+    mixed = path.open2 * left * forward  # E sin T̄ cos T̄
 
     def entries(own: Floats, other: Floats, own2: Floats, other2: Floats) -> tuple[Floats, Floats, Floats]:
-        single = _sum(moved * (own2 * (a + 0.5 * (a - b)) + other2 * 0.5 * (a + b)))
+        single = _sum(path.square * (own2 * (a + 0.5 * (a - b)) + other2 * 0.5 * (a + b)))
         pairs: Floats = np.zeros(single.shape)
         # k α and k β, split by their power of k; the later heading is written out about the earlier one
-        for fade, alpha, beta in ((c, a, 0.0), (c * c, 0.5 * (a - b), 0.5 * (a + b))):
+        for fade, alpha, beta in ((path.fade, a, 0.0), (path.fade * c, 0.5 * (a - b), 0.5 * (a + b))):
             from_own = own2 * own * alpha + mixed * other * (alpha - beta) + other2 * own * beta
             from_other = own2 * other * alpha - mixed * own * (alpha - beta) + other2 * other * beta
             pairs = pairs + 2 * (_pairs(d * from_own, d * own, fade) + _pairs(d * from_other, d * other, fade))

@@ -46,17 +46,11 @@ _PERFECT_READING_VARIANCE = 1e-12  # m² or rad²: of a perfect reading of what 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CovarianceMap:
-    """What a stretch of driving and reading does to the covariance: ``P ↦ A (I + P J)⁻¹ P Aᵀ + C``, any leading axes.
+    """What driving and reading do to the covariance: ``P ↦ A (I + P J)⁻¹ P Aᵀ + C``, over any leading axes."""
 
-    Attributes
-    ----------
-    A, C, J : arrays, shape (..., d, d)
-        Transition; covariance gained; information gained about the state at the beginning. d = 3 + constants.
-    """
-
-    A: Floats
-    C: Floats
-    J: Floats
+    A: Floats  # (..., d, d) transition, d = 3 + constants
+    C: Floats  # (..., d, d) covariance gained
+    J: Floats  # (..., d, d) information gained about the state at the beginning
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -112,9 +106,7 @@ def compose(first: CovarianceMap, second: CovarianceMap) -> CovarianceMap:
     M: Floats = np.asarray(np.linalg.inv(np.eye(first.A.shape[-1]) + first.C @ second.J), dtype=float)
     onward, back = second.A @ M, _T(first.A) @ _T(M) @ second.J
     return CovarianceMap(
-        onward @ first.A,
-        _symmetric(onward @ first.C @ _T(second.A) + second.C),
-        _symmetric(back @ first.A + first.J),
+        onward @ first.A, _symmetric(onward @ first.C @ _T(second.A) + second.C), _symmetric(back @ first.A + first.J)
     )
 
 
@@ -141,18 +133,11 @@ def prefixes(maps: CovarianceMap) -> CovarianceMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Legs:
-    """What driving does to the error: ``x ← A x + shift + noise of covariance C``, any leading axes.
+    """What driving does to the error: ``x ← A x + shift + noise of covariance C``, any leading axes."""
 
-    Attributes
-    ----------
-    A, C : arrays, shape (..., d, d)
-    shift : array, shape (..., d)
-        What the known systematic errors add to the mean; the filter does not know of it.
-    """
-
-    A: Floats
-    C: Floats
-    shift: Floats
+    A: Floats  # (..., d, d)
+    C: Floats  # (..., d, d)
+    shift: Floats  # (..., d) what known systematic errors add to the mean; the filter does not know of it
 
     @property
     def maps(self) -> CovarianceMap:
@@ -183,10 +168,7 @@ class Legs:
 
 
 def path_legs(
-    runs: Runs,
-    noises: Sequence[OdometryNoise],
-    which: Ints | None = None,
-    spread: SystematicSpread = NO_SPREAD,
+    runs: Runs, noises: Sequence[OdometryNoise], which: Ints | None = None, spread: SystematicSpread = NO_SPREAD
 ) -> Legs:
     """All legs of a path, world frame, shape (..., m); ``which`` of the noises each has, (m,), default the first.
 
@@ -215,12 +197,9 @@ def legs(
 
     Parameters
     ----------
-    headings, turns, lengths, curvatures : arrays, shape (...)
-        True heading before the turn (rad), the turn (rad), metres, 1/m.
-    noises, which :
-        Different noises, and the index of each leg's, (...).
-    spread : SystematicSpread
-        Its constants are further states.
+    headings, turns, lengths, curvatures : (...), true heading before the turn (rad), the turn (rad), metres, 1/m
+    noises, which : different noises, and the index of each leg's, (...)
+    spread : its constants are further states
 
     Returns
     -------

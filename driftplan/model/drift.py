@@ -16,7 +16,15 @@ from driftplan.model.elements import of_legs
 from driftplan.model.filter_state import LINEAR_HEADING_STD_RAD
 from driftplan.model.fusion import Beliefs, fuse
 from driftplan.model.moments import Moments, compose
-from driftplan.model.noise import NO_SPREAD, Noises, OdometryNoise, SystematicSpread, noise_of_legs
+from driftplan.model.noise import (
+    NO_SPREAD,
+    Noises,
+    OdometryNoise,
+    SystematicSpread,
+    drives_to_average,
+    noise_of_legs,
+    spread_of,
+)
 from driftplan.model.paths import Runs, read_path, same_place_within
 from driftplan.model.readings import Estimator, Fix, Readings, checked_estimator
 
@@ -31,8 +39,7 @@ class PointDrift:
 
     Attributes
     ----------
-    distance : array, shape (...)
-        Metres driven from the path's start.
+    distance : (...), metres driven from the path's start
     moments : Moments, shape (...)
         True pose and error moments, world frame.
     """
@@ -127,6 +134,7 @@ class Drift(PointDrift):
     _driven: Driven  # at every leg border
     _border_distance: Floats
     _beliefs: Beliefs | None = None  # of a robot with a filter
+    _drives: tuple[tuple[float, Drift], ...] = ()  # weights and drifts, where systematic errors differ between drives
 
     @property
     def end(self) -> PointDrift:
@@ -178,6 +186,8 @@ class Drift(PointDrift):
 
     def departures(self) -> Moments:
         """Moments at the beginning of every leg's run, after turning on the spot, for one path."""
+        if self._drives:
+            return _averaged([(weight, one.departures()) for weight, one in self._drives])
         turns, begun = self.runs.turns, self._driven.leaving[:-1]
         if self._beliefs is None and not any(noise.turns_matter for noise in self.noises):
             return replace(begun, u=begun.u * np.exp(1j * turns))
@@ -186,6 +196,8 @@ class Drift(PointDrift):
 
     def inside_legs(self, shares: Floats) -> Moments:
         """Moments at these shares (k,) of every leg's run, for one path, (legs, k)."""
+        if self._drives:
+            return _averaged([(weight, one.inside_legs(shares)) for weight, one in self._drives])
         runs, last = self.runs, len(self.runs.lengths)
         border = np.repeat(np.arange(last)[:, None], len(shares), axis=1)
         begin = self._driven.leaving[border]
@@ -252,6 +264,9 @@ class Drift(PointDrift):
     def _inside(self, s: Floats, *, after: bool = True) -> PointDrift:
         """Drift at distances (..., k) on the path: the last border before (``after`` the readings of a border that is
         there, or on arrival at it), and the leg from there, if it has begun."""
+        if self._drives:
+            inside = [(weight, one._inside(s, after=after).moments) for weight, one in self._drives]
+            return PointDrift(s, _averaged(inside))
         borders, last = self._border_distance, self.runs.lengths.shape[-1]
         within = same_place_within(float(np.max(self.length, initial=0.0)))
         reached = s + within / 3 if after else s - within  # a fix lies where it was said to, rounding or not
@@ -289,14 +304,13 @@ def predict_drift(
 
     Parameters
     ----------
-    path :
-        (n, 2) waypoints in metres, world frame, with turns on the spot between straight runs; (n, 3) with headings in
-        rad, at which the robot turns to its course, drives and turns to the heading; (..., n, 2|3) batches; a list of
-        arrays of different lengths; a list of `Run`; or `Runs` (for odometry logs `Runs.from_odometry`).
+    path : (n, 2) waypoints in metres, world frame, with turns on the spot between straight runs; (n, 3) with headings
+        in rad, at which the robot turns to its course, drives and turns to the heading; (..., n, 2|3) batches; a list
+        of arrays of different lengths; a list of `Run`; or `Runs` (for odometry logs `Runs.from_odometry`)
     noise : OdometryNoise or one per run
-        A sequence gives each leg its own noise (floors of different kinds).
-    start_heading : float, optional
-        Heading before the first turn, rad; by default the robot already faces its first run.
+        A sequence gives each leg its own noise (floors of different kinds). Where systematic errors differ between
+        drives, the result is the average over drives, whose three deviations are the same on all floors.
+    start_heading : heading before the first turn, rad; by default the robot already faces its first run
     fixes : sequence of Fix, or Readings
         Absolute measurements on the way (one path only), ordered as `driftplan.model.readings` says. A fix at 0 sets
         the uncertainty of the start.
@@ -305,12 +319,7 @@ def predict_drift(
         ``filter``: it is fused in an extended Kalman filter, so that a position fix also corrects heading and a further
         fix never hurts. Then the drift is the filter's covariance, linearised about the path: within a few per cent
         outside of `Drift.beyond_linear`. Known systematic errors shift the filter's mean, they are not corrected.
-    spread : SystematicSpread
-        Systematic errors that differ from drive to drive and are estimated by the filter as it goes.
-
-    Returns
-    -------
-    Drift
+    spread : systematic errors that differ from drive to drive and are estimated by the filter as it goes
 
     Raises
     ------
@@ -337,6 +346,15 @@ def predict_drift(
         raise ValueError(f"a spread of {', '.join(spread.names)} is for estimator='filter', which estimates it")
     runs = read_path(path, start_heading)
     noises, noise_of_leg = noise_of_legs(noise, runs.lengths.shape[-1], runs.legs_per_waypoint)
+    if estimator == "filter" and not spread.names:
+        noises, spread = spread_of(noises)
+    if any(one.varies_between_drives for one in noises):
+        own = [noises[k] for k in noise_of_leg[:: runs.legs_per_waypoint]]
+        some = [
+            (weight, predict_drift(runs, [one.on_drive(z) for one in own], fixes=fixes))
+            for weight, z in drives_to_average(noises)
+        ]
+        return _average_drift(some, noises)
     waypoints = np.arange(0, runs.lengths.shape[-1] + 1, runs.legs_per_waypoint)
     zero = np.zeros(np.shape(runs.start))
     start = Moments(np.exp(1j * runs.heading), runs.start, *([zero] * 8))
@@ -357,3 +375,17 @@ def predict_drift(
     for array in (distance, at_waypoints, *(x for part in (moments, *driven) for x in part.arrays())):
         array.setflags(write=False)
     return Drift(at_waypoints, moments, runs, noises, noise_of_leg, driven, distance, beliefs)
+
+
+def _averaged(moments: Sequence[tuple[float, Moments]]) -> Moments:
+    """Error moments are expectations: those over all drives are the average."""
+    columns = zip(*(one.arrays() for _, one in moments), strict=True)
+    weights = [weight for weight, _ in moments]
+    return Moments(*(sum(w * x for w, x in zip(weights, column, strict=True)) for column in columns))
+
+
+def _average_drift(drives: Sequence[tuple[float, Drift]], noises: tuple[OdometryNoise, ...]) -> Drift:
+    first = drives[0][1]
+    driven = Driven(*(_averaged([(weight, one._driven[k]) for weight, one in drives]) for k in range(2)))
+    moments = _averaged([(weight, one.moments) for weight, one in drives])
+    return replace(first, moments=moments, noises=noises, _driven=driven, _drives=tuple(drives))

@@ -42,8 +42,7 @@ def run_moments(length_m: Array, curvature_per_m: Array, noise: OdometryNoise) -
 
     Parameters
     ----------
-    length_m, curvature_per_m : array, shape (...)
-        Lengths >= 0. Broadcast against each other.
+    length_m, curvature_per_m : (...), lengths >= 0. Broadcast against each other.
     noise : OdometryNoise
 
     Returns
@@ -133,8 +132,7 @@ def of_legs(turns: Array, lengths: Array, curvatures: Array, which: Array, noise
 
     Parameters
     ----------
-    turns, lengths, curvatures : arrays, shape (...)
-        rad, metres, 1/m; broadcast against each other.
+    turns, lengths, curvatures : (...), rad, metres, 1/m; broadcast against each other
     which : whole numbers, shape broadcasting to (...)
         Index into ``noises``.
 

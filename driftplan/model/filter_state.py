@@ -86,16 +86,10 @@ class FilterState:
     """The error of a fusing robot at one place, of one drive (Python numbers) or of many (arrays of one shape).
 
     Entry by entry: on thousands of drives ten times as fast as stacked matrices, on one drive too.
-
-    Attributes
-    ----------
-    P : tuple of columns
-        Upper triangle of the covariance, row by row.
-    mean : tuple of columns, or None where nothing is systematic
     """
 
-    P: tuple[Any, ...]
-    mean: tuple[Any, ...] | None = None
+    P: tuple[Any, ...]  # upper triangle of the covariance, row by row
+    mean: tuple[Any, ...] | None = None  # None where nothing is systematic
 
     @classmethod
     def from_matrix(cls, P: Floats, mean: Floats | None = None) -> FilterState:
@@ -176,8 +170,7 @@ def states_along(
     ----------
     start : FilterState
     legs : sequence of LegColumns, m of them
-    rows_at : mapping
-        Border (0 to m) to its readings, in order: rows and the chance of each, None for certainty.
+    rows_at : border (0 to m) to its readings, in order: rows and the chance of each, None for certainty
 
     Returns
     -------

@@ -33,14 +33,10 @@ class Moments:
 
     Attributes
     ----------
-    u, p : array
-        True rotation (unit complex) and true translation in metres, in the frame of the piece's start.
-    d1, d2, D : array
-        E[δ], E[δ²], E[|δ|²] of the heading error δ (no unit). For true rotations ``D = -2 Re d1``.
-    e1, N, e2 : array
-        E[e] (m), E[|e|²] (m²), E[e²] (m²) of the position error e.
-    a, b : array
-        E[e conj(δ)], E[e δ] (m).
+    u, p : true rotation (unit complex) and true translation in metres, in the frame of the piece's start
+    d1, d2, D : E[δ], E[δ²], E[|δ|²] of the heading error δ (no unit). For true rotations ``D = -2 Re d1``.
+    e1, N, e2 : E[e] (m), E[|e|²] (m²), E[e²] (m²) of the position error e
+    a, b : E[e conj(δ)], E[e δ] (m)
     """
 
     u: Array

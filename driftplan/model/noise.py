@@ -9,8 +9,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from math import radians, tau
-from typing import Literal, get_args
+from itertools import product
+from math import prod, radians, tau
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +31,19 @@ _VARIANCES = (
     "lateral_var_per_step",
 )
 SYSTEMATIC = ("heading_bias_per_m", "heading_bias_per_rad", "distance_scale_error")
+BETWEEN_DRIVES = {
+    "heading_bias_per_m": "heading_bias_std_per_m",
+    "heading_bias_per_rad": "heading_bias_std_per_rad",
+    "distance_scale_error": "distance_scale_std",
+}
+_NODES = (  # of a standard normal variable: the moments of a mixture over 5 (3) are exact to the 9th (5th) power of it
+    (
+        (-2.8569700138728056, -1.355626179974266, 0.0, 1.355626179974266, 2.8569700138728056),
+        (0.011257411327720691, 0.2220759220056126, 0.5333333333333333, 0.2220759220056126, 0.011257411327720691),
+    ),
+    ((-1.7320508075688772, 0.0, 1.7320508075688772), (1 / 6, 2 / 3, 1 / 6)),
+    ((-1.7320508075688772, 0.0, 1.7320508075688772), (1 / 6, 2 / 3, 1 / 6)),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,30 +61,30 @@ class OdometryNoise:
 
     Parameters
     ----------
-    heading_var_per_m : float
-        Heading variance gained per metre driven, rad²/m.
-    distance_var_per_m, lateral_var_per_m : float
-        Variance of the distance along, and across, the direction of travel per metre driven, m²/m.
-    heading_var_per_rad, distance_var_per_rad : float
-        Heading (rad²/rad) and distance (m²/rad) variance per radian turned, on the spot or along an arc.
-    heading_var_per_step, distance_var_per_step, lateral_var_per_step : float
-        The same per step: rad², m², m². They need ``step_m``.
-    step_m : float or None
-        Length of a step in metres; None for the continuous model.
+    heading_var_per_m : heading variance gained per metre driven, rad²/m
+    distance_var_per_m, lateral_var_per_m : variance of the distance along, and across, the direction of travel per
+        metre driven, m²/m
+    heading_var_per_rad, distance_var_per_rad : heading (rad²/rad) and distance (m²/rad) variance per radian turned, on
+        the spot or along an arc
+    heading_var_per_step, distance_var_per_step, lateral_var_per_step : the same per step: rad², m², m². They need
+        ``step_m``.
+    step_m : length of a step in metres; None for the continuous model.
     heading_law : {"gaussian", "laplace", "von_mises", "uniform"}
         Distribution of one step's heading error, entering by its exact characteristic function. The von Mises
         concentration is the reciprocal of the step's heading variance, and it takes no ``heading_distance_corr``.
         Laws other than the Gaussian need ``step_m``:
         a continuous white error is Gaussian.
-    heading_distance_corr : float
-        Correlation, in [-1, 1], of the heading and distance errors of the same step or stretch. In the continuous
-        model it acts half before and half after (Stratonovich), the limit of ever finer odometry.
-    heading_bias_per_m : float
-        Systematic heading error per metre, rad/m; positive when the estimate turns left of the truth.
-    heading_bias_per_rad : float
-        Systematic relative error of measured turns: the odometry reports ``(1 + heading_bias_per_rad) * turn``.
-    distance_scale_error : float
-        Systematic relative error of measured distances: reported is ``(1 + distance_scale_error) * distance``.
+    heading_distance_corr : correlation, in [-1, 1], of the heading and distance errors of the same step or stretch. In
+        the continuous model it acts half before and half after (Stratonovich), the limit of ever finer odometry.
+    heading_bias_per_m : systematic heading error per metre, rad/m; positive when the estimate turns left of the truth
+    heading_bias_per_rad : systematic relative error of measured turns: the odometry reports
+        ``(1 + heading_bias_per_rad) * turn``
+    distance_scale_error : systematic relative error of measured distances: reported is
+        ``(1 + distance_scale_error) * distance``
+    heading_bias_std_per_m, heading_bias_std_per_rad, distance_scale_std : how much these systematic errors differ from
+        one drive to the next (another day, other tyres, another load): standard deviations about the values above,
+        Gaussian and constant during a drive. Predictions average over drives; routes and layouts are searched for with
+        the values above, and scored with the average.
 
     Raises
     ------
@@ -97,11 +111,14 @@ class OdometryNoise:
     heading_bias_per_m: float = 0.0
     heading_bias_per_rad: float = 0.0
     distance_scale_error: float = 0.0
+    heading_bias_std_per_m: float = 0.0
+    heading_bias_std_per_rad: float = 0.0
+    distance_scale_std: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in (*_VARIANCES, *SYSTEMATIC, "heading_distance_corr"):
+        for name in (*_VARIANCES, *SYSTEMATIC, *BETWEEN_DRIVES.values(), "heading_distance_corr"):
             object.__setattr__(self, name, number(name, getattr(self, name)))
-        for name in _VARIANCES:
+        for name in (*_VARIANCES, *BETWEEN_DRIVES.values()):
             if getattr(self, name) < 0:
                 raise ValueError(f"expected {name} >= 0, got {getattr(self, name)!r}")
         if not -1 <= self.heading_distance_corr <= 1:
@@ -134,14 +151,11 @@ class OdometryNoise:
 
         Parameters
         ----------
-        heading_deg : float
-            Standard deviation of the heading error, in degrees, after ``after_m`` metres.
-        distance_m : float
-            Standard deviation of the distance error, in metres, after ``after_m`` metres.
-        after_m : float
-            Length of the drives, in metres.
-        heading_deg_per_full_turn : float
-            Standard deviation of the heading error, in degrees, after turning once around (360°) on the spot.
+        heading_deg : standard deviation of the heading error, in degrees, after ``after_m`` metres
+        distance_m : standard deviation of the distance error, in metres, after ``after_m`` metres
+        after_m : length of the drives, in metres
+        heading_deg_per_full_turn : standard deviation of the heading error, in degrees, after turning once around
+            (360°) on the spot
 
         Examples
         --------
@@ -234,7 +248,7 @@ class OdometryNoise:
         """
         factor = not_negative("std_factor", std_factor)
         changed = {name: getattr(self, name) * factor**2 for name in _VARIANCES}
-        changed |= {name: getattr(self, name) * factor for name in SYSTEMATIC}
+        changed |= {name: getattr(self, name) * factor for name in (*SYSTEMATIC, *BETWEEN_DRIVES.values())}
         return replace(self, **changed)
 
     def heading_std_after(self, length_m: float, turn_rad: float = 0.0) -> float:
@@ -245,6 +259,28 @@ class OdometryNoise:
         return float(variance**0.5)
 
     @property
+    def varies_between_drives(self) -> bool:
+        """Whether systematic errors differ from one drive to the next."""
+        return any(getattr(self, name) != 0 for name in BETWEEN_DRIVES.values())
+
+    def on_drive(self, deviations: Sequence[float]) -> OdometryNoise:
+        """The noise on a drive whose three systematic errors (heading per metre and per radian, distance scale) lie so
+        many of their standard deviations off; it varies no more.
+
+        Examples
+        --------
+        >>> OdometryNoise(heading_bias_per_m=0.01, heading_bias_std_per_m=0.02).on_drive((-1, 0, 0))
+        OdometryNoise(heading_bias_per_m=-0.01)
+        """
+        shifted: dict[str, Any] = {
+            name: getattr(self, name) + z * getattr(self, std)
+            for name, std, z in zip(SYSTEMATIC, BETWEEN_DRIVES.values(), deviations, strict=True)
+        }
+        shifted["distance_scale_error"] = max(shifted["distance_scale_error"], -0.99)
+        shifted |= dict.fromkeys(BETWEEN_DRIVES.values(), 0.0)
+        return replace(self, **shifted)
+
+    @property
     def is_systematic(self) -> bool:
         """Whether any systematic error (bias or scale) is set."""
         return any(getattr(self, name) != 0 for name in SYSTEMATIC)
@@ -253,7 +289,8 @@ class OdometryNoise:
     def is_plain(self) -> bool:
         """Whether it is white along the path, without steps, systematic or correlated errors: what the additive cost
         of `driftplan.planning.cost` prices in full, so that its bracket holds."""
-        return self.step_m is None and not self.is_systematic and self.heading_distance_corr == 0
+        spread = self.is_systematic or self.varies_between_drives
+        return self.step_m is None and not spread and self.heading_distance_corr == 0
 
     @property
     def turns_matter(self) -> bool:
@@ -272,8 +309,8 @@ class SystematicSpread:
 
     Parameters
     ----------
-    heading_bias_per_m, heading_bias_per_rad, distance_scale_error : float
-        Standard deviation, between drives, of the constants of these names of `OdometryNoise`: rad/m, rad/rad, m/m.
+    heading_bias_per_m, heading_bias_per_rad, distance_scale_error : standard deviation, between drives, of the
+        constants of these names of `OdometryNoise`: rad/m, rad/rad, m/m
 
     Examples
     --------
@@ -301,6 +338,31 @@ class SystematicSpread:
 
 
 NO_SPREAD = SystematicSpread()
+
+
+def drives_to_average(noises: Sequence[OdometryNoise]) -> list[tuple[float, tuple[float, ...]]]:
+    """Weights and deviations (`OdometryNoise.on_drive`) of a few drives whose average is that over all drives of a
+    robot with these noises, on whatever floor; one drive where nothing differs."""
+    axes = [
+        nodes if any(getattr(noise, std) != 0 for noise in noises) else ((0.0,), (1.0,))
+        for nodes, std in zip(_NODES, BETWEEN_DRIVES.values(), strict=True)
+    ]
+    return [
+        (prod(weights), deviations)
+        for deviations, weights in zip(
+            product(*(places for places, _ in axes)), product(*(weights for _, weights in axes)), strict=True
+        )
+    ]
+
+
+def spread_of(noises: Sequence[OdometryNoise]) -> tuple[tuple[OdometryNoise, ...], SystematicSpread]:
+    """Noises without spread, and the spread that a filter estimates: one for all floors, since it is the robot's."""
+    spreads = {
+        SystematicSpread(**{name: getattr(noise, std) for name, std in BETWEEN_DRIVES.items()}) for noise in noises
+    }
+    if len(spreads) > 1:
+        raise ValueError("expected noises whose systematic errors differ alike between drives, got several spreads")
+    return tuple(noise.on_drive((0, 0, 0)) for noise in noises), spreads.pop()
 
 
 def steps_in(length_m: ArrayLike, step_m: float) -> NDArray[np.float64]:

@@ -48,14 +48,10 @@ class Runs:
 
     Attributes
     ----------
-    start : complex array, shape (...)
-        x + jy of the start, metres.
-    heading : array, shape (...)
-        Heading before the first turn, rad.
-    turns, lengths, curvatures : arrays, shape (..., m)
-        rad, m, 1/m.
-    legs_per_waypoint : int
-        Legs between two waypoints of the path that was read.
+    start : (...), x + jy of the start, metres
+    heading : (...), heading before the first turn, rad
+    turns, lengths, curvatures : (..., m), rad, m, 1/m
+    legs_per_waypoint : legs between two waypoints of the path that was read
     """
 
     start: NDArray[np.complex128]
@@ -71,8 +67,7 @@ class Runs:
 
         Parameters
         ----------
-        distances_m, turns_rad : array, shape (..., m)
-            Distances >= 0. The path starts at the origin with heading 0.
+        distances_m, turns_rad : (..., m), distances >= 0. The path starts at the origin with heading 0.
 
         Examples
         --------
@@ -154,10 +149,9 @@ def read_path(path: Any, start_heading: float | ArrayLike | None = None) -> Runs
 
     Parameters
     ----------
-    path :
-        (n, 2) waypoints joined by straight runs; (n, 3) poses x, y, heading: at each the robot turns to face the next
-        waypoint, drives, and turns to the heading asked for; (..., n, 2|3) batches; a list of arrays of different
-        lengths (shorter ones then stand still at their end, which costs nothing); a list of `Run`; `Runs`.
+    path : (n, 2) waypoints joined by straight runs; (n, 3) poses x, y, heading: at each the robot turns to face the
+        next waypoint, drives, and turns to the heading asked for; (..., n, 2|3) batches; a list of arrays of different
+        lengths (shorter ones then stand still at their end, which costs nothing); a list of `Run`; `Runs`
     start_heading : float or array, optional
         Heading before the first turn, rad. Default: the heading of the first run; for `Run` lists and logs 0. Poses
         bring their own.

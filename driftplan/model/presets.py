@@ -22,14 +22,11 @@ class Preset:
     Attributes
     ----------
     noise : OdometryNoise
-    robot : str
-        What it was stated for.
-    source : str
-        Where.
-    caution : str
-        What to know before using it.
-    lengths_m : (float, float) or None
-        Segments over which it was measured, from the shortest to the longest; None where the source says nothing.
+    robot : what it was stated for
+    source : where
+    caution : what to know before using it
+    lengths_m : segments over which it was measured, from the shortest to the longest; None where the source says
+        nothing.
     intervals : mapping of str to (float, float)
         95 % intervals of the rates, where they were fitted.
     """

@@ -54,17 +54,14 @@ class Fix:
 
     Attributes
     ----------
-    s_m : float
-        Where along the path, metres from its start.
+    s_m : where along the path, metres from its start
     position_cov : (2, 2) array or None
         Covariance of the measured position, m², world frame; None: position not measured.
-    heading_std : float or None
-        Standard deviation of the measured heading, rad (Gaussian); None: heading not measured.
-    detection_probability : float
-        Probability that the measurement happens at all; otherwise the drift goes on as if there were no fix.
-    range_std_m, bearing_std : float or None
-        Standard deviation of the measured distance to ``anchor`` (m), and of its measured direction in the robot's
-        frame (rad).
+    heading_std : standard deviation of the measured heading, rad (Gaussian); None: heading not measured.
+    detection_probability : probability that the measurement happens at all; otherwise the drift goes on as if there
+        were no fix
+    range_std_m, bearing_std : standard deviation of the measured distance to ``anchor`` (m), and of its measured
+        direction in the robot's frame (rad)
     anchor : (2,) array or None
         Where the beacon is to which a range or bearing is measured, metres, world frame.
 
@@ -138,20 +135,14 @@ class Fix:
         array([3., 4.])
         """
         return cls(
-            s_m=s_m,
-            anchor=np.asarray(anchor),
-            range_std_m=range_std_m,
-            detection_probability=detection_probability,
+            s_m=s_m, anchor=np.asarray(anchor), range_std_m=range_std_m, detection_probability=detection_probability
         )
 
     @classmethod
     def bearing(cls, s_m: float, *, anchor: ArrayLike, bearing_std: float, detection_probability: float = 1.0) -> Fix:
         """Direction (rad, robot's frame) of a landmark that a camera or laser recognises. It needs a filter."""
         return cls(
-            s_m=s_m,
-            anchor=np.asarray(anchor),
-            bearing_std=bearing_std,
-            detection_probability=detection_probability,
+            s_m=s_m, anchor=np.asarray(anchor), bearing_std=bearing_std, detection_probability=detection_probability
         )
 
 

@@ -12,7 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.arrays import Complexes, Floats
-from driftplan.model.noise import NO_SPREAD, Noises, OdometryNoise, SystematicSpread, noise_of_legs, steps_in
+from driftplan.model.noise import (
+    BETWEEN_DRIVES,
+    NO_SPREAD,
+    SYSTEMATIC,
+    Noises,
+    OdometryNoise,
+    SystematicSpread,
+    noise_of_legs,
+    spread_of,
+    steps_in,
+)
 from driftplan.model.paths import Runs, read_path
 from driftplan.model.readings import Estimator, Fix, checked_estimator
 
@@ -33,20 +43,16 @@ def simulate_drift(
 
     Parameters
     ----------
-    path, noise, start_heading, fixes :
-        As for `predict_drift`; one path.
-    runs : int
-        Number of drives.
+    path, noise, start_heading, fixes : as for `predict_drift`; one path
+    runs : number of drives
     rng : numpy.random.Generator or seed
-    substep_m : float, optional
-        In the continuous model each run is driven in substeps of at most this length (default: 1/400 of the path),
-        with half of a substep's heading error before and half after it moves: the error of E|e|² falls with the square
-        of the length.
+    substep_m : in the continuous model each run is driven in substeps of at most this length (default: 1/400 of the
+        path), with half of a substep's heading error before and half after it moves: the error of E|e|² falls with the
+        square of the length
     estimator : {"reset", "filter"}
         What the robot does with a fix: ``reset`` replaces what is measured, ``filter`` fuses it in an extended Kalman
         filter, linearised at the robot's own estimate.
-    spread : SystematicSpread
-        Further systematic errors, drawn anew for every drive. A filter estimates them, resets do not.
+    spread : further systematic errors, drawn anew for every drive. A filter estimates them, resets do not.
 
     Returns
     -------
@@ -76,6 +82,8 @@ def simulate_drift(
         waypoints, which = borders[waypoints], np.repeat(which, np.diff(borders))
         for border, fix in zip(at.tolist(), ordered, strict=True):
             due.setdefault(border, []).append(fix)
+    if estimator == "filter" and not spread.names:
+        noises, spread = spread_of(noises)
     of_leg = [noises[k] for k in which.tolist()]
     drives = _FusingDrives if estimator == "filter" else _Drives
     return drives(of_leg, runs, np.random.default_rng(rng), legs, substep_m, spread).errors(due)[:, waypoints]
@@ -104,6 +112,8 @@ class _Drives:
         self.noises, self.rng, self.legs, self.count, self.spread = noises, rng, legs, count, spread
         self.constants = {name: rng.normal(0.0, getattr(spread, name), count) for name in spread.names}
         self.learnt = {name: np.zeros(count) for name in spread.names}  # what the robot has found them to be
+        varies = any(noise.varies_between_drives for noise in noises)
+        self.deviations = dict(zip(SYSTEMATIC, rng.standard_normal((3, count)), strict=True)) if varies else {}
         self.substep_m = substep_m or max(float(legs.lengths.sum()), 1e-300) / 400
         self.theta = np.zeros(count)  # heading error
         self.p_hat = np.full(count, complex(legs.start))
@@ -189,7 +199,8 @@ class _Drives:
     def _bias(self, name: str) -> Any:
         """A systematic error as far as the robot does not correct it: one number, or one per drive."""
         known = getattr(self.noise, name)
-        return known + self.constants[name] - self.learnt[name] if name in self.constants else known
+        drawn = self.deviations[name] * getattr(self.noise, BETWEEN_DRIVES[name]) if self.deviations else 0.0
+        return known + self.constants[name] - self.learnt[name] if name in self.constants else known + drawn
 
     def _moved(self, turn: float, length: float, estimate: Complexes, facing: Complexes, variances: _Variances) -> None:
         """What else changes with a move: nothing, for a robot that resets."""

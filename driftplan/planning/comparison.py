@@ -18,10 +18,8 @@ class Comparison(Rows):
 
     Attributes
     ----------
-    rows : tuple of dict
-        One per route: name, length_m, rms_m, bias_m (its norm), radius95_m, all at the goal, planner (None for
-        paths of your own), and estimator; how many beacons each counts on, where one does; collision_free, where a
-        world was given.
+    rows : one per route: name, length_m, rms_m, bias_m (its norm), radius95_m, all at the goal, planner (None for
+        paths of your own), and estimator; how many beacons each counts on, where one does; collision_free, where a world was given
     """
 
     def columns(self) -> dict[str, Iterable[object]]:
@@ -57,10 +55,9 @@ def compare_routes(
     ----------
     routes : sequence of Route or Drift
         A `Drift` is that of a path of your own.
-    names : sequence of str, optional
-        Default: what each minimises, "given" for paths of your own.
-    world : World, optional
-        Say of every route whether it is free of collisions there, so that paths through walls do not set the standard.
+    names : default: what each minimises, "given" for paths of your own
+    world : say of every route whether it is free of collisions there, so that paths through walls do not set the
+        standard
 
     Raises
     ------

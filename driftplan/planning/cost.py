@@ -44,12 +44,9 @@ class CostRates:
 
     Attributes
     ----------
-    heading : float
-        Mean square of the position error per square metre of lever ``|w|``, per metre driven, rad²/m.
-    position : float
-        Variance of the position, all directions summed, per metre driven, m²/m.
-    turn_heading, turn_position : float
-        The same per radian turned, rad²/rad and m²/rad.
+    heading : mean square of the position error per square metre of lever ``|w|``, per metre driven, rad²/m
+    position : variance of the position, all directions summed, per metre driven, m²/m
+    turn_heading, turn_position : the same per radian turned, rad²/rad and m²/rad
     """
 
     heading: float
@@ -227,8 +224,8 @@ def path_cost(
         Where accuracy is wanted; None for each path's own end.
     noise : OdometryNoise or CostRates
         See the module's account of what is priced.
-    start_heading : float, optional
-        Heading in radians before the first run (plane only). Without it the robot already faces along the first run.
+    start_heading : heading in radians before the first run (plane only). Without it the robot already faces along the
+        first run.
 
     Examples
     --------

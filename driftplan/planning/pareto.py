@@ -46,19 +46,13 @@ def pareto_routes(
 
     Parameters
     ----------
-    world, start, goal, noise, beacons :
-        As for `driftplan.plan_route`.
-    max_routes : int
-        At most so many routes, >= 3.
-    max_detour : float
-        No route is longer than this multiple of the shortest, >= 1.
-    difference : float
-        Routes differ by at least this share in length, worst drift or end drift.
-    time_limit : float
-        Seconds for all of them. Unless they run out (the `status` of a route says so) the same seed gives the same
-        routes.
-    redundancy, min_capture, start_fix, start_heading, estimator, max_nodes, seed :
-        As for `plan_route`.
+    world, start, goal, noise, beacons : as for `driftplan.plan_route`
+    max_routes : at most so many routes, >= 3
+    max_detour : no route is longer than this multiple of the shortest, >= 1
+    difference : routes differ by at least this share in length, worst drift or end drift
+    time_limit : seconds for all of them. Unless they run out (the `status` of a route says so) the same seed gives the
+        same routes.
+    redundancy, min_capture, start_fix, start_heading, estimator, max_nodes, seed : as for `plan_route`
 
     Returns
     -------

@@ -90,25 +90,17 @@ class Reliance:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlanRequest:
-    """What `plan_route` is asked for; `of` checks it.
-
-    Attributes
-    ----------
-    ends : (2, 2) start and goal, metres
-    initial_paths : collision-free paths from start to goal
-    time_limit : seconds, huge where iterations are counted and no limit is given
-    iterations : int or None
-    """
+    """What `plan_route` is asked for; `of` checks it."""
 
     world: World
-    ends: Floats
+    ends: Floats  # (2, 2) start and goal, metres
     noise: OdometryNoise
     minimise: Objective
     reliance: Reliance
     planner: str = ROADMAP
-    initial_paths: tuple[Floats, ...] = ()
+    initial_paths: tuple[Floats, ...] = ()  # collision-free paths from start to goal
     max_nodes: int = 1000
-    time_limit: float
+    time_limit: float  # seconds, huge where iterations are counted and no limit is given
     iterations: int | None = None
     seed: int = 0
 

@@ -93,8 +93,7 @@ def least_route(world: World, start: Floats, goal: Floats, margin_m: float, know
     world : World
     start, goal : (2,) array
         Free, in one part of free space; metres.
-    margin_m : float
-        How much obstacles are made smaller, metres: the smaller, the closer the bound and the longer it takes.
+    margin_m : how much obstacles are made smaller, metres: the smaller, the closer the bound and the longer it takes.
         Obstacles that are thinner than two margins vanish.
     known : (n, 2) array, optional
         A route: ways that are longer are not looked at.
@@ -127,8 +126,7 @@ def tight_least_route(world: World, path: Floats, noise: OdometryNoise, gap: flo
     world : World
     path : (n, 2) array
         A route, metres.
-    noise : OdometryNoise
-        Outside the world's zones.
+    noise : outside the world's zones
     gap : float
 
     Examples

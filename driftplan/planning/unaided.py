@@ -103,11 +103,7 @@ class _UnaidedSearch:
         return pool
 
     def run(
-        self,
-        score: Score,
-        time_limit: float,
-        known: Sequence[Floats] | None = None,
-        price_per_m: float = 0.0,
+        self, score: Score, time_limit: float, known: Sequence[Floats] | None = None, price_per_m: float = 0.0
     ) -> _Found:
         """The planner's best path, as it is and polished; no path if it found none in time.
 

@@ -52,18 +52,12 @@ class Table(NamedTuple):
 
     Attributes
     ----------
-    values : array, shape (n, k)
-        In the file's units, see `named`.
-    names, units : tuples of str, or None
-        What the columns are called and measured in, where the file says so.
-    names_are_a_comment : bool
-        And so, perhaps, not names at all.
-    lines : array of int, shape (n,)
-        Which line of the file each row stands in, from 1.
-    notes : tuple of str
-        What was left out.
-    text : tuple of int
-        Which columns of the file hold no numbers, and were left out.
+    values : (n, k), in the file's units, see `named`
+    names, units : what the columns are called and measured in, where the file says so
+    names_are_a_comment : and so, perhaps, not names at all
+    lines : (n,), which line of the file each row stands in, from 1
+    notes : what was left out
+    text : which columns of the file hold no numbers, and were left out
     """
 
     values: Floats
@@ -87,12 +81,10 @@ def read_table(
         in ``.gz``. Lines that begin with ``#`` or ``%`` are comments. Names of columns are taken from a first line that
         is not numbers, or from the last comment before the numbers if it names as many columns, as in
         ``# Time [s]  x [m]  y [m]``. Units stand in brackets.
-    variable : str, optional
-        Name of the array in a MATLAB file.
+    variable : name of the array in a MATLAB file
     min_rows : int
-    recording : bool
-        Whether columns of text are left out, and up to a fifth of the rows where a value is missing or not finite, as
-        exports of recordings have them. Otherwise these are refused.
+    recording : whether columns of text are left out, and up to a fifth of the rows where a value is missing or not
+        finite, as exports of recordings have them. Otherwise these are refused.
 
     Raises
     ------

@@ -36,12 +36,9 @@ def load_world(
     Parameters
     ----------
     path : path of a ``.yaml``, ``.map`` or ``.geojson`` file
-    robot_radius : float
-        Metres, >= 0.
-    unknown_is_free : bool
-        Take unknown cells of a ROS map for free ones; they are obstacles otherwise.
-    cell_size_m : float, optional
-        Size of a cell of a MovingAI map (default 1 m), which does not say; the other formats do.
+    robot_radius : metres, >= 0
+    unknown_is_free : take unknown cells of a ROS map for free ones; they are obstacles otherwise
+    cell_size_m : size of a cell of a MovingAI map (default 1 m), which does not say; the other formats do
     zones : path of a zone file, optional
         Floors of other noise, for maps of any format (`driftplan.world.zone_files`); they cover the map's own.
 
@@ -86,8 +83,7 @@ def save_world(world: World, path: str | os.PathLike[str], *, cell_size_m: float
 
     Parameters
     ----------
-    cell_size_m : float, optional
-        Size of a cell: 0.05 m for ROS and 1 m for MovingAI maps unless given; GeoJSON has no cells.
+    cell_size_m : size of a cell: 0.05 m for ROS and 1 m for MovingAI maps unless given; GeoJSON has no cells.
 
     Raises
     ------

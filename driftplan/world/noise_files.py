@@ -45,6 +45,7 @@ def noise_yaml(noise: OdometryNoise | NoiseFit) -> bytes:
         ]
         for name, (low, high) in noise.intervals.items():
             lines.append(f"{name}: {_yaml(getattr(noise.noise, name))}  # [{low:.3g}, {high:.3g}]")
+        lines += [f"{name}: {_yaml(value)}  # from drive to drive" for name, value in noise.between_drives.items()]
     else:
         for f in fields(noise):
             value = getattr(noise, f.name)

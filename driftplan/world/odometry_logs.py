@@ -61,11 +61,7 @@ _ALIASES: Mapping[str, Sequence[str]] = {
 }
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _POSE = ("x", "y", "z", *_QUATERNION)
-_NAMELESS: Mapping[int, Sequence[str]] = {
-    3: ("time", "x", "y"),
-    4: ("time", "x", "y", "heading"),
-    8: ("time", *_POSE),
-}
+_NAMELESS: Mapping[int, Sequence[str]] = {3: ("time", "x", "y"), 4: ("time", "x", "y", "heading"), 8: ("time", *_POSE)}
 _NAMELESS_STEPS: Mapping[str, Sequence[str]] = {
     "increments": ("time", "distance", "turn"),
     "velocities": ("time", "speed", "turn_rate"),
@@ -101,18 +97,14 @@ def read_odometry(
 
     Parameters
     ----------
-    path :
-        See the module's table, and `driftplan.world.log_tables.read_table` for the containers.
+    path : see the module's table, and `driftplan.world.log_tables.read_table` for the containers
     kind : {"increments", "velocities", "poses"}, optional
         What the log holds; needed where three nameless columns do not say.
-    columns : sequence of str, optional
-        Names of the columns, in place of the file's: ``time``, ``distance``, ``turn``; ``speed``, ``turn_rate``; ``x``,
-        ``y``, ``heading``; ``qx``, ``qy``, ``qz``, ``qw``; any other name is skipped. A unit may follow, as in
+    columns : names of the columns, in place of the file's: ``time``, ``distance``, ``turn``; ``speed``, ``turn_rate``;
+        ``x``, ``y``, ``heading``; ``qx``, ``qy``, ``qz``, ``qw``; any other name is skipped. A unit may follow, as in
         ``time[ns]`` or ``heading[deg]``. Increments may lack ``time``.
-    variable : str, optional
-        Name of the array in a MATLAB file.
-    rate_hz : float
-        Poses per second of a KITTI file.
+    variable : name of the array in a MATLAB file
+    rate_hz : poses per second of a KITTI file
 
     Raises
     ------

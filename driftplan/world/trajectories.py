@@ -26,8 +26,7 @@ def read_trajectory(path: str | os.PathLike[str], *, rate_hz: float = 10.0) -> T
         columns (``time, x, y`` and ``heading`` in radians or ``qx, qy, qz, qw``); gzipped if it ends in ``.gz``.
         The plane is x-y. A KITTI camera looks along z with x to its right and drives in the x-z plane; its x becomes
         -y and its z becomes x, so that x is forward and y left of the first pose (REP-103).
-    rate_hz : float
-        Poses per second of a KITTI file, which has no times.
+    rate_hz : poses per second of a KITTI file, which has no times
 
     Raises
     ------
@@ -51,8 +50,7 @@ def read_path(path: str | os.PathLike[str]) -> Floats:
 
     Parameters
     ----------
-    path :
-        Text of one waypoint a line, ``x, y`` or ``x, y, heading``, with commas, semicolons or blanks between, and a
+    path : text of one waypoint a line, ``x, y`` or ``x, y, heading``, with commas, semicolons or blanks between, and a
         header that names the columns or none. Lines that begin with ``#`` are comments. A unit in brackets, as in
         ``x [mm]`` or ``heading [deg]``, is converted.
 

@@ -44,10 +44,8 @@ class World:
         Walls as drawn, not inflated.
     bounds : (xmin, ymin, xmax, ymax)
         The map's extent in metres. The outside is an obstacle to driving, not to seeing.
-    robot_radius : float
-        Metres, >= 0.
-    zones : sequence of Zone
-        Where zones overlap, the later one holds.
+    robot_radius : metres, >= 0
+    zones : where zones overlap, the later one holds
 
     Raises
     ------
@@ -195,9 +193,8 @@ class World:
 
         Parameters
         ----------
-        tolerance_m : float, optional
-            Default: a twentieth of the robot's radius, at least 1e-5 m. Paths round these corners are longer than the
-            shortest by a few tolerances per corner; passages narrower than 3 tolerances get no corners.
+        tolerance_m : default: a twentieth of the robot's radius, at least 1e-5 m. Paths round these corners are longer
+            than the shortest by a few tolerances per corner; passages narrower than 3 tolerances get no corners.
 
         Examples
         --------

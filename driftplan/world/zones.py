@@ -29,8 +29,7 @@ class Zone:
     Parameters
     ----------
     polygon : shapely Polygon or MultiPolygon, or (n, 2) array of its corners in metres
-    noise : OdometryNoise
-        Replaces, inside the polygon, the noise that holds elsewhere.
+    noise : replaces, inside the polygon, the noise that holds elsewhere
 
     Examples
     --------

@@ -156,3 +156,11 @@ def test_where_the_heading_is_too_uncertain_for_a_filter_the_layout_says_so():
     sites = [Beacon(TAG, x, 0.0) for x in (0.0, 20.0)]
     layout = place_beacons(None, [(0, 0), (30, 0)], rough, 8.0, Sites(points=sites), estimator="filter")
     assert "On 1 of 1 routes, the first of them route 0" in layout.note
+
+
+@pytest.mark.parametrize("seed", range(640, 644))
+def test_the_layout_that_the_search_starts_from_holds_wherever_one_does(seed, one_of_them):
+    instance = replace(one_of_them("mixed", seed), estimator="filter", redundancy=1)
+    limits, n = [instance.limit] * len(instance.paths), len(instance.sites)
+    requirements = FusedRequirements(fused_routes(scenario_of(instance), instance.sites), limits)
+    assert requirements.holds(requirements.driven_along(np.zeros(n, dtype=bool))) == instance.acceptable(2**n - 1)

@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from driftplan.model.calibration.bootstrap import bootstrap
 from driftplan.model.calibration.fit import PARAMETERS, fit_noise
 from driftplan.model.calibration.noise_check import check_noise
 from driftplan.model.calibration.notes import HEAVY_TAILS_CHANCE
-from driftplan.model.calibration.quasi_likelihood import bootstrap, bounded_step, solve
+from driftplan.model.calibration.quasi_likelihood import bounded_step, solve
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_sets import segment_set
 from driftplan.model.calibration.simulated_log import simulate_log
@@ -93,7 +94,9 @@ def test_each_drive_is_predicted_from_the_others():
     for row in alike.held_out.lengths:
         assert row.coverage[2] == pytest.approx(0.95, abs=4 * row.coverage_error[2])
     mixed = fit_noise(*zip(*drives, odd, strict=True), **options)
-    without = fit_noise(*zip(*drives, strict=True), **options).check_on(*odd, lengths_m=[2, 4, 8], time_offset_s=0.0)
+    two = fit_noise(*zip(*drives, strict=True), **options)
+    given = {"lengths_m": [2, 4, 8], "time_offset_s": 0.0, "truth_position_std_m": two.truth_position_std_m}
+    without = check_noise(two.noise.on_drive((0, 0, 0)), *odd, truth_heading_std=two.truth_heading_std, **given)
     # the odd drive, a third of all, is predicted as badly as by a fit of the other two
     for whole, row, other in zip(mixed.check.lengths, mixed.held_out.lengths, without.lengths, strict=True):
         assert other.mean_nees > 20 * whole.mean_nees
@@ -220,6 +223,45 @@ def test_drives_of_different_robots_are_told_apart():
     assert not any("drives differ" in n for n in fit_noise(*zip(*same, strict=True), parameters=FITTED).notes)
     mixed = fit_noise(*zip(same[0], other, strict=True), parameters=FITTED)
     assert any("The drives differ: distance_scale_error varies by 0.04" in note for note in mixed.notes)
+
+
+def test_the_spread_between_drives_is_told_from_that_within(fit):
+    spread = {"distance_scale_error": 0.03, "heading_bias_per_m": 0.02}
+    rng = np.random.default_rng(1)
+    few = (*spread, "heading_var_per_m", "distance_var_per_m")
+    base = OdometryNoise(heading_var_per_m=5e-4, distance_var_per_m=4e-4)
+
+    def day(seed, size):
+        own = {name: float(size * std * rng.standard_normal()) for name, std in spread.items()}
+        return recorded(replace(base, **own), length_m=150, seed=seed, step_m=0.2)
+
+    options = {"parameters": few, "lengths_m": [2, 4, 8], "time_offset_s": 0.0, "resamples": 100}
+    varied = fit_noise(*zip(*(day(k, 1.0) for k in range(8)), strict=True), **options)
+    alike = fit_noise(*zip(*(day(k, 0.0) for k in range(8)), strict=True), **options)
+    # a standard deviation from eight drives is known to 1/4; three of these
+    assert 0.25 * 0.03 < varied.noise.distance_scale_std < 1.75 * 0.03
+    assert 0.25 * 0.02 < varied.noise.heading_bias_std_per_m < 1.75 * 0.02
+    assert alike.noise.distance_scale_std < 0.3 * varied.noise.distance_scale_std
+    assert alike.noise.heading_bias_std_per_m < 0.5 * varied.noise.heading_bias_std_per_m
+    # on other days the regions hold; those of the same fit without the spread do not
+    hold = {"with": [], "without": []}
+    constant = varied.noise.on_drive((0, 0, 0))
+    for k in range(10, 18):
+        drive = day(k, 1.0)
+        given = {"lengths_m": [8], "time_offset_s": 0.0, "truth_position_std_m": 0.004}
+        hold["with"].append(varied.check_on(*drive, lengths_m=[8], time_offset_s=0.0).lengths[0].coverage[1])
+        hold["without"].append(check_noise(constant, *drive, **given).lengths[0].coverage[1])
+    # each day is nearly one draw, all of its segments astray alike: a standard error of 0.1 for eight of them
+    assert np.mean(hold["with"]) > 0.9 - 3 * 0.1
+    assert np.mean(hold["without"]) < np.mean(hold["with"]) - 0.05
+
+
+def test_one_drive_leaves_the_spread_between_drives_to_a_stated_guess(fit):
+    for name, std in fit.between_drives.items():
+        error = fit.std_errors[name.replace("bias_std", "bias").replace("scale_std", "scale_error")]
+        assert std == pytest.approx(np.sqrt(2) * error)
+        assert getattr(fit.noise, name) == std
+    assert "a guess after one drive" in str(fit)
 
 
 def test_slips_are_said_to_be_no_random_walk():

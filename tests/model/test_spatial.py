@@ -473,7 +473,7 @@ def test_bad_repeats(repeats):
     [
         ([(0, 0, 0)], {}, "at least 2 waypoints, got 1"),
         ([(0, 0), (1, 0)], {}, r"shape \(n, 3\), got an array of shape \(2, 2\)"),
-        ([(0, 0, 0), (1, 0, np.nan)], {}, r"waypoints finite, got nan at \[1, 2\]"),
+        ([(0, 0, 0), (1, 0, np.nan)], {}, r"waypoints finite, got nan at index \(1, 2\)"),
         ([(0, 0, 0), (1, 0, 0)], {"rotation_var_per_m": -1.0}, "rotation_var_per_m finite and >= 0, got -1.0"),
         ([(0, 0, 0), (1, 0, 0)], {"lateral_var_per_m": np.inf}, "lateral_var_per_m finite"),
         (

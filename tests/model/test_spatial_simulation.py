@@ -40,5 +40,5 @@ def test_the_oracle_knows_no_moments():
 
 @pytest.mark.parametrize("runs", [0, -5, 2.0, True])
 def test_bad_runs(runs):
-    with pytest.raises(ValueError, match="expected runs to be an int >= 1"):
+    with pytest.raises(ValueError, match="expected runs a whole number >= 1"):
         simulate_drift_3d(**GOOD, runs=runs)

@@ -47,7 +47,7 @@ def test_flying_back_turns_about_the_vertical_or_pitches_over(out, back):
         ({"rotations": np.zeros((0, 3, 3)), "translations": np.zeros((0, 3))}, "at least one step"),
         ({"rotations": [np.eye(3), 2 * np.eye(3), np.eye(3)]}, r"rotations\[1\] has determinant 8"),
         ({"rotations": [-np.eye(3)] * 3}, r"rotations\[0\] has determinant -1"),
-        ({"rotations": np.full((3, 3, 3), np.nan)}, r"rotations finite, got nan at \[0, 0, 0\]"),
+        ({"rotations": np.full((3, 3, 3), np.nan)}, r"rotations finite, got nan at index \(0, 0, 0\)"),
         ({"rotations": "north"}, "rotation matrices"),
         ({"translations": np.ones((2, 3))}, "as many translations as rotations, 3, got 2"),
         ({"translations": np.ones((3, 2))}, r"shape \(n, 3\), got an array of shape \(3, 2\)"),

@@ -99,3 +99,15 @@ def test_wrong_arguments_are_refused(refused, files, monkeypatch, words, said):
     there = set(files[0].parent.iterdir())
     refused("fit", *files[:2], *words, match=said)
     assert set(files[0].parent.iterdir()) == there
+
+
+def test_a_fit_that_is_not_to_be_used_writes_nothing_unless_asked(files, tmp_path, run, refused):
+    odometry = np.loadtxt(files[0], delimiter=",", skiprows=1)
+    odometry[:, 1:3] *= 1000
+    np.savetxt(tmp_path / "mm.csv", odometry, header="time,x,y,heading", comments="", delimiter=",")
+    words = ["fit", tmp_path / "mm.csv", files[1], *FEW, "--yaml", tmp_path / "noise.yaml"]
+    refused(*words, match=r"times the true distance: millimetres or metres\?.* --accept-faults")
+    assert not (tmp_path / "noise.yaml").exists()
+    said = run(*words, "--accept-faults")
+    assert "millimetres or metres?" in said.out
+    assert (tmp_path / "noise.yaml").exists()

@@ -85,8 +85,25 @@ def test_coverage_is_shown_with_the_error_that_chance_allows(fit):
 def test_the_whole_figure_has_a_panel_for_each_question(fit, other):
     before = {name: mpl.rcParams[name] for name in ("figure.figsize", "font.size", "axes.grid", "lines.linewidth")}
     figure = plot_fit(fit, {"other": other})
-    assert len(figure.axes) == 4
+    assert len(figure.axes) == 5
+    assert all(ax.get_title() for ax in figure.axes)
+    true, estimated = fit.tracks[0]
+    assert figure.axes[0].lines[0].get_xdata() == pytest.approx(true.real)
+    assert abs(estimated[0] - true[0]) < 1e-9
     assert [text.get_text() for text in figure.legends[0].get_texts()][-1] == "measured: other"
     assert {name: mpl.rcParams[name] for name in before} == before
     mine = Figure()
     assert plot_fit(fit, figure=mine) is mine
+
+
+def test_seven_drives_are_told_apart(fit, other):
+    ax = axes()
+    drives = {f"drive {k}": other for k in range(6)}
+    drawn = plot_growth(fit, drives, ax=ax)
+    looks = {(c.lines[0].get_color(), c.lines[0].get_marker()) for c in drawn}
+    assert len(looks) == len({colour for colour, _ in looks}) == 7
+    curves = [line for line in ax.lines if len(line.get_xdata()) == len(other.lengths) and line.get_linewidth() == 0.9]
+    for curve in curves:  # every other drive's own prediction
+        assert curve.get_ydata() == pytest.approx([row.predicted_rms_m for row in other.lengths])
+    assert len(curves) == 6
+    assert len(plot_coverage({"fit": fit.check, **drives}, ax=axes())) == 7  # at one level: 21 lines cannot be read

@@ -383,7 +383,7 @@ def test_bad_arguments_are_refused():
     world = World.from_polygons([], bounds=(0, 0, 5, 5), robot_radius=0.1)
     with pytest.raises(ValueError, match=r"a to be points \(..., 2\) in metres, got an array of shape \(3,\)"):
         world.segments_free([1, 2, 3], [1, 2])
-    with pytest.raises(ValueError, match="b finite, got NaN"):
+    with pytest.raises(ValueError, match="b finite, got nan"):
         world.segments_free([1, 2], [1, np.nan])
     with pytest.raises(ValueError, match="xy to be an array of points"):
         world.is_free("here")

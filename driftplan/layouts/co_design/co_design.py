@@ -72,38 +72,25 @@ def co_design(
 
     Parameters
     ----------
-    world : World
-        Its walls block sight, its zones override ``noise``.
+    world : its walls block sight, its zones override ``noise``
     trips : sequence of Trip, or of (start, goal) or (start, goal, weight)
-    noise : OdometryNoise
-        Of the continuous kind (no ``step_m``).
+    noise : of the continuous kind (no ``step_m``)
     limit : metres (one number or one per trip), or DriftLimit
         On the rms drift anywhere on any route; with ``redundancy=2`` it holds with any one beacon dead.
     sites : BeaconKind or several, or Sites
         Kinds alone: sites are a grid over the free space, as `Sites` says.
-    price_per_m : float
-        Of driving one metre once, in the unit of the beacons' cost, > 0.
-    max_detour : float
-        No route is longer than this multiple of the shortest, >= 1.
+    price_per_m : of driving one metre once, in the unit of the beacons' cost, > 0
+    max_detour : no route is longer than this multiple of the shortest, >= 1
     min_capture : float in [0, 1)
         The limit holds without readings that a robot that has drifted comes within range of less surely than this; the
         chances are in ``routes[k].captures``. 0: all count, as in `place_beacons`.
     start_fix : Fix at 0
         Uncertainty at the start of every trip; default: the start is known.
-    max_nodes : int
-        Of every roadmap, about.
-    rounds : int
-        Passes over all neighbours, at most; 0: only the baseline, with its routes as short as its beacons allow.
-    time_limit : float
-        Seconds; it only stops the search, and ``status`` then says so. The baseline is found in any case.
-    seed : int
-        Same seed, same design, unless the time limit was reached.
-    progress : callable
-        Called with seconds and cost when a cheaper design is found.
-
-    Returns
-    -------
-    CoDesign
+    max_nodes : of every roadmap, about
+    rounds : passes over all neighbours, at most; 0: only the baseline, with its routes as short as its beacons allow
+    time_limit : seconds; it only stops the search, and ``status`` then says so. The baseline is found in any case.
+    seed : same seed, same design, unless the time limit was reached
+    progress : called with seconds and cost when a cheaper design is found
 
     Raises
     ------

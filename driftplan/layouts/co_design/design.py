@@ -33,12 +33,10 @@ class Design:
 
     Attributes
     ----------
-    layout : Layout
-        Of the beacons on the routes; the limit holds on each.
+    layout : of the beacons on the routes; the limit holds on each
     paths : tuple of (n, 2) arrays
         One per trip, metres.
-    driving_cost : float
-        Weights times lengths times the price of a metre.
+    driving_cost : weights times lengths times the price of a metre
     """
 
     layout: Layout
@@ -73,17 +71,12 @@ class CoDesign(Design):
     Attributes
     ----------
     trips : tuple of Trip
-    routes : tuple of Route
-        The same paths with their drift, the beacons they count on and the probability of every pass.
-    baseline : Design or None
-        Shortest routes, then beacons; None where no beacons hold the limit on the shortest routes.
+    routes : the same paths with their drift, the beacons they count on and the probability of every pass
+    baseline : shortest routes, then beacons; None where no beacons hold the limit on the shortest routes.
     status : DesignStatus
-    rounds : int
-        Passes over all neighbours, the last one without a gain unless ``status`` says otherwise.
-    tried : int
-        Neighbours looked at.
-    history : tuple of float
-        Cost of the best design, after every improvement.
+    rounds : passes over all neighbours, the last one without a gain unless ``status`` says otherwise
+    tried : neighbours looked at
+    history : cost of the best design, after every improvement
     seconds : float
     """
 

@@ -32,36 +32,25 @@ _LIMIT_ROUNDING = 1e-5  # relative: a layout keeps its limit to a little less
 
 @dataclass(kw_only=True)
 class DesignProblem:
-    """Trips, sites and prices, the clock, and what is known of the trips.
-
-    Attributes
-    ----------
-    limits_m : of every trip
-    sites, listed : where beacons may be, as given and one by one
-    deadline : when to stop, by the monotonic clock
-    place_s : seconds that one placement may take
-    shortest : the shortest path of every trip
-    longest_m : how long its route may be
-    cut_short : whether the clock has cut anything short
-    """
+    """Trips, sites and prices, the clock, and what is known of the trips."""
 
     world: World
     trips: tuple[Trip, ...]
     noise: OdometryNoise
-    limits_m: tuple[float, ...]
+    limits_m: tuple[float, ...]  # of every trip
     redundancy: int
     min_capture: float
-    sites: Sites
-    listed: ListedSites
+    sites: Sites  # where beacons may be, as given
+    listed: ListedSites  # and one by one
     price_per_m: float
     start_fix: Fix | None
     max_nodes: int
     seed: int
-    deadline: float
-    place_s: float
-    shortest: list[Floats] = field(default_factory=list)
-    longest_m: list[float] = field(default_factory=list)
-    cut_short: bool = False
+    deadline: float  # when to stop, by the monotonic clock
+    place_s: float  # seconds that one placement may take
+    shortest: list[Floats] = field(default_factory=list)  # the shortest path of every trip
+    longest_m: list[float] = field(default_factory=list)  # how long its route may be
+    cut_short: bool = False  # whether the clock has cut anything short
 
     def late(self) -> bool:
         self.cut_short = self.cut_short or time.monotonic() > self.deadline

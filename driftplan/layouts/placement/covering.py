@@ -102,16 +102,9 @@ def cheapest_cover(
         Sites that are there anyway.
     hint : bool array (n,)
         A layout to start from.
-    stop_at_first : bool
-        Stop at the first acceptable layout (`Outcome.GOOD_ENOUGH`) instead of looking for the cheapest.
-    time_limit : float
-        Seconds.
-    progress : callable, optional
-        Called with seconds, cost of the best layout and lower bound whenever one of them changes.
-
-    Returns
-    -------
-    Cover
+    stop_at_first : stop at the first acceptable layout (`Outcome.GOOD_ENOUGH`) instead of looking for the cheapest
+    time_limit : seconds
+    progress : called with seconds, cost of the best layout and lower bound whenever one of them changes
 
     Examples
     --------
@@ -161,7 +154,7 @@ class _CoverSearch:
         if self._impossible():
             return self._result(Outcome.INFEASIBLE)
         for start in (hint, self.fixed):
-            if start is not None and (self.best is None or not stop_at_first):
+            if start is not None and self.best is None:
                 self._complete(start | self.fixed)
         if not (self._closed() or self._impossible() or (stop_at_first and self.best is not None)):
             self._tighten()

@@ -25,17 +25,11 @@ _BREAKPOINTS_AT_ONCE = 200_000  # what more drives than that would take in memor
 
 
 class ReadingSets(NamedTuple):
-    """Which readings happen in each of several drives, each on one route.
+    """Which readings happen in each of several drives, each on one route."""
 
-    Attributes
-    ----------
-    route : (drives,)
-    drive, reading : (readings,) drive by drive, in driving order within each
-    """
-
-    route: Ints
-    drive: Ints
-    reading: Ints
+    route: Ints  # (drives,)
+    drive: Ints  # (readings,), drive by drive
+    reading: Ints  # (readings,), in driving order within each drive
 
     def only(self, which: Bools) -> ReadingSets:
         """Some of the drives, renumbered."""

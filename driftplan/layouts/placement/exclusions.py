@@ -25,20 +25,12 @@ from driftplan.arrays import Bools, Floats, Ints
 
 
 class Pairs(NamedTuple):
-    """What can hold a slot on a route of sure readings.
+    """What can hold a slot on a route of sure readings."""
 
-    Attributes
-    ----------
-    site : (n,) sites read before the slot
-    turns : (n,) whether they fix the heading
-    alone : (n,) whether the site's last reading holds it by itself, or with the heading known at the start
-    together : (n, n) whether the heading of row's last reading and the position of column's, later, hold it
-    """
-
-    site: Ints
-    turns: Bools
-    alone: Bools
-    together: Bools
+    site: Ints  # (n,) sites read before the slot
+    turns: Bools  # (n,) whether they fix the heading
+    alone: Bools  # (n,) whether the site's last reading holds it by itself, or with the heading known at the start
+    together: Bools  # (n, n) whether the heading of row's last reading and the position of column's, later, hold it
 
 
 def pair_exclusions(pairs: Pairs, within: Bools) -> Iterator[Bools]:
@@ -58,20 +50,13 @@ def pair_exclusions(pairs: Pairs, within: Bools) -> Iterator[Bools]:
 
 
 class Chances(NamedTuple):
-    """Readings before a slot on a route on which readings may fail.
+    """Readings before a slot on a route on which readings may fail, in driving order."""
 
-    Attributes
-    ----------
-    start : least E|e|² in the slot if nothing is read
-    site, chance, square : (readings,) in driving order: whose reading, its chance, the least E|e|² if it is the last
-    bar : what E|e|² must not exceed
-    """
-
-    start: float
-    site: Ints
-    chance: Floats
-    square: Floats
-    bar: float
+    start: float  # least E|e|² in the slot if nothing is read
+    site: Ints  # (readings,) whose reading
+    chance: Floats  # (readings,) its chance
+    square: Floats  # (readings,) the least E|e|² in the slot if it is the last
+    bar: float  # what E|e|² must not exceed
 
 
 def chance_exclusion(chances: Chances, within: Sequence[int]) -> tuple[set[int], int]:

@@ -6,9 +6,9 @@ the larger M is.
 
 * Known beforehand: from every place of a route, in the best state that all sites can give there, the farthest stretch
   that holds when nothing is read; k sites must be read inside it.
-* Weighted: in such a stretch let m(v) be 1 if site v alone keeps the limit, 2 if it does with one other that does not
-  alone either, else 3. What keeps the limit holds a least set that does, of the size of each of its members at most
-  … m(v), so Σ y_v / m(v) >= 1 for every layout that keeps it.
+* Weighted: on a longer stretch, from the best state at its beginning, some sites S keep the limit alone and the others
+  T do not. Whatever keeps it holds one of S or two of T: 2 Σ_S y + Σ_T y >= 2, and k + 1 on the right if k - 1 may be
+  dead.
 * For a layout that fails: of the sites read in the shortest stretch before the failure that fails even from the best
   state, as many are added one by one as leave it failing; the rest is the cut. Then one of the rest is added and the
   search goes on, so that a layout gives several cuts.
@@ -27,6 +27,7 @@ from driftplan.layouts.placement.fused_routes import NEVER, FusedRoute
 from driftplan.model.filter_state import FilterState
 
 _CUTS_PER_ROUTE = 8  # at a time
+_WEIGHTED_STRETCHES = 600  # on all routes together, for which every site is tried alone
 _ROUNDING = 1e-9  # relative, of tr P
 
 
@@ -36,10 +37,8 @@ class FusedRequirements:
     Parameters
     ----------
     routes : sequence of FusedRoute
-    limits_m : sequence of float
-        On the rms, one per route.
-    redundancy : int
-        1: all beacons live; k: any k - 1 of them may be dead.
+    limits_m : on the rms, one per route
+    redundancy : 1: all beacons live; k: any k - 1 of them may be dead
     seed : int
     """
 
@@ -64,6 +63,24 @@ class FusedRequirements:
             for mine, sites, (_, last) in zip(bits, sets, stretches, strict=True):
                 if not any(other != mine and other & mine == other for other in bits):
                     found.append(self._at_least(sites, (r, last)))
+            found += self._weighted(r, stretches[:: 1 + len(stretches) * len(self.routes) // _WEIGHTED_STRETCHES])
+        return found
+
+    def _weighted(self, r: int, stretches: Sequence[tuple[int, int]]) -> list[Cut]:
+        """Cuts for stretches, begun as these and longer, on which hardly any site keeps the limit alone."""
+        route, found = self.routes[r], []
+        for first, last in stretches:
+            until = {}
+            for site in self._read_between(route, first, last):
+                if first:
+                    until[site] = route.breach_from(route.best[first - 1], first - 1, {site}, self.most[r])
+                else:
+                    until[site] = route.breach({site}, self.most[r])
+            ends = sorted({border for border in until.values() if border != NEVER})
+            for end in {ends[len(ends) // 2], ends[-1]} if ends else ():
+                here = np.array(sorted(self._read_between(route, first, end)), dtype=np.intp)
+                alone = np.array([until.get(site, last) > end or until.get(site) == NEVER for site in here.tolist()])
+                found.append(Cut(here, 1.0 + alone, self.redundancy + 1.0, (r, end)))
         return found
 
     def cuts(self, chosen: Bools, near: int | None = None) -> list[Cut]:
@@ -80,6 +97,20 @@ class FusedRequirements:
                     found += self._repaired(r, set(alive), border)
                     break
         return found
+
+    def driven_along(self, fixed: Bools) -> Bools:
+        """A layout to start from: along every route, where the limit fails, the last site is added that helps there."""
+        chosen = fixed.copy()
+        for r, route in enumerate(self.routes):
+            alive = set(np.flatnonzero(chosen).tolist()) & route.sites
+            while (border := route.breach(alive, self.most[r])) != NEVER:
+                last = {s: max(b for b in route.borders_of[s] if b < border) for s in self._outside(r, alive, border)}
+                if not last:
+                    break
+                site = max(sorted(last), key=last.__getitem__)
+                alive.add(site)
+                chosen[site] = True
+        return chosen
 
     def holds(self, chosen: Bools) -> bool:
         """Whether the layout keeps the limits."""

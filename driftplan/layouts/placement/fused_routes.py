@@ -41,20 +41,12 @@ class FusedReading:
 
 @dataclass(frozen=True, eq=False)
 class FusedRoute:
-    """One route with all that could be read on it.
-
-    Attributes
-    ----------
-    start : FilterState
-    legs : Legs, shape (m,)
-    readings : for every border, m + 1 of them, the readings there in order
-    distance : (m + 1,), metres driven
-    """
+    """One route with all that could be read on it."""
 
     start: FilterState
-    legs: Legs
-    readings: tuple[tuple[FusedReading, ...], ...]
-    distance: Floats
+    legs: Legs  # (m,)
+    readings: tuple[tuple[FusedReading, ...], ...]  # for every border, m + 1 of them, the readings there in order
+    distance: Floats  # (m + 1,), metres driven
 
     @cached_property
     def sites(self) -> frozenset[int]:
@@ -130,8 +122,12 @@ class FusedRoute:
 
     def breach(self, alive: AbstractSet[int], limit: float) -> int:
         """The first border at which tr P exceeds ``limit`` (m²) with these sites alive, or `NEVER`."""
-        state, here = self.read(self.start, 0, alive), 0
-        for stop in [*self.stops(alive, 0, self.end), self.end]:
+        return self.breach_from(self.read(self.start, 0, alive), 0, alive, limit)
+
+    def breach_from(self, state: FilterState, first: int, alive: AbstractSet[int], limit: float) -> int:
+        """The same from ``state`` after the readings at border ``first``."""
+        here = first
+        for stop in [*self.stops(alive, first, self.end), self.end]:
             over = np.flatnonzero(self._traces(state, here, stop) > limit)
             if len(over):
                 return here + 1 + int(over[0])

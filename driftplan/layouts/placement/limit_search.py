@@ -40,12 +40,9 @@ class LimitSearch:
     Parameters
     ----------
     problem : PlacementProblem
-    table : RouteTable
-        The problem's, fine enough for the limits.
-    deadline : float
-        When to stop, by the monotonic clock.
-    progress : callable, optional
-        Called with seconds, cost and lower bound of the cover that is being looked for.
+    table : the problem's, fine enough for the limits
+    deadline : when to stop, by the monotonic clock
+    progress : called with seconds, cost and lower bound of the cover that is being looked for
     """
 
     def __init__(self, problem: PlacementProblem, table: RouteTable, deadline: float, progress: Progress | None = None):
@@ -72,6 +69,8 @@ class LimitSearch:
         """The cheapest layout that keeps the limits (None: whatever its drift) and, if ``ruled``, the rules."""
         problem = self.problem
         requirements = None if limits is None else self.requirements(limits)
+        if hint is None and isinstance(requirements, FusedRequirements):
+            hint = requirements.driven_along(problem.fixed)
         return cheapest_cover(
             problem.cost,
             requirements or _Anything(),

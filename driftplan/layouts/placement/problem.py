@@ -20,25 +20,15 @@ from driftplan.layouts.sites import SiteGroup, Sites
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlacementProblem:
-    """Sites (new ones, then existing beacons), what they cost, and which combinations are allowed.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    sites : tuple of Beacon
-    cost : (sites,), 0 for existing ones
-    fixed : (sites,) which exist
-    demands, caps : tuples of Cut, as `covering.cheapest_cover` takes them
-    rules : what the caps are, for messages
-    """
+    """Sites (new ones, then existing beacons), what they cost, and which combinations are allowed."""
 
     scenario: Scenario
     sites: tuple[Beacon, ...]
-    cost: Floats
-    fixed: Bools
-    demands: tuple[Cut, ...]
-    caps: tuple[Cut, ...]
-    rules: tuple[str, ...]
+    cost: Floats  # (sites,), 0 for existing ones
+    fixed: Bools  # (sites,) which exist
+    demands: tuple[Cut, ...]  # as `covering.cheapest_cover` takes them
+    caps: tuple[Cut, ...]  # likewise
+    rules: tuple[str, ...]  # what the caps are, for messages
 
     def table(self, least_limit_m: float) -> RouteTable:
         """The routes and the readings of all sites on them."""

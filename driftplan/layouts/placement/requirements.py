@@ -49,8 +49,7 @@ class DriftRequirements:
     table : RouteTable
     sites : int
     limit : Limit
-    redundancy : int
-        1: all beacons live; k: any k - 1 of them may be dead.
+    redundancy : 1: all beacons live; k: any k - 1 of them may be dead
     """
 
     def __init__(self, table: RouteTable, sites: int, limit: Limit, redundancy: int = 1):

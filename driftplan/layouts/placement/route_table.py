@@ -34,39 +34,23 @@ _SAG_SHARE = 1e-4  # greatest margin, as a share of the limit squared
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteTable:
-    """Routes and the readings of all sites on them. Sorted by route, breakpoint and, at one breakpoint, by accuracy.
+    """Routes and the readings of all sites on them. Sorted by route, breakpoint and, at one breakpoint, by accuracy."""
 
-    Attributes
-    ----------
-    first_segment : (routes + 1,) where each route's segments begin; a route of m segments has breakpoints 0 … m
-    segments : Moments, shape (segments,)
-    bend, bend_fixed : (segments,) -(E|e|²)'' is at most ``bend * sqrt(E|e|²) + bend_fixed`` on the segment
-    length : (segments,) metres
-    noise_of : (segments,) index into `noises`
-    translation : (segments,) E|e|² that a segment adds however good the heading is, m²
-    distance : (segments + routes,) metres driven at every breakpoint; route r's begin at ``first_segment[r] + r``
-    start : Moments, shape (routes,): errors at the start, in the robot's own frame
-    first_reading : (routes + 1,) where each route's readings begin
-    breakpoint : (events,) where a reading happens
-    readings, resets : (events,) what is read, and what it makes of the errors; a reading's source is its site
-    heading_d1, heading_d2 : (events,) moments of the heading it gives; NaN where it gives none
-    """
-
-    first_segment: Ints
-    segments: Moments
-    bend: Floats
-    bend_fixed: Floats
-    length: Floats
-    noise_of: Ints
+    first_segment: Ints  # (routes + 1,) where each route's segments begin; m segments have breakpoints 0 … m
+    segments: Moments  # (segments,)
+    bend: Floats  # (segments,) -(E|e|²)'' is at most ``bend * sqrt(E|e|²) + bend_fixed`` on the segment
+    bend_fixed: Floats  # (segments,)
+    length: Floats  # (segments,) metres
+    noise_of: Ints  # (segments,) index into `noises`
     noises: tuple[OdometryNoise, ...]
-    translation: Floats
-    distance: Floats
-    start: Moments
-    first_reading: Ints
-    breakpoint: Ints
-    readings: Readings
+    translation: Floats  # (segments,) E|e|² that a segment adds however good the heading is, m²
+    distance: Floats  # (segments + routes,) metres driven at breakpoints; route r's begin at first_segment[r] + r
+    start: Moments  # (routes,) errors at the start, in the robot's own frame
+    first_reading: Ints  # (routes + 1,) where each route's readings begin
+    breakpoint: Ints  # (events,) where a reading happens
+    readings: Readings  # (events,) what is read, and what it makes of the errors; a source is a site
     resets: Resets
-    heading_d1: Floats
+    heading_d1: Floats  # (events,) moments of the heading a reading gives; NaN where it gives none
     heading_d2: Floats
 
     @property

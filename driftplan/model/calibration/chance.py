@@ -24,21 +24,11 @@ _NUMBERS_AT_ONCE = 4_000_000
 
 
 class Chance(NamedTuple):
-    """What a check measures on repetitions of the drives, if the model is right.
+    """What a check measures on repetitions of the drives, if the model is right."""
 
-    Attributes
-    ----------
-    log_rms : array, shape (runs, lengths)
-        Logarithms of the rms position error.
-    shares : array, shape (runs, lengths, levels)
-        Shares inside the regions.
-    tails : array, shape (runs, lengths)
-        `tail_weight`.
-    """
-
-    log_rms: Floats
-    shares: Floats
-    tails: Floats
+    log_rms: Floats  # (runs, lengths) logarithms of the rms position error
+    shares: Floats  # (runs, lengths, levels) shares inside the regions
+    tails: Floats  # (runs, lengths) `tail_weight`
 
     @property
     def clear_rms_errors(self) -> float:
@@ -82,7 +72,8 @@ def by_chance(segments: SegmentSet, noise: OdometryNoise, truth: TruthNoise, mea
     squares, shares, tails = [], [], []
     for begin in range(0, _RUNS, chunk):
         runs = min(chunk, _RUNS - begin)
-        drives = [repeated(part, noise, truth, rng, runs) for part in segments.resampled]
+        deviations = rng.standard_normal((3, runs)) if noise.varies_between_drives else np.zeros((3, runs))
+        drives = [repeated(part, noise, truth, rng, deviations) for part in segments.resampled]
         values = np.concatenate(
             [
                 errors_of(drives[i], seen.starts, length.steps)

@@ -7,14 +7,23 @@ are the nominal path, and the odometry is what varies about them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import degrees, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Complexes, Floats
+from driftplan.model.calibration.bootstrap import (
+    between_drives,
+    bootstrap,
+    intervals,
+    rms_spread,
+    spread_out,
+    standard_errors,
+    systematic_covariance,
+)
 from driftplan.model.calibration.matched_drive import MatchCounts
 from driftplan.model.calibration.noise_check import Estimate, Truth, checked
 from driftplan.model.calibration.notes import (
@@ -31,17 +40,13 @@ from driftplan.model.calibration.quasi_likelihood import (
     SYSTEMATIC,
     TRUTH,
     Solution,
-    bootstrap,
     elsewhere,
     held_out,
-    intervals,
     models,
-    rms_spread,
     solve,
-    spread_out,
-    standard_errors,
 )
 from driftplan.model.calibration.relative_errors import RelativeErrors, segment_errors
+from driftplan.model.calibration.resampling import laid_on_truth
 from driftplan.model.calibration.segment_check import SegmentCheck, check_segments
 from driftplan.model.calibration.segment_sets import SegmentSet, drives_of, segment_set
 from driftplan.model.noise import OdometryNoise
@@ -61,39 +66,38 @@ class NoiseFit:
 
     Attributes
     ----------
-    noise : OdometryNoise
-    intervals : dict
-        Interval of every fitted parameter, by name, at ``confidence``: block bootstrap.
-    std_errors : dict
-        Standard errors, by name.
+    noise : with the spread from drive to drive, over which `predict_drift` averages
+    between_drives : standard deviations by which another drive's systematic errors differ from the fitted ones, by the
+        names of `OdometryNoise`: the fit's own errors, and from two drives on the spread between them. After one drive
+        that spread is taken for as large as the fit's own error, which is a guess.
+    intervals : interval of every fitted parameter, by name, at ``confidence``: block bootstrap
+    std_errors : standard errors, by name
     confidence : float
-    truth_position_std_m, truth_heading_std : float
-        White errors of the reference itself, fitted too so that they are not taken for drift: metres per coordinate,
-        rad. They take up whatever does not grow along the way, such as timing jitter.
-    check : SegmentCheck
-        Predicted against measured on the drives of the fit themselves; for other drives see `check_on`.
-    held_out : SegmentCheck
-        The same with every part of the drives predicted from the other parts: each drive from the others where there
-        are three or more, else each fifth from the other four.
-    relative_errors : RelativeErrors or None
-        Drift in % and deg/m at the same lengths, as KITTI's development kit counts it: to compare odometries by,
-        without any model. None where true headings are not used.
-    heading_rms_intervals : array, shape (lengths, 2), or None
-        Intervals of the predicted rms sine of the heading error gained at every length of ``check``.
-    counts : MatchCounts
-        What became of the recordings.
-    time_offsets_s : tuple of float
-        Truth clock minus odometry clock, of every drive.
-    heading_offsets : tuple of float
-        True heading as measured minus the robot's, of every drive, rad: how marker or sensor are mounted. 0 where true
-        headings are not used, or the angle is too small to be sure of.
-    faults : tuple of str
-        Why the numbers are not to be used: the fit did not converge, sits on a bound, or its truth is another drive's.
-    notes : tuple of str
-        The faults, and what to know before using the numbers: parameters left out, drives that differ, a wrong model.
+    truth_position_std_m, truth_heading_std : white errors of the reference itself, fitted too so that they are not
+        taken for drift: metres per coordinate, rad. They take up whatever does not grow along the way, such as timing
+        jitter.
+    check : predicted against measured on the drives of the fit themselves; for other drives see `check_on`
+    held_out : the same with every part of the drives predicted from the other parts: each drive from the others where
+        there are three or more, else each fifth from the other four
+    relative_errors : drift in % and deg/m at the same lengths, as KITTI's development kit counts it: to compare
+        odometries by, without any model. None where true headings are not used.
+    heading_rms_intervals : (lengths, 2) or None, intervals of the predicted rms sine of the heading error gained at
+        every length of ``check``
+    counts : what became of the recordings
+    time_offsets_s : truth clock minus odometry clock, of every drive
+    heading_offsets : true heading as measured minus the robot's, of every drive, rad: how marker or sensor are mounted.
+        0 where true headings are not used, or the angle is too small to be sure of.
+    faults : why the numbers are not to be used: the fit did not converge, sits on a bound, or its truth is another
+        drive's
+    tracks : tuple of (array, array), shapes (K,)
+        True and estimated positions x + jy of every uninterrupted part, metres, the estimate laid on the truth's first
+        eighth.
+    notes : the faults, and what to know before using the numbers: parameters left out, drives that differ, a wrong
+        model
     """
 
     noise: OdometryNoise
+    between_drives: dict[str, float]
     intervals: dict[str, tuple[float, float]]
     std_errors: dict[str, float]
     confidence: float
@@ -108,6 +112,7 @@ class NoiseFit:
     heading_offsets: tuple[float, ...]
     _solution: Solution = field(repr=False)
     _replicates: Floats = field(repr=False)
+    tracks: tuple[tuple[Complexes, Complexes], ...] = ()
     faults: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -123,16 +128,15 @@ class NoiseFit:
 
         Parameters
         ----------
-        estimates, truths, options :
-            As for `fit_noise` (``use_heading``, ``time_offset_s``, ``heading_offset``, ``max_gap_s``).
-        lengths_m : array of float, optional
-            Lengths of segments, metres. Default: as `fit_noise` chooses for these drives.
+        estimates, truths, options : as for `fit_noise` (``use_heading``, ``time_offset_s``, ``heading_offset``,
+            ``max_gap_s``)
+        lengths_m : lengths of segments, metres. Default: as `fit_noise` chooses for these drives.
         """
         segments, _ = segment_set(drives_of(estimates, truths), lengths_m=lengths_m, **options)
         there = elsewhere(segments, self._solution)
         spread = rms_spread(segments, there, self._replicates, self.confidence, segments.position)
         noise, truth = models(there.names, there.theta)
-        return checked(segments, noise, truth, self.std_errors, spread)
+        return checked(segments, _varying(noise, self.between_drives), truth, None, spread)
 
     def __str__(self) -> str:
         names, intervals = list(self.intervals), self.intervals.values()
@@ -148,8 +152,12 @@ class NoiseFit:
         if self.check.has_heading:
             reference += f", {degrees(self.truth_heading_std):.2g} deg"
         counts = self.counts
+        drives = len(self.time_offsets_s)
+        seen = f"of {drives} drives" if drives > 1 else "a guess after one drive: as much as the fit's own error"
+        spreads = ", ".join(f"{name} {value:.2g}" for name, value in self.between_drives.items())
         lines = [
             rates,
+            *([f"from drive to drive ({seen}): {spreads}"] if spreads else []),
             "",
             reference,
             f"{counts.used_m:.1f} m used (the odometry counted {counts.driven_m:.1f} m in all), "
@@ -171,7 +179,8 @@ class NoiseFit:
         ]
         if self.relative_errors is not None:
             lines += ["", "relative errors, as KITTI's development kit counts them", str(self.relative_errors)]
-        return "\n".join([*lines, "", *self.notes]).rstrip()
+        last = self.notes or ("Nothing speaks against this fit: errors are as predicted, within chance.",)
+        return "\n".join([*lines, "", *last]).rstrip()
 
 
 def fit_noise(
@@ -201,25 +210,15 @@ def fit_noise(
     truths : Trajectory, (n, 2) or (n, 3) array, or a sequence of these
         Their truths, in the same order; arrays are sampled at the same instants as the estimate's array. Positions are
         enough; true headings, where measured independently, make the fit sharper.
-    parameters : sequence of str
-        Fields of `OdometryNoise` to fit, of `PARAMETERS`; the others are 0.
-    lengths_m : array of float, optional
-        Lengths of the segments, metres. Default: five, each half the next, the longest 1/16 of all drives together (at
-        most 1/4 of the shortest). All lengths count the same; choose those for which you want predictions.
-    use_heading : bool, optional
-        Whether to use the truth's headings. Default: if all drives have them, and they are more than the odometry's.
-    time_offset_s, heading_offset, max_gap_s : float, optional
-        See `driftplan.model.calibration.matched_drive.match`.
-    confidence : float
-        Of the intervals.
-    resamples : int
-        Bootstrap replicates.
-    seed : int
-        Of the bootstrap.
-
-    Returns
-    -------
-    NoiseFit
+    parameters : fields of `OdometryNoise` to fit, of `PARAMETERS`; the others are 0
+    lengths_m : lengths of the segments, metres. Default: five, each half the next, the longest 1/16 of all drives
+        together (at most 1/4 of the shortest). All lengths count the same; choose those for which you want predictions.
+    use_heading : whether to use the truth's headings. Default: if all drives have them, and they are more than the
+        odometry's.
+    time_offset_s, heading_offset, max_gap_s : see `driftplan.model.calibration.matched_drive.match`
+    confidence : of the intervals
+    resamples : bootstrap replicates
+    seed : of the bootstrap
 
     Raises
     ------
@@ -275,10 +274,13 @@ def fit_noise(
         heading_rms = rms_spread(segments, solution, replicates, confidence, slice(2, 3)).intervals
     faults = fault_notes(segments, solution, check)
     fitted = [k for k, name in enumerate(solution.names) if name not in TRUTH]
+    std_errors = {solution.names[k]: float(error[k]) for k in fitted}
+    between = between_drives(segments, solution, std_errors)
     return NoiseFit(
-        noise=noise,
+        noise=_varying(noise, between),
+        between_drives=between,
         intervals={solution.names[k]: (float(low[k]), float(high[k])) for k in fitted},
-        std_errors={solution.names[k]: float(error[k]) for k in fitted},
+        std_errors=std_errors,
         confidence=confidence,
         truth_position_std_m=sqrt(truth.position_var),
         truth_heading_std=sqrt(truth.heading_var),
@@ -289,6 +291,7 @@ def fit_noise(
         counts=sum((m.counts for m in matches), MatchCounts()),
         time_offsets_s=tuple(m.time_offset_s for m in matches),
         heading_offsets=tuple(m.heading_offset for m in matches),
+        tracks=tuple(laid_on_truth(part) for part in segments.resampled),
         faults=tuple(faults),
         notes=(
             *faults,
@@ -303,6 +306,10 @@ def fit_noise(
         _solution=solution.estimate_only(),
         _replicates=replicates,
     )
+
+
+def _varying(noise: OdometryNoise, stds: dict[str, Any]) -> OdometryNoise:
+    return replace(noise, **stds)
 
 
 def _checked_parameters(parameters: Sequence[str]) -> tuple[str, ...]:
@@ -332,4 +339,7 @@ def _solved(segments: SegmentSet, names: tuple[str, ...]) -> tuple[Solution, lis
                 break
             names, start = tuple(name for name in names if name != worst), None
             notes.append(f"These drives turn evenly: {worst} cannot be told from the rate per metre, and is left out.")
-    return solution, notes
+    if not solution.converged:
+        return solution, notes
+    fitted_cov = systematic_covariance(segments, solution)
+    return solve(segments, solution.names, _MOST_STEPS, solution.theta, fitted_cov), notes

@@ -38,20 +38,16 @@ class MatchCounts:
     Attributes
     ----------
     odometry_samples, truth_samples : int
-    repeated_samples : int
-        With a time not later than the one before; left out (motion of odometry increments is kept).
-    truth_outliers : int
-        Truth samples farther from their neighbours than the robot can have moved; left out.
-    odometry_outliers : int
-        Steps of the odometry that no robot makes (`OdometryLog.without_glitches`); left out, and the drive cut there.
-    breaks : int
-        Places where a gap, a jump of the truth or an outlier of the odometry cut a drive in two. The truth's gaps count
-        where the robot moved, the odometry's where it reports velocities.
-    outside_truth_s, standstill_s : float
-        Seconds of odometry before the first or after the last truth sample; seconds in which the robot stood
-        (`OdometryLog.standing`), whose jitter is no distance.
-    driven_m, used_m, turned_rad : float
-        Distance by the odometry; true distance on usable parts, and angle turned there (absolute values added up).
+    repeated_samples : with a time not later than the one before; left out (motion of odometry increments is kept)
+    truth_outliers : truth samples farther from their neighbours than the robot can have moved; left out
+    odometry_outliers : steps of the odometry that no robot makes (`OdometryLog.without_glitches`); left out, and the
+        drive cut there
+    breaks : places where a gap, a jump of the truth or an outlier of the odometry cut a drive in two. The truth's gaps
+        count where the robot moved, the odometry's where it reports velocities.
+    outside_truth_s, standstill_s : seconds of odometry before the first or after the last truth sample; seconds in
+        which the robot stood (`OdometryLog.standing`), whose jitter is no distance
+    driven_m, used_m, turned_rad : distance by the odometry; true distance on usable parts, and angle turned there
+        (absolute values added up)
     """
 
     odometry_samples: int = 0
@@ -93,19 +89,15 @@ def match(
 
     Parameters
     ----------
-    odometry, truth :
-        Of one drive, recorded at their own times.
-    spacing_m : float
-        Distance between knots.
-    time_offset_s : float, optional
-        Time of the truth's clock minus the odometry's when both see the same event. By default it is estimated, up to
-        1 s: the offset at which the motions agree best, and 0 unless that makes their difference clearly smaller.
-    heading_offset : float, optional
-        Measured true heading minus the robot's, rad: how the marker or sensor is mounted. By default it is estimated,
-        and 0 unless clearly another.
-    max_gap_s : float, optional
-        Truth samples farther apart in time, between which the robot moved, cut the drive; so do gaps in odometry
-        velocities. Default: 2 s or five median intervals, whichever is longer.
+    odometry, truth : of one drive, recorded at their own times
+    spacing_m : distance between knots
+    time_offset_s : time of the truth's clock minus the odometry's when both see the same event. By default it is
+        estimated, up to 1 s: the offset at which the motions agree best, and 0 unless that makes their difference
+        clearly smaller.
+    heading_offset : measured true heading minus the robot's, rad: how the marker or sensor is mounted. By default it is
+        estimated, and 0 unless clearly another.
+    max_gap_s : truth samples farther apart in time, between which the robot moved, cut the drive; so do gaps in
+        odometry velocities. Default: 2 s or five median intervals, whichever is longer.
 
     Raises
     ------

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import hypot
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from driftplan.model.calibration.bootstrap import RmsSpread, systematic_errors
 from driftplan.model.calibration.notes import judged, systematic_notes
-from driftplan.model.calibration.quasi_likelihood import RmsSpread, systematic_errors
+from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_check import SegmentCheck, check_segments
 from driftplan.model.calibration.segment_sets import SegmentSet, drives_of, segment_set
@@ -36,16 +39,9 @@ def check_noise(
 
     Parameters
     ----------
-    noise : OdometryNoise
-        Of the continuous model (no ``step_m``), without ``heading_distance_corr``.
-    estimates, truths, lengths_m, use_heading, time_offset_s, heading_offset, max_gap_s :
-        As for `fit_noise`.
-    truth_position_std_m, truth_heading_std : float
-        White errors of the reference: metres per coordinate, rad.
-
-    Returns
-    -------
-    SegmentCheck
+    noise : of the continuous model (no ``step_m``), without ``heading_distance_corr``
+    estimates, truths, lengths_m, use_heading, time_offset_s, heading_offset, max_gap_s : as for `fit_noise`
+    truth_position_std_m, truth_heading_std : white errors of the reference: metres per coordinate, rad
     """
     if noise.step_m is not None or noise.heading_distance_corr != 0:
         raise ValueError(f"expected a noise of the continuous model without heading_distance_corr, got {noise!r}")
@@ -69,6 +65,15 @@ def checked(
     spread: RmsSpread | None = None,
 ) -> SegmentCheck:
     """The check of a noise, and what it says of systematic errors; for a fitted one within its standard errors."""
-    found = check_segments(segments, noise, truth, rms_intervals_m=None if spread is None else spread.intervals)
-    shifts = systematic_notes(noise, systematic_errors(segments, noise, truth), std_errors or {})
+    mean, cov = segments.expected(segments.windows(noise), truth)
+    values, slopes = systematic_errors(segments, noise.on_drive((0, 0, 0)), truth)
+    between = {"distance_scale_error": noise.distance_scale_std, "heading_bias_per_m": noise.heading_bias_std_per_m}
+    between["heading_bias_per_rad"] = noise.heading_bias_std_per_rad
+    variances = np.array([between[name] for name in SYSTEMATIC]) ** 2
+    cov = cov + np.einsum("nki,k,nkj->nij", slopes, variances, slopes)
+    found = check_segments(
+        segments, noise, truth, moments=(mean, cov), rms_intervals_m=None if spread is None else spread.intervals
+    )
+    errors = {name: hypot((std_errors or {}).get(name, 0.0), std) for name, std in between.items()}
+    shifts = systematic_notes(noise, values, errors)
     return judged(replace(found, notes=tuple(shifts)), None if spread is None else spread.std_errors)

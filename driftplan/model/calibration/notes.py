@@ -11,7 +11,7 @@ import numpy as np
 from driftplan.arrays import Floats
 from driftplan.model.calibration.chance import LEVELS, LIMITS
 from driftplan.model.calibration.matched_drive import MatchedDrive
-from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC, Solution
+from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC, Solution, drive_deviations
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_check import SegmentCheck
 from driftplan.model.calibration.segment_sets import SegmentSet
@@ -101,13 +101,9 @@ def drive_notes(segments: SegmentSet, solution: Solution, error: Floats) -> list
     if drives.size < 2:
         return []
     systematic = [k for k, name in enumerate(solution.names) if name in SYSTEMATIC]
-    own = []
-    for drive in drives:
-        mine = segments.drive_of == drive
-        information = solution.information[mine].sum(axis=0)[np.ix_(systematic, systematic)]
-        own.append(np.linalg.solve(information, solution.score[mine].sum(axis=0)[systematic]))
+    own = drive_deviations(segments, solution)
     notes = []
-    for k, values in zip(systematic, np.transpose(own), strict=True):
+    for k, values in zip(systematic, own.T, strict=True):
         spread = float(np.std(values, ddof=1))
         chance = float(error[k]) * sqrt(drives.size)  # standard error of one drive's value
         if spread**2 * (drives.size - 1) > chance**2 * float(chdtri(drives.size - 1, _CHANCE)):
@@ -132,6 +128,16 @@ def systematic_notes(
                 f"{expected:.2g}" + (f" ± {its_error:.1g}." if its_error else ".")
             )
     return notes
+
+
+def trust(check: SegmentCheck) -> str:
+    """How far the predictions hold on the drives of a check, by length, in one sentence."""
+    said = [
+        f"{row.measured_rms_m / row.predicted_rms_m:.2f} at {row.length_m:.3g} m ({100 * row.coverage[1]:.0f} %)"
+        for row in check.lengths
+        if row.predicted_rms_m > 0
+    ]
+    return f"Measured over predicted rms (share in the 90 % regions): {', '.join(said)}."
 
 
 def judged(check: SegmentCheck, rms_errors_m: Floats | None = None) -> SegmentCheck:

@@ -15,6 +15,9 @@ prediction even where the model is only roughly right:
   promises next to no error must not decide either. (On the drives of a mower with slips, predicted and measured rms
   then agree at all lengths, where the maximum of the likelihood was off by a factor of two.)
 
+* Fitted systematic errors take part of the random ones with them: residuals spread by C less the covariance of the
+  fitted mean. That is added back, from the bootstrap (it is 1/8 of a rate for two biases and 16 longest segments).
+
 A step of Fisher scoring solves ``I d = g`` (g the left side, I its expected slope, with numerical derivatives of the
 exact moments) under the bounds that variances are not negative. The same step from the estimate, with blocks of the
 drives drawn anew, gives the bootstrap.
@@ -23,7 +26,6 @@ drives drawn anew, gives the bootstrap.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -35,13 +37,7 @@ from driftplan.model.calibration.segments import TruthNoise
 from driftplan.model.noise import OdometryNoise
 
 SYSTEMATIC = ("distance_scale_error", "heading_bias_per_m", "heading_bias_per_rad")
-RANDOM = (
-    "heading_var_per_m",
-    "heading_var_per_rad",
-    "distance_var_per_m",
-    "distance_var_per_rad",
-    "lateral_var_per_m",
-)
+RANDOM = ("heading_var_per_m", "heading_var_per_rad", "distance_var_per_m", "distance_var_per_rad", "lateral_var_per_m")
 TRUTH = ("truth_position_var", "truth_heading_var")
 DRIVES_TO_HOLD_OUT = 3  # as many as these, and each is predicted from the others
 
@@ -53,37 +49,21 @@ _DERIVATIVE_STEP = 1e-3
 _DAMPED_AFTER = 10  # steps are halved, after as many again halved again
 _SETTLED = 1.0  # standard errors: steps below leave the derivatives as they are
 _CONVERGED = 0.01  # standard errors
-_MOST_LOG = 50.0  # of a mean square over its prediction: beyond, nothing is known, and exp would overflow
-_THREE_ERRORS = 0.00135  # chance of a normal value above three standard deviations
-_BLOCK_SPANS = 2  # length of a bootstrap block, in longest segments
 _HELD_OUT_STEPS = 4  # from the estimate of all drives to that of some
 _PARTS = 5  # of the drives, each predicted from the others
-_BLOCK_STARTS = 8  # blocks begin every 1/8 of their length
 
 
 class Solution(NamedTuple):
-    """The estimate.
+    """The estimate."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Parameters, k in all: fields of `OdometryNoise` and the truth's variances.
-    theta : array, shape (k,)
-    score, information : arrays, shapes (n, k), (n, k, k)
-        Left side of the equations and its expected slope, of every observation, at the estimate.
-    converged : bool
-    d_mean, d_cov : arrays, shapes (n, k, 3), (n, k, 3, 3)
-        Derivatives of the moments of the observations.
-    """
-
-    names: tuple[str, ...]
-    theta: Floats
-    score: Floats
-    information: Floats
+    names: tuple[str, ...]  # parameters, k in all: fields of `OdometryNoise` and the truth's variances
+    theta: Floats  # (k,)
+    score: Floats  # (n, k) left side of the equations, of every observation, at the estimate
+    information: Floats  # (n, k, k) its expected slope
     converged: bool
     slowest: str
-    d_mean: Floats
-    d_cov: Floats
+    d_mean: Floats  # (n, k, 3) derivatives of the moments of the observations
+    d_cov: Floats  # (n, k, 3, 3) likewise
 
     @property
     def bounded(self) -> NDArray[np.bool_]:
@@ -109,7 +89,7 @@ class Solution(NamedTuple):
     def variance_inflation(self) -> dict[str, float]:
         """How many times larger the variance of each estimate is than were the others known; not of those at 0."""
         free = np.flatnonzero(~self.bounded | (self.theta > 0))
-        total, _ = _normed(self.information.sum(axis=0)[np.ix_(free, free)])
+        total, _ = normed(self.information.sum(axis=0)[np.ix_(free, free)])
         return {self.names[k]: float(v) for k, v in zip(free, np.diag(np.linalg.inv(total)), strict=True)}
 
 
@@ -120,19 +100,26 @@ def models(names: Sequence[str], theta: Floats) -> tuple[OdometryNoise, TruthNoi
     return OdometryNoise(**values), truth
 
 
-def solve(segments: SegmentSet, names: Sequence[str], most_steps: int, start: Floats | None = None) -> Solution:
-    """The parameters that solve the equations, or the last of ``most_steps`` steps from ``start`` towards them."""
+def solve(
+    segments: SegmentSet,
+    names: Sequence[str],
+    most_steps: int,
+    start: Floats | None = None,
+    fitted_cov: Floats | None = None,
+) -> Solution:
+    """The parameters that solve the equations, or the last of ``most_steps`` steps from ``start`` towards them; with
+    the covariance (k, k) of fitted systematic errors, made up for what they took."""
     names = tuple(names)
-    theta, scale = _start(segments, names)
+    theta, scale = start_and_scale(segments, names)
     theta = theta if start is None else start
     bounded = np.array([name not in SYSTEMATIC for name in names])
     longest = np.array([0.5 / segments.bins[-1].length_m if name == "heading_bias_per_m" else 0.2 for name in names])
-    model = _Model(segments, names, theta)
+    model = Model(segments, names, theta)
     size = np.inf
     for k in range(most_steps):
         if size > _SETTLED:
             slopes = model.slopes(scale)
-        score, information = _equations(segments, model.mean, model.cov, *slopes)
+        score, information = equations(segments, model.mean, model.cov, *slopes, fitted_cov)
         total = information.sum(axis=0)
         error = 1 / np.sqrt(np.maximum(np.diag(total), 1e-300))
         lowest = np.where(bounded, -(1 - _SLOWEST_SHRINK) * model.theta, -np.inf)
@@ -142,32 +129,25 @@ def solve(segments: SegmentSet, names: Sequence[str], most_steps: int, start: Fl
         slowest = int(np.argmax(np.abs(step) / error))
         size = float(np.abs(step[slowest]) / error[slowest])
         damped = 0.5 ** (k // _DAMPED_AFTER) * step  # weights that follow the estimate can make it swing
-        model = _Model(segments, names, _possible(names, model.theta + damped))
+        model = Model(segments, names, _possible(names, model.theta + damped))
         if size < _CONVERGED:
             break
     vanishing = bounded & (model.theta < _NEGLIGIBLE * error)
-    model = _Model(segments, names, np.where(vanishing, 0.0, model.theta))
+    model = Model(segments, names, np.where(vanishing, 0.0, model.theta))
     slopes = model.slopes(scale)
-    score, information = _equations(segments, model.mean, model.cov, *slopes)
+    score, information = equations(segments, model.mean, model.cov, *slopes, fitted_cov)
     return Solution(names, model.theta, score, information, size < _CONVERGED, names[slowest], *slopes)
 
 
-def systematic_errors(segments: SegmentSet, noise: OdometryNoise, truth: TruthNoise) -> dict[str, tuple[float, float]]:
-    """What the systematic errors of these drives seem to be, one step from a noise: values and a third of the
-    distance that chance exceeds as seldom as three standard errors."""
-    names = (*SYSTEMATIC, *RANDOM, *TRUTH)
-    theta = np.array([*(getattr(noise, name) for name in (*SYSTEMATIC, *RANDOM)), *truth])
-    model = _Model(segments, names, theta)
-    d_mean, d_cov = model.slopes(_start(segments, names)[1])
-    score, information = _equations(segments, model.mean, model.cov, d_mean, d_cov)
-    few = len(SYSTEMATIC)
-    score, information = score[:, :few], information[:, :few, :few]
-    step = np.linalg.lstsq(information.sum(axis=0), score.sum(axis=0))[0]
-    there = score - information @ step
-    here = Solution(SYSTEMATIC, theta[:few] + step, there, information, True, "", d_mean[:, :few], d_cov[:, :few])
-    replicates, blocks = bootstrap(segments, here, 400, np.random.default_rng(0))
-    error = standard_errors(replicates, blocks) * student_allowance(blocks, _THREE_ERRORS)
-    return {name: (float(here.theta[k]), float(error[k])) for k, name in enumerate(SYSTEMATIC)}
+def drive_deviations(segments: SegmentSet, solution: Solution) -> Floats:
+    """By how much each drive's own systematic errors differ from the fitted ones, (drives, of them fitted)."""
+    chosen = [k for k, name in enumerate(solution.names) if name in SYSTEMATIC]
+    own = []
+    for drive in np.unique(segments.drive_of):
+        mine = segments.drive_of == drive
+        information = solution.information[mine].sum(axis=0)[np.ix_(chosen, chosen)]
+        own.append(np.linalg.lstsq(information, solution.score[mine].sum(axis=0)[chosen])[0])
+    return np.array(own)
 
 
 def bounded_step(information: Floats, score: Floats, lowest: Floats) -> Floats:
@@ -180,99 +160,18 @@ def bounded_step(information: Floats, score: Floats, lowest: Floats) -> Floats:
     """
     from scipy.optimize import lsq_linear
 
-    normed, scale = _normed(information)
-    root = np.linalg.cholesky(normed)
+    unit, scale = normed(information)
+    root = np.linalg.cholesky(unit)
     bounds = (np.minimum(lowest / scale, -1e-15), np.inf)
     found = lsq_linear(root.T, np.linalg.solve(root, score * scale), bounds, method="bvls", tol=1e-12)
     return np.asarray(np.maximum(found.x * scale, lowest))
 
 
-def bootstrap(segments: SegmentSet, solution: Solution, resamples: int, rng: np.random.Generator) -> tuple[Floats, int]:
-    """One step from the estimate for blocks of the drives drawn anew.
-
-    Blocks, two longest segments long, may begin anywhere in steps of 1/8 of their length; the drives' end joins their
-    beginning. Variances may come out negative here; what pushes one that is at its bound below zero is taken out, so
-    that its replicates spread about zero.
-
-    Returns
-    -------
-    replicates : array, shape (resamples, k)
-    blocks : int
-        How many blocks make the whole.
-    """
-    length = _BLOCK_SPANS * segments.bins[-1].length_m
-    blocks = max(int(segments.total_m / length), 2)
-    slots = _BLOCK_STARTS * blocks
-    slot_of = np.minimum((segments.place_m / segments.total_m * slots).astype(int), slots - 1)
-    score, information = _blocks(solution.score, slot_of, slots), _blocks(solution.information, slot_of, slots)
-    drawn = rng.multinomial(blocks, np.full(slots, 1 / slots), size=resamples).astype(float)
-    push = np.where(solution.bounded & (solution.theta == 0), solution.score.sum(axis=0), 0.0)
-    total, scale = _normed(np.tensordot(drawn, information, 1))
-    step = np.linalg.solve(total, ((drawn @ score - push) * scale)[..., None])[..., 0] * scale
-    return np.asarray(solution.theta + step), blocks
-
-
-def spread_out(solution: Solution, replicates: Floats, blocks: int, confidence: float) -> Floats:
-    """Replicates as far from the estimate as their number of blocks calls for.
-
-    Blocks drawn anew vary (blocks - 1)/blocks times too little; segments that reach from one block into the next add
-    1/(3 spans per block) of the variance that the blocks cannot show; and few blocks ask for Student's quantile.
-    """
-    tail = (1 - confidence) / 2
-    student = student_allowance(blocks, tail)
-    return np.asarray(solution.theta + _widened(blocks) * student * (replicates - solution.theta))
-
-
-def student_allowance(blocks: int, tail: float) -> float:
-    """Student's quantile over the normal one, for errors that so many blocks tell."""
-    from scipy.special import ndtri, stdtrit
-
-    return float(stdtrit(blocks - 1, 1 - tail) / ndtri(1 - tail))
-
-
-def intervals(solution: Solution, replicates: Floats, confidence: float) -> tuple[Floats, Floats]:
-    """Percentile intervals of `spread_out` replicates: they hold the estimate, and no negative variance."""
-    tail = (1 - confidence) / 2
-    low, high = np.quantile(replicates, [tail, 1 - tail], axis=0)
-    low = np.where(solution.bounded, np.maximum(low, 0.0), low)
-    return np.minimum(low, solution.theta), np.maximum(high, solution.theta)
-
-
-def standard_errors(replicates: Floats, blocks: int) -> Floats:
-    """Standard deviations of `bootstrap` replicates, with the same allowances, Student's apart."""
-    return np.asarray(_widened(blocks) * replicates.std(axis=0))
-
-
-class RmsSpread(NamedTuple):
-    """How well a fit knows the rms that it predicts on every bin: intervals (bins, 2), standard errors (bins,)."""
-
-    intervals: Floats
-    std_errors: Floats
-
-
-def rms_spread(
-    segments: SegmentSet, solution: Solution, replicates: Floats, confidence: float, where: slice
-) -> RmsSpread:
-    """Spread of the predicted rms of the observed values ``where``: its logarithm to first order in the parameters."""
-    noise, truth = models(solution.names, solution.theta)
-    mean, cov = segments.expected(segments.windows(noise), truth)
-    m, C = mean[:, where], cov[:, where, where]
-    square = segments.by_bin((m**2).sum(axis=1) + np.trace(C, axis1=1, axis2=2))
-    slope = 2 * (m[:, None] * solution.d_mean[:, :, where]).sum(axis=-1)
-    slope = segments.by_bin(slope + np.trace(solution.d_cov[:, :, where, where], axis1=2, axis2=3))
-    square = np.maximum(square, 1e-300)
-    logs = (replicates - solution.theta) @ slope.T / square  # of the mean square: it is positive, and skew as few slips
-    tail = (1 - confidence) / 2
-    bounds = np.clip(np.quantile(logs, [tail, 1 - tail], axis=0), -_MOST_LOG, _MOST_LOG)
-    low_high = np.sqrt(square * np.exp(bounds)).T
-    return RmsSpread(low_high, 0.5 * np.sqrt(square) * logs.std(axis=0))
-
-
 def elsewhere(segments: SegmentSet, solution: Solution) -> Solution:
     """The same estimate beside other segments: its equations and derivatives there."""
-    model = _Model(segments, solution.names, solution.theta)
-    slopes = model.slopes(_start(segments, solution.names)[1])
-    score, information = _equations(segments, model.mean, model.cov, *slopes)
+    model = Model(segments, solution.names, solution.theta)
+    slopes = model.slopes(start_and_scale(segments, solution.names)[1])
+    score, information = equations(segments, model.mean, model.cov, *slopes)
     return solution._replace(score=score, information=information, d_mean=slopes[0], d_cov=slopes[1])
 
 
@@ -286,14 +185,14 @@ def held_out(segments: SegmentSet, solution: Solution) -> tuple[Floats, Floats]:
     if parts < DRIVES_TO_HOLD_OUT:
         part, parts = np.minimum((segments.place_m / segments.total_m * _PARTS).astype(int), _PARTS - 1), _PARTS
     mean, cov = np.empty((len(part), 3)), np.empty((len(part), 3, 3))
-    whole = _Model(segments, solution.names, solution.theta)
+    whole = Model(segments, solution.names, solution.theta)
     for k in range(parts):
         mine, model = part == k, whole
         for _ in range(_HELD_OUT_STEPS):
-            score, information = _equations(segments, model.mean, model.cov, solution.d_mean, solution.d_cov)
+            score, information = equations(segments, model.mean, model.cov, solution.d_mean, solution.d_cov)
             lowest = np.where(solution.bounded, -model.theta, -np.inf)
             step = bounded_step(information[~mine].sum(axis=0), score[~mine].sum(axis=0), lowest)
-            model = _Model(segments, solution.names, _possible(solution.names, model.theta + step))
+            model = Model(segments, solution.names, _possible(solution.names, model.theta + step))
         mean[mine], cov[mine] = model.mean[mine], model.cov[mine]
     return mean, cov
 
@@ -303,11 +202,7 @@ def _possible(names: Sequence[str], theta: Floats) -> Floats:
     return np.maximum(theta, [0.0 if name not in SYSTEMATIC else _MIN_RELATIVE.get(name, -np.inf) for name in names])
 
 
-def _widened(blocks: int) -> float:
-    return sqrt(blocks / (blocks - 1) / (1 - 1 / (3 * _BLOCK_SPANS)))
-
-
-class _Model:
+class Model:
     """Moments of the observations at one parameter vector."""
 
     def __init__(self, segments: SegmentSet, names: tuple[str, ...], theta: Floats) -> None:
@@ -331,7 +226,9 @@ class _Model:
         return np.stack(means, axis=1), np.stack(covs, axis=1)
 
 
-def _equations(segments: SegmentSet, mean: Floats, cov: Floats, d_mean: Floats, d_cov: Floats) -> tuple[Floats, Floats]:
+def equations(
+    segments: SegmentSet, mean: Floats, cov: Floats, d_mean: Floats, d_cov: Floats, fitted_cov: Floats | None = None
+) -> tuple[Floats, Floats]:
     """Left side (n, k) and expected slope (n, k, k), observation by observation."""
     typical = (segments.by_bin(cov) + segments.floor())[segments.bin_of]
     white = np.linalg.inv(np.linalg.cholesky((1 - _EVENNESS) * cov + _EVENNESS * typical))  # white' white = V
@@ -339,13 +236,14 @@ def _equations(segments: SegmentSet, mean: Floats, cov: Floats, d_mean: Floats, 
     r = (white @ (segments.values - mean)[..., None])[..., 0]
     J = d_mean @ transposed
     K = (white[:, None] @ d_cov @ transposed[:, None]).reshape(*d_mean.shape[:2], 9)
-    surplus = (r[:, :, None] * r[:, None, :] - white @ cov @ transposed).reshape(-1, 9, 1)
+    spread = cov if fitted_cov is None else cov - np.swapaxes(d_mean, 1, 2) @ fitted_cov @ d_mean
+    surplus = (r[:, :, None] * r[:, None, :] - white @ spread @ transposed).reshape(-1, 9, 1)
     score = (J @ r[..., None] + 0.5 * K @ surplus)[..., 0]
     information = J @ np.swapaxes(J, 1, 2) + 0.5 * K @ np.swapaxes(K, 1, 2)
     return score * segments.weight[:, None], information * segments.weight[:, None, None]
 
 
-def _start(segments: SegmentSet, names: Sequence[str]) -> tuple[Floats, Floats]:
+def start_and_scale(segments: SegmentSet, names: Sequence[str]) -> tuple[Floats, Floats]:
     """Where to begin, and the scale of each parameter: shares of the mean squares of the longest segments."""
     length, shortest = segments.bins[-1].length_m, segments.bins[0].length_m
     squares = segments.by_bin(segments.values**2)[-1]
@@ -365,14 +263,7 @@ def _start(segments: SegmentSet, names: Sequence[str]) -> tuple[Floats, Floats]:
     return theta, np.array([max(float(size[name]), 1e-18) for name in names])
 
 
-def _blocks(values: Floats, slot_of: NDArray[np.intp], slots: int) -> Floats:
-    """Sums over the blocks that begin at every bin."""
-    slotted = np.zeros((slots, *values.shape[1:]))
-    np.add.at(slotted, slot_of, values)
-    return np.asarray(np.sum([np.roll(slotted, -k, axis=0) for k in range(_BLOCK_STARTS)], axis=0))
-
-
-def _normed(information: Floats) -> tuple[Floats, Floats]:
+def normed(information: Floats) -> tuple[Floats, Floats]:
     """Information (..., k, k) with a unit diagonal, barely regularised, and the scales that made it so."""
     scale = 1 / np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 1e-300))
     normed = information * scale[..., :, None] * scale[..., None, :]

@@ -25,22 +25,16 @@ class OdometryLog:
 
     Attributes
     ----------
-    times : array, shape (n + 1,)
-        Seconds, increasing.
-    moves : complex array, shape (n,)
-        Displacement between samples in the robot's frame at the first of the two: x (forward) + jy (left), metres.
-    turns : array, shape (n,)
-        Change of heading between samples, rad, positive to the left.
-    holds_velocity : bool
-        Whether the increments were integrated from velocities, so that motion in a gap between samples is a guess.
-    repeated : int
-        Samples whose time was not later than the one before: merged (increments) or left out.
-    glitches : array, shape (m,)
-        When the steps began that `without_glitches` took out, s: what happened in them is unknown.
-    notes : tuple of str
-        What is to be said about the file that it was read from.
-    start : complex
-        Where the first pose was, x + jy in the odometry's own frame, metres: nothing depends on it.
+    times : (n + 1,), seconds, increasing
+    moves : (n,), displacement between samples in the robot's frame at the first of the two: x (forward) + jy (left),
+        metres
+    turns : (n,), change of heading between samples, rad, positive to the left
+    holds_velocity : whether the increments were integrated from velocities, so that motion in a gap between samples is
+        a guess
+    repeated : samples whose time was not later than the one before: merged (increments) or left out
+    glitches : (m,), when the steps began that `without_glitches` took out, s: what happened in them is unknown
+    notes : what is to be said about the file that it was read from
+    start : where the first pose was, x + jy in the odometry's own frame, metres: nothing depends on it
     """
 
     times: Floats
@@ -65,11 +59,9 @@ class OdometryLog:
 
         Parameters
         ----------
-        distances_m, turns_rad : array, shape (n,)
-            Per step, metres (negative when driving backwards) and rad.
-        times_s : array, shape (n + 1,) or (n,), optional
-            Times before the first and after every step, or only after every step (the first is then taken to last as
-            long as the median one). Default: 0, 1, 2, ...
+        distances_m, turns_rad : (n,), per step, metres (negative when driving backwards) and rad
+        times_s : (n + 1,) or (n,), optional, times before the first and after every step, or only after every step (the
+            first is then taken to last as long as the median one). Default: 0, 1, 2, ...
 
         Raises
         ------
@@ -146,8 +138,7 @@ class OdometryLog:
         ----------
         poses : array, shape (n, 3), n >= 2
             x, y (m), heading (rad).
-        times_s : array, shape (n,), optional
-            Default: 0, 1, 2, ...
+        times_s : (n,), optional, default: 0, 1, 2, ...
 
         Examples
         --------
@@ -242,16 +233,11 @@ class Trajectory:
 
     Attributes
     ----------
-    times : array, shape (n,)
-        Seconds, on the odometry's clock up to a constant offset.
-    xy : array, shape (n, 2)
-        Metres, world frame.
-    heading : array, shape (n,), or None
-        Rad; None when only positions were measured.
-    repeated : int
-        Samples left out because their time was not later than the one before.
-    notes : tuple of str
-        What is to be said about the file that it was read from.
+    times : (n,), seconds, on the odometry's clock up to a constant offset
+    xy : (n, 2), metres, world frame
+    heading : (n,) or None, rad; None when only positions were measured.
+    repeated : samples left out because their time was not later than the one before
+    notes : what is to be said about the file that it was read from
 
     Raises
     ------

@@ -75,10 +75,9 @@ def heading_offset(estimate: Complexes, gained: Floats, truth: Complexes) -> flo
 
     Parameters
     ----------
-    estimate, truth : complex arrays, shape (n,)
-        Displacement over each segment by the odometry and by the reference, in the heading of either at its start.
-    gained : array, shape (n,)
-        Heading error gained over the segment: seen from half of it, its effect on the displacement is undone.
+    estimate, truth : (n,), displacement over each segment by the odometry and by the reference, in the heading of
+        either at its start
+    gained : (n,), heading error gained over the segment: seen from half of it, its effect on the displacement is undone
     """
     product = np.conj(estimate * np.exp(-0.5j * gained)) * truth
     mean = product.sum()

@@ -34,10 +34,8 @@ class RelativeError(NamedTuple):
     ----------
     length_m : float
     segments : int
-    translation_percent, rotation_deg_per_m : float
-        Means over the segments, per length.
-    translation_rms_m, rotation_rms_deg : float
-        Root mean squares of the errors themselves.
+    translation_percent, rotation_deg_per_m : means over the segments, per length
+    translation_rms_m, rotation_rms_deg : root mean squares of the errors themselves
     """
 
     length_m: float
@@ -54,10 +52,8 @@ class RelativeErrors:
 
     Attributes
     ----------
-    lengths : tuple of RelativeError
-        Lengths of which there are segments.
-    translation_percent, rotation_deg_per_m : float
-        Means over all segments of all lengths; KITTI's ranking figures.
+    lengths : lengths of which there are segments
+    translation_percent, rotation_deg_per_m : means over all segments of all lengths; KITTI's ranking figures.
     """
 
     lengths: tuple[RelativeError, ...]
@@ -88,19 +84,12 @@ def relative_errors(
 
     Parameters
     ----------
-    estimate, truth : array, shape (n, 3), (n, 3, 4) or (n, 4, 4)
-        Poses at the same instants: x, y (m), heading (rad), or matrices of the plane's or of space's poses. Each may
-        have a frame of its own.
-    lengths_m : array of float
-        Segment lengths. KITTI's default, 100 to 800 m, suits cars.
+    estimate, truth : (n, 3), (n, 3, 4) or (n, 4, 4), poses at the same instants: x, y (m), heading (rad), or matrices
+        of the plane's or of space's poses. Each may have a frame of its own.
+    lengths_m : segment lengths. KITTI's default, 100 to 800 m, suits cars.
     pairs : {"kitti", "evo"}
         Which segments; see the module.
-    step : int
-        Frames from one segment's start to the next (KITTI only).
-
-    Returns
-    -------
-    RelativeErrors
+    step : frames from one segment's start to the next (KITTI only)
 
     Raises
     ------

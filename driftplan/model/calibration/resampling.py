@@ -30,19 +30,16 @@ class ResampledDrive(NamedTuple):
 
     Attributes
     ----------
-    driven : array, shape (K,)
-        True distance from the start of the drive, metres, increasing.
-    estimate, estimate_heading : arrays, shape (K,)
-        Dead-reckoned position x + jy (m) and heading (rad, not wrapped), in the odometry's frame.
+    driven : (K,), true distance from the start of the drive, metres, increasing
+    estimate, estimate_heading : (K,), dead-reckoned position x + jy (m) and heading (rad, not wrapped), in the
+        odometry's frame
     truth : complex array, shape (K,)
     truth_heading : array, shape (K,), or None
-    turns, angles : arrays, shape (K - 1,)
-        True heading change between knots, signed, and the angle truly turned in either direction, rad. Without true
-        headings: as far as positions tell.
-    travel_axes, turn_axes : complex arrays, shape (K - 1,)
-        exp(2jθ) of the direction θ in which the robot drives, integrated over the metres and over the angles turned
-        between knots: along which axis errors of distance lie. A robot that turns on the spot counts a distance in all
-        the directions that it sweeps, not along the chord to the next knot.
+    turns, angles : (K - 1,), true heading change between knots, signed, and the angle truly turned in either direction,
+        rad. Without true headings: as far as positions tell.
+    travel_axes, turn_axes : (K - 1,), exp(2jθ) of the direction θ in which the robot drives, integrated over the metres
+        and over the angles turned between knots: along which axis errors of distance lie. A robot that turns on the
+        spot counts a distance in all the directions that it sweeps, not along the chord to the next knot.
     """
 
     driven: Floats
@@ -137,6 +134,15 @@ def along_travel(parts: list[ResampledDrive]) -> list[ResampledDrive]:
         ]
     turn = agreement / abs(agreement)
     return [part._replace(travel_axes=part.travel_axes * turn, turn_axes=part.turn_axes * turn) for part in parts]
+
+
+def laid_on_truth(part: ResampledDrive) -> tuple[Complexes, Complexes]:
+    """True and estimated positions, the estimate turned and moved so that it begins as the truth does: an eighth of the
+    way tells the direction."""
+    k = max(len(part.driven) // 8, 1)
+    estimated, true = part.estimate - part.estimate[0], part.truth - part.truth[0]
+    turn = np.vdot(estimated[: k + 1], true[: k + 1])
+    return part.truth, part.truth[0] + estimated * (turn / abs(turn) if turn else 1.0)
 
 
 def robust_std(values: Floats) -> float:

@@ -20,26 +20,18 @@ class LengthCheck(NamedTuple):
 
     Attributes
     ----------
-    length_m : float
-        With positions alone the first half serves to align, and the errors are those of the second half's end.
-    segments : int
-        Overlapping ones.
-    independent : float
-        How many fit side by side.
-    measured_rms_m, predicted_rms_m : float
-        Root mean square position error, with the white errors of the reference in both.
-    measured_rms_error_m : float
-        Standard error of the measured one.
-    predicted_rms_interval_m : (float, float)
-        Of the predicted one, by the fit's intervals; both are the prediction itself where the noise is taken as given.
-    measured_heading_rms, predicted_heading_rms : float
-        Of the sine of the heading error gained; nan without true headings.
-    coverage : tuple of float
-        Share of the errors inside the regions that should hold 50, 90 and 95 %.
-    coverage_error : tuple of float
-        Standard deviations of these shares if the model were right (`driftplan.model.calibration.chance`).
-    mean_nees : float
-        Mean normalised error squared per degree of freedom: 1 if the model is right, above if it promises too much.
+    length_m : with positions alone the first half serves to align, and the errors are those of the second half's end
+    segments : overlapping ones
+    independent : how many fit side by side
+    measured_rms_m, predicted_rms_m : root mean square position error, with the white errors of the reference in both
+    measured_rms_error_m : standard error of the measured one
+    predicted_rms_interval_m : of the predicted one, by the fit's intervals; both are the prediction itself where the
+        noise is taken as given
+    measured_heading_rms, predicted_heading_rms : of the sine of the heading error gained; nan without true headings
+    coverage : share of the errors inside the regions that should hold 50, 90 and 95 %
+    coverage_error : standard deviations of these shares if the model were right (`driftplan.model.calibration.chance`)
+    mean_nees : mean normalised error squared per degree of freedom: 1 if the model is right, above if it promises too
+        much
     """
 
     length_m: float
@@ -62,19 +54,14 @@ class SegmentCheck:
 
     Attributes
     ----------
-    lengths : tuple of LengthCheck
-        Shortest first.
-    errors_m : tuple of arrays
-        Position errors of all segments, metres, by length.
-    has_heading : bool
-        Whether segments were aligned by measured headings.
+    lengths : shortest first
+    errors_m : position errors of all segments, metres, by length
+    has_heading : whether segments were aligned by measured headings
     heavy_tails : (int, float)
         Index of the length at which most of the error lies in the fewest segments, and the chance that Gaussian errors
         look so at some length.
-    clear_errors : (float, float)
-        Standard errors by which measured rms, and shares in the widest region, differ clearly at some length.
-    notes : tuple of str
-        Plain sentences; empty when the model describes the errors within sampling errors.
+    clear_errors : standard errors by which measured rms, and shares in the widest region, differ clearly at some length
+    notes : plain sentences; empty when the model describes the errors within sampling errors
     """
 
     lengths: tuple[LengthCheck, ...]
@@ -121,10 +108,8 @@ def check_segments(
 
     Parameters
     ----------
-    moments : arrays, shapes (n, 3), (n, 3, 3), optional
-        In place of those of the noise: each drive's as the others predict it.
-    rms_intervals_m : array, shape (lengths, 2), optional
-        Of the predicted rms; told, not judged by.
+    moments : (n, 3), (n, 3, 3), optional, in place of those of the noise: each drive's as the others predict it
+    rms_intervals_m : (lengths, 2), optional, of the predicted rms; told, not judged by
     """
     mean, cov = segments.expected(segments.windows(noise), truth) if moments is None else moments
     cov = cov + segments.floor()[segments.bin_of]

@@ -37,33 +37,16 @@ class LengthBin(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SegmentSet:
-    """Observed segments of several lengths.
-
-    Attributes
-    ----------
-    resampled : tuple of ResampledDrive
-    bins : tuple of LengthBin
-        Shortest segments first.
-    values : array, shape (n, 3)
-        Observations, see `driftplan.model.calibration.segments`; bin by bin.
-    bin_of, drive_of : arrays of int, shape (n,)
-        Which length and which drive each belongs to.
-    place_m : array, shape (n,)
-        Where each segment begins, all drives laid end to end.
-    weight : array, shape (n,)
-        Adding up to the number of longest segments that fit side by side, in every bin.
-    total_m : float
-        Length of all drives.
-    """
+    """Observed segments of several lengths."""
 
     resampled: tuple[ResampledDrive, ...]
-    bins: tuple[LengthBin, ...]
-    values: Floats
-    bin_of: Ints
-    drive_of: Ints
-    place_m: Floats
-    weight: Floats
-    total_m: float
+    bins: tuple[LengthBin, ...]  # shortest segments first
+    values: Floats  # (n, 3) observations, see `driftplan.model.calibration.segments`; bin by bin
+    bin_of: Ints  # (n,) which length each belongs to
+    drive_of: Ints  # (n,) which drive
+    place_m: Floats  # (n,) where each segment begins, all drives laid end to end
+    weight: Floats  # (n,) adding up to the number of longest segments that fit side by side, in every bin
+    total_m: float  # length of all drives
 
     @property
     def has_heading(self) -> bool:

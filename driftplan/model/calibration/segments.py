@@ -44,14 +44,11 @@ class Observations(NamedTuple):
 
     Attributes
     ----------
-    starts : array of int, shape (n,)
-        First knot of each.
+    starts : (n,), first knot of each
     values : array, shape (n, 3)
-    frame : complex array, shape (n,)
-        Direction of the frame's x axis in the world.
-    chord : complex array, shape (n,)
-        True displacement over the segment (with positions alone: over its first part) in that frame, metres: the lever
-        of an alignment error.
+    frame : (n,), direction of the frame's x axis in the world
+    chord : (n,), true displacement over the segment (with positions alone: over its first part) in that frame, metres:
+        the lever of an alignment error
     """
 
     starts: Ints
@@ -92,20 +89,32 @@ def errors_of(part: ResampledDrive, starts: Ints, steps: int) -> Floats:
 
 
 def repeated(
-    part: ResampledDrive, noise: OdometryNoise, truth: TruthNoise, rng: np.random.Generator, runs: int
+    part: ResampledDrive, noise: OdometryNoise, truth: TruthNoise, rng: np.random.Generator, deviations: Floats
 ) -> ResampledDrive:
-    """The drive ``runs`` times over, with Gaussian errors of the odometry as `pieces` has them, and of the truth:
-    estimate and truth are (runs, K)."""
+    """The drive many times over, with Gaussian errors of the odometry as `pieces` has them, and of the truth: estimate
+    and truth are (runs, K). ``deviations`` (3, runs) are those of the drives' systematic errors, in their stds."""
+    runs = deviations.shape[1]
+    bias_per_m, bias_per_rad, scale = (
+        std * z[:, None]
+        for std, z in zip(
+            (noise.heading_bias_std_per_m, noise.heading_bias_std_per_rad, noise.distance_scale_std),
+            deviations,
+            strict=True,
+        )
+    )
     random = _increments(part, noise)
     shape = (runs, len(part.turns))
     halves = np.sqrt(random.heading_var / 2) * rng.standard_normal((2, *shape)) + random.heading_mean / 2
+    halves = halves + 0.5 * (bias_per_m * np.diff(part.driven) + bias_per_rad * part.turns)
     gained = np.concatenate([np.zeros((runs, 1)), np.cumsum(halves.sum(axis=0), axis=1)], axis=1)
     # a complex Gaussian with E|z|² = s and E z² = p lies along arg(p)/2, with variances (s ± |p|)/2
     size = np.abs(random.elongation)
     major, minor = (np.sqrt(np.maximum(random.square + sign * size, 0.0) / 2) for sign in (1, -1))
     axis = np.exp(0.5j * np.angle(random.elongation))
     error = axis * (major * rng.standard_normal(shape) + 1j * minor * rng.standard_normal(shape))
-    moves = ((1 + noise.distance_scale_error) * np.diff(part.truth) + error) * np.exp(1j * (gained[:, :-1] + halves[0]))
+    moves = ((1 + noise.distance_scale_error + scale) * np.diff(part.truth) + error) * np.exp(
+        1j * (gained[:, :-1] + halves[0])
+    )
     estimate = part.truth[0] + np.concatenate([np.zeros((runs, 1)), np.cumsum(moves, axis=1)], axis=1)
     white = rng.standard_normal((2, runs, len(part.truth)))
     seen = part.truth + np.sqrt(truth.position_var) * (white[0] + 1j * white[1])

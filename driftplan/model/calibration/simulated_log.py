@@ -33,21 +33,12 @@ def simulate_log(
 
     Parameters
     ----------
-    path, start_heading :
-        One path, as for `driftplan.model.drift.predict_drift`.
-    noise : OdometryNoise
-        Of the continuous model, with Gaussian errors and no ``heading_distance_corr``.
+    path, start_heading : one path, as for `driftplan.model.drift.predict_drift`
+    noise : of the continuous model, with Gaussian errors and no ``heading_distance_corr``
     rng : numpy.random.Generator or seed
-    step_m : float
-        Distance between samples, metres; turns on the spot are sampled every 0.05 rad.
-    speed_m_per_s : float
-        Speed between samples; on the spot one radian takes as long as one metre.
-    truth_position_std_m, truth_heading_std : float
-        White errors of the recorded truth: metres per coordinate, rad.
-
-    Returns
-    -------
-    OdometryLog, Trajectory
+    step_m : distance between samples, metres; turns on the spot are sampled every 0.05 rad
+    speed_m_per_s : speed between samples; on the spot one radian takes as long as one metre
+    truth_position_std_m, truth_heading_std : white errors of the recorded truth: metres per coordinate, rad
 
     Examples
     --------

@@ -25,14 +25,10 @@ class Umbmark:
     Attributes
     ----------
     side_m : float
-    centre_clockwise, centre_counterclockwise : array, shape (2,)
-        Mean return errors, metres.
-    worst_systematic_m : float
-        Distance of the farther of the two from zero: the paper's figure of merit E_max,syst.
-    alpha, beta : float
-        Error of each corner and bend of each side, rad, by the paper's first-order formulas.
-    noise : OdometryNoise
-        The systematic errors, from both coordinates and without approximation: `heading_bias_per_rad` and
+    centre_clockwise, centre_counterclockwise : (2,), mean return errors, metres
+    worst_systematic_m : distance of the farther of the two from zero: the paper's figure of merit E_max,syst
+    alpha, beta : error of each corner and bend of each side, rad, by the paper's first-order formulas
+    noise : the systematic errors, from both coordinates and without approximation: `heading_bias_per_rad` and
         `heading_bias_per_m`. A square cannot show errors of scale.
     """
 
@@ -68,14 +64,9 @@ def umbmark(clockwise: ArrayLike, counterclockwise: ArrayLike, *, side_m: float 
 
     Parameters
     ----------
-    clockwise, counterclockwise : array, shape (n, 2)
-        Measured minus reported position on return, metres, x along the first side and y to its left, a row per run.
-    side_m : float
-        Side of the square, metres, as the odometry counts it.
-
-    Returns
-    -------
-    Umbmark
+    clockwise, counterclockwise : (n, 2), measured minus reported position on return, metres, x along the first side and
+        y to its left, a row per run
+    side_m : side of the square, metres, as the odometry counts it
 
     Raises
     ------

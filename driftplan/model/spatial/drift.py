@@ -13,9 +13,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Floats, finite
 from driftplan.model.spatial.isotropic import IsotropicMoments
-from driftplan.model.spatial.moments import Arrays, SpatialMoments, rotate, scan
+from driftplan.model.spatial.moments import Arrays, SpatialMoments, like, rotate, scan, spread
 from driftplan.model.spatial.rotations import RotationNoise, orthonormal
 from driftplan.model.spatial.steps import checked_array, read_steps
 
@@ -30,14 +30,10 @@ class SpatialDrift:
 
     Attributes
     ----------
-    position : array, shape (n + 1, 3)
-        True position, metres, world frame.
-    distance : array, shape (n + 1,)
-        Metres flown.
-    bias : array, shape (n + 1, 3)
-        E[e], metres, world frame.
-    cov : array, shape (n + 1, 3, 3)
-        Covariance of e, m², world frame. Its smallest eigenvalue is known to about 1e-15 rms² only.
+    position : (n + 1, 3), true position, metres, world frame
+    distance : (n + 1,), metres flown
+    bias : (n + 1, 3), E[e], metres, world frame
+    cov : (n + 1, 3, 3), covariance of e, m², world frame. Its smallest eigenvalue is known to about 1e-15 rms² only.
     """
 
     position: Floats
@@ -92,8 +88,7 @@ def predict_drift_3d(
         True attitude increments, body frame. Matrices orthonormal within 1e-6 are made so to rounding.
     translations : (n, 3)
         True displacements, metres, body frame.
-    rotation_noise : RotationNoise
-        One for all steps, or with a leading axis of length n.
+    rotation_noise : one for all steps, or with a leading axis of length n
     translation_cov : (3, 3) or (n, 3, 3), optional
         Covariance of the displacement error, m², body frame. Default: none.
     translation_bias : (3,) or (n, 3), optional
@@ -221,12 +216,12 @@ def _predict(
             return step.rotated(S[where]).moved(rotate(S[where], t[where]))
     else:
         step = same if same is not None else at_rest(slice(None))
-        gained, rows = power(R, step.rotated(R).moved(rotate(R, t)).spread(count), repeats)
+        gained, rows = power(R, spread(step.rotated(R).moved(rotate(R, t)), count), repeats)
         S = np.concatenate([np.eye(3)[None], attitudes(gained)[:-1]])
         distance = distance * repeats
 
         def pieces(where: slice) -> Any:
-            return type(rows)(*(x[where] for x in rows)).rotated(S[where])
+            return like(rows, (x[where] for x in rows)).rotated(S[where])
 
     position, mean, square = chain(pieces, count)
     return _drift(position, distance, mean, square)
@@ -244,14 +239,14 @@ def chain(pieces: Callable[[slice], Element], count: int) -> tuple[Floats, Float
     last: Element | None = None
     for begin in range(0, count, _AT_ONCE):
         end = min(begin + _AT_ONCE, count)
-        state = pieces(slice(begin, end)).spread(end - begin)
+        state = spread(pieces(slice(begin, end)), end - begin)
         if last is not None:
-            state = _like(state, [np.concatenate(pair) for pair in zip(last, state, strict=True)])
+            state = like(state, (np.concatenate(pair) for pair in zip(last, state, strict=True)))
         state = state.prefixes()
         position[begin + 1 : end + 1] = state.p[begin - end :]
         bias[begin + 1 : end + 1] = state.bias[begin - end :]
         square[begin + 1 : end + 1] = state.square[begin - end :]
-        last = _like(state, [x[-1:] for x in state])
+        last = like(state, (x[-1:] for x in state))
     return position, bias, square
 
 
@@ -277,10 +272,10 @@ def power(R: Floats, piece: Element, count: NDArray[np.int64]) -> tuple[Floats, 
     count : (n,)
     """
     left = count.copy()
-    gained, total = np.broadcast_to(np.eye(3), R.shape), _like(piece, [np.zeros_like(x) for x in piece])
+    gained, total = np.broadcast_to(np.eye(3), R.shape), like(piece, (np.zeros_like(x) for x in piece))
     while True:
         odd = left % 2 == 1
-        total = _like(piece, _where(odd, total.append(piece.rotated(gained)), total))
+        total = like(piece, _where(odd, total.append(piece.rotated(gained)), total))
         gained = _where(odd, [orthonormal(gained @ R)], [gained])[0]
         left //= 2
         if not left.any():
@@ -299,13 +294,10 @@ def _repeats(repeats: ArrayLike | None, count: int) -> NDArray[np.int64] | None:
 
 
 def _rate(name: str, value: ArrayLike, runs: int) -> Floats:
-    try:
-        rate = np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as err:
-        raise ValueError(f"expected {name} to be a number, or one per run, got {value!r}") from err
+    rate = finite(name, value, "a number, or one per run")
     if rate.shape not in ((), (runs,)):
         raise ValueError(f"expected {name} for all runs or one for each of {runs}, got an array of shape {rate.shape}")
-    if not (np.isfinite(rate).all() and (rate >= 0).all()):
+    if (rate < 0).any():
         raise ValueError(f"expected {name} finite and >= 0, got {value!r}")
     return np.broadcast_to(rate, (runs,))
 
@@ -320,10 +312,6 @@ def _drift(position: Floats, distances: Floats, mean: Floats, square: Floats) ->
     for array in arrays:
         array.setflags(write=False)
     return SpatialDrift(*arrays)
-
-
-def _like(kind: Element, arrays: Arrays) -> Element:
-    return type(kind)(*arrays)
 
 
 def _where(condition: NDArray[np.bool_], yes: Arrays, no: Arrays) -> Arrays:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from driftplan.arrays import Floats
-from driftplan.model.spatial.moments import Arrays, rotate, scan, spread
+from driftplan.model.spatial.moments import Arrays, rotate, scan
 from driftplan.model.spatial.rotations import RotationNoise
 
 _EYE = np.eye(3)
@@ -30,18 +30,17 @@ class IsotropicMoments(NamedTuple):
     p: Floats  # (..., 3) true displacement
     lost1: Floats  # (...) 1 - l1, E[G] = l1 I
     lost2: Floats  # (...) 1 - l2
-    e: Floats  # (..., 3) E[e]
+    bias: Floats  # (..., 3) E[e]
     f: Floats  # (..., 3)
     g: Floats  # (..., 3)
-    Q: Floats  # (..., 3, 3) E[e eᵀ]
+    square: Floats  # (..., 3, 3) E[e eᵀ]
 
     @classmethod
     def of_step(cls, noise: RotationNoise, bias: Floats, cov: Floats) -> IsotropicMoments:
         """Noise of one step at rest: attitude error R̃, then translation error with the given mean and covariance."""
         lost1, lost2 = noise.decay
-        o, none = np.zeros(3), np.zeros(())
-        jitter = cls(o, none, none, bias, o, bias, cov + bias[..., :, None] * bias[..., None, :])
-        return cls(o, lost1, lost2, o, o, o, np.zeros((3, 3))).append(jitter)
+        jitter = _STILL._replace(bias=bias, g=bias, square=cov + bias[..., :, None] * bias[..., None, :])
+        return _STILL._replace(lost1=lost1, lost2=lost2).append(jitter)
 
     @classmethod
     def of_straight_runs(cls, z: Floats, rotation_rate: Floats, along: Floats, across: Floats) -> IsotropicMoments:
@@ -70,16 +69,6 @@ class IsotropicMoments(NamedTuple):
         Q = round_part[..., None, None] * _EYE + (area * line + skewed)[..., None, None] * uu
         return cls(z, lost1, lost2, -z * slip[..., None], f[..., None] * u, g[..., None] * u, Q)
 
-    @property
-    def bias(self) -> Floats:
-        """E[e], (..., 3)."""
-        return self.e
-
-    @property
-    def square(self) -> Floats:
-        """E[e eᵀ], (..., 3, 3)."""
-        return self.Q
-
     def append(self, B: IsotropicMoments, /) -> IsotropicMoments:
         """This motion, then B, in the same axes."""
         e, f, g = self._vectors(B)
@@ -87,27 +76,25 @@ class IsotropicMoments(NamedTuple):
             self.p + B.p,
             self.lost1 + B.lost1 - self.lost1 * B.lost1,
             self.lost2 + B.lost2 - self.lost2 * B.lost2,
-            self.e + e,
+            self.bias + e,
             self.f * (1 - B.lost1)[..., None] + f,
             self.g * (1 - B.lost1)[..., None] + g,
-            self.Q + self._square_gain(B),
+            self.square + self._square_gain(B),
         )
 
     def moved(self, z: Floats, /) -> IsotropicMoments:
         """This motion, then a translation by z that errs only through the attitude."""
-        o, none = np.zeros(3), np.zeros(())
-        return self.append(IsotropicMoments(z, none, none, o, o, o, np.zeros((3, 3))))
+        return self.append(_STILL._replace(p=z))
 
     def prefixes(self) -> IsotropicMoments:
         """Moments of the first, the first two, ... of these motions (n,), in the same axes: recurrences, one by one."""
         lost1, lost2 = scan(_lose, [self.lost1, self.lost2])
-        o, flat = np.zeros_like(self.p), np.zeros((3, 3))
-        before = IsotropicMoments(o, _earlier(lost1), _earlier(lost2), o, o, o, flat)
+        before = _STILL._replace(lost1=_earlier(lost1), lost2=_earlier(lost2))
         e, f, g = before._vectors(self)
         e = np.cumsum(e, axis=0)
         _, fg = scan(_fade_and_add, [self.lost1, np.concatenate([f, g], axis=-1)])
         f, g = fg[:, :3], fg[:, 3:]
-        before = before._replace(e=_earlier(e), f=_earlier(f), g=_earlier(g))
+        before = before._replace(bias=_earlier(e), f=_earlier(f), g=_earlier(g))
         Q = np.cumsum(before._square_gain(self), axis=0)
         return IsotropicMoments(np.cumsum(self.p, axis=0), lost1, lost2, e, f, g, Q)
 
@@ -115,7 +102,7 @@ class IsotropicMoments(NamedTuple):
         """What B adds to e, f and g, beyond the fading of f and g."""
         lost1, lost2, keep = self.lost1[..., None], self.lost2[..., None], (1 - B.lost1)[..., None]
         return (
-            B.e - lost1 * (B.p + B.e),
+            B.bias - lost1 * (B.p + B.bias),
             B.f + 2 / 3 * lost2 * (keep * B.p + B.g),
             B.g - lost2 * B.g + (lost1 - lost2) * keep * B.p,
         )
@@ -124,23 +111,22 @@ class IsotropicMoments(NamedTuple):
         """What B adds to Q."""
         lost1, lost2 = self.lost1[..., None], self.lost2[..., None]
         f, g = self.f + 2 / 3 * lost2 * B.p, self.g + (lost1 - lost2) * B.p
-        ball = _dot(self.f, B.p) + _dot(f, B.e) + self.lost2 / 3 * (_dot(B.p, B.p) + np.trace(B.Q, axis1=-2, axis2=-1))
-        lever = self.g - self.e + (lost1 - 0.5 * lost2) * B.p
-        product = lever[..., :, None] * B.p[..., None, :] + g[..., :, None] * B.e[..., None, :]
-        Q = product + np.swapaxes(product, -1, -2) + (1 - lost2)[..., None] * B.Q
+        ball = _dot(self.f, B.p) + _dot(f, B.bias)
+        ball += self.lost2 / 3 * (_dot(B.p, B.p) + np.trace(B.square, axis1=-2, axis2=-1))
+        lever = self.g - self.bias + (lost1 - 0.5 * lost2) * B.p
+        product = lever[..., :, None] * B.p[..., None, :] + g[..., :, None] * B.bias[..., None, :]
+        Q = product + np.swapaxes(product, -1, -2) + (1 - lost2)[..., None] * B.square
         Q[..., *_DIAGONAL] += ball[..., None]
         return np.asarray(Q)
 
     def rotated(self, S: Floats, /) -> IsotropicMoments:
         """The same seen from axes in which the motion's own are S."""
-        p, e, f, g = (rotate(S, x) for x in (self.p, self.e, self.f, self.g))
-        return IsotropicMoments(p, self.lost1, self.lost2, e, f, g, S @ self.Q @ np.swapaxes(S, -1, -2))
+        p, e, f, g = (rotate(S, x) for x in (self.p, self.bias, self.f, self.g))
+        return IsotropicMoments(p, self.lost1, self.lost2, e, f, g, S @ self.square @ np.swapaxes(S, -1, -2))
 
-    def spread(self, count: int) -> IsotropicMoments:
-        """The same ``count`` times: one leading axis on each array."""
-        lost1, lost2, Q = spread(self.lost1, 0, count), spread(self.lost2, 0, count), spread(self.Q, 2, count)
-        p, e, f, g = (spread(x, 1, count) for x in (self.p, self.e, self.f, self.g))
-        return IsotropicMoments(p, lost1, lost2, e, f, g, Q)
+
+_O, _NONE = np.zeros(3), np.zeros(())
+_STILL = IsotropicMoments(_O, _NONE, _NONE, _O, _O, _O, np.zeros((3, 3)))  # no motion, no noise
 
 
 def _dot(a: Floats, b: Floats) -> Floats:

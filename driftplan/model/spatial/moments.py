@@ -19,8 +19,8 @@ to scalars, vectors and one 3x3 matrix: `driftplan.model.spatial.isotropic`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -28,6 +28,9 @@ from driftplan.arrays import Floats
 from driftplan.model.spatial.rotations import RotationNoise
 
 Arrays = Sequence[Floats]
+Motion = TypeVar("Motion", bound=tuple[Floats, ...])  # of either algebra
+
+_OWN_AXES = {"X": 2, "square": 2, "lost1": 0, "lost2": 0}  # of a motion's arrays, one otherwise
 
 # Symmetric 3x3 matrices as six numbers, in an orthonormal basis so that rotations act by orthogonal matrices.
 _ROW, _COLUMN = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
@@ -71,11 +74,6 @@ class SpatialMoments(NamedTuple):
         """E[e eᵀ], (..., 3, 3)."""
         return np.asarray(np.einsum("...a,aij->...ij", self.X[..., :6, 9], _BASIS))
 
-    @property
-    def rotation_offset(self) -> Floats:
-        """E[G] - I, (..., 3, 3)."""
-        return self.X[..., 6:, 6:9]
-
     def append(self, B: SpatialMoments, /) -> SpatialMoments:
         """This motion, then B, in the same axes."""
         A = self.moved(B.p)
@@ -106,12 +104,7 @@ class SpatialMoments(NamedTuple):
 
     def prefixes(self) -> SpatialMoments:
         """Moments of the first, the first two, ... of these motions (n,), in the same axes: an associative scan."""
-        p, X = scan(lambda A, B: SpatialMoments(*A).append(SpatialMoments(*B)), self)
-        return SpatialMoments(p, X)
-
-    def spread(self, count: int) -> SpatialMoments:
-        """The same ``count`` times: one leading axis on each array."""
-        return SpatialMoments(spread(self.p, 1, count), spread(self.X, 2, count))
+        return like(self, scan(lambda A, B: SpatialMoments(*A).append(SpatialMoments(*B)), self))
 
 
 def scan(operation: Callable[[Arrays, Arrays], Arrays], pieces: Arrays) -> Arrays:
@@ -135,9 +128,15 @@ def scan(operation: Callable[[Arrays, Arrays], Arrays], pieces: Arrays) -> Array
     return prefixes
 
 
-def spread(x: Floats, rank: int, count: int) -> Floats:
-    """``count`` times the same array of ``rank`` axes, or the array as it is if it has its leading axis already."""
-    return np.broadcast_to(x, (count, *x.shape[x.ndim - rank :]))
+def spread(motion: Motion, count: int) -> Motion:
+    """The same ``count`` times: one leading axis on each array that has none yet."""
+    arrays = zip(motion, (_OWN_AXES.get(name, 1) for name in cast(Any, motion)._fields), strict=True)
+    return like(motion, (np.broadcast_to(x, (count, *x.shape[x.ndim - axes :])) for x, axes in arrays))
+
+
+def like(motion: Motion, arrays: Iterable[Floats]) -> Motion:
+    """A motion of the same algebra."""
+    return cast(Motion, cast(Any, type(motion))(*arrays))
 
 
 def _symmetric_product(p: Floats) -> Floats:

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Floats, finite
 
 RotationLaw = Literal["gaussian", "brownian", "von_mises_fisher", "anisotropic_gaussian"]
 
@@ -41,10 +41,8 @@ class RotationNoise:
 
     Attributes
     ----------
-    law : str
-        "gaussian", "brownian", "von_mises_fisher" (isotropic) or "anisotropic_gaussian".
-    parameter : array, shape (...) or (..., 3, 3)
-        Standard deviation in rad per axis, concentration, or covariance in rad².
+    law : "gaussian", "brownian", "von_mises_fisher" (isotropic) or "anisotropic_gaussian"
+    parameter : (...) or (..., 3, 3), standard deviation in rad per axis, concentration, or covariance in rad²
 
     Examples
     --------
@@ -70,7 +68,7 @@ class RotationNoise:
         >>> RotationNoise.isotropic(0.3).decay[0].round(16).item()  # 1 - E[tr R̃]/3
         0.0866948610212527
         """
-        return cls("gaussian", _checked("std_rad", std_rad, "a standard deviation >= 0, in rad", minimum=0.0))
+        return cls("gaussian", _checked("std_rad", std_rad, "a standard deviation >= 0, in rad"))
 
     @classmethod
     def brownian(cls, std_rad: ArrayLike) -> RotationNoise:
@@ -79,7 +77,7 @@ class RotationNoise:
         What infinitely many infinitely small independent errors add up to: the law of continuous heading noise, and
         the only isotropic one here that stays in its family when steps are merged.
         """
-        return cls("brownian", _checked("std_rad", std_rad, "a standard deviation >= 0, in rad", minimum=0.0))
+        return cls("brownian", _checked("std_rad", std_rad, "a standard deviation >= 0, in rad"))
 
     @classmethod
     def von_mises_fisher(cls, kappa: ArrayLike) -> RotationNoise:
@@ -93,7 +91,7 @@ class RotationNoise:
         >>> RotationNoise.von_mises_fisher(1e4).decay[0].round(16).item()
         0.0003999400015002
         """
-        checked = _checked("kappa", kappa, "a concentration > 0", minimum=0.0)
+        checked = _checked("kappa", kappa, "a concentration > 0")
         if (checked <= 0).any():
             raise ValueError(f"expected kappa > 0, got {kappa!r}")
         return cls("von_mises_fisher", checked)
@@ -211,28 +209,20 @@ class RotationNoise:
         return _matrix_from_quaternion(np.cos(half), 0.5 * np.sinc(half / np.pi)[..., None] * vectors)
 
 
-def _checked(name: str, value: ArrayLike, what: str, minimum: float) -> Floats:
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as err:
-        raise ValueError(f"expected {name} to be {what}, got {value!r}") from err
+def _checked(name: str, value: ArrayLike, what: str) -> Floats:
+    array = finite(name, value, what)
     if array.ndim > 1:
         raise ValueError(f"expected {name} to be {what}, or one per step, got an array of shape {array.shape}")
-    if not (np.isfinite(array).all() and (array >= minimum).all()):
+    if (array < 0).any():
         raise ValueError(f"expected {name} to be {what}, got {value!r}")
     return array
 
 
 def checked_covariance(name: str, value: ArrayLike) -> Floats:
     """A checked covariance, (3, 3) or one per step (n, 3, 3)."""
-    try:
-        cov = np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as err:
-        raise ValueError(f"expected {name} to be a 3x3 covariance, got {value!r}") from err
+    cov = finite(name, value, "a 3x3 covariance")
     if cov.ndim not in (2, 3) or cov.shape[-2:] != (3, 3):
         raise ValueError(f"expected {name} of shape (3, 3), or (n, 3, 3) for one per step, got {cov.shape}")
-    if not np.isfinite(cov).all():
-        raise ValueError(f"expected {name} finite, got {value!r}")
     mirrored = np.swapaxes(cov, -1, -2)
     size = np.abs(cov).max(axis=(-1, -2), keepdims=True, initial=0.0)
     if (np.abs(cov - mirrored) > 1e-9 * size).any():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Floats, whole
 from driftplan.model.spatial.rotations import RotationNoise
 from driftplan.model.spatial.steps import read_steps
 
@@ -28,8 +28,7 @@ def simulate_drift_3d(
     ----------
     rotations, translations, rotation_noise, translation_cov, translation_bias
         As for `predict_drift_3d`.
-    runs : int
-        Number of flights, >= 1.
+    runs : number of flights, >= 1
     rng : Generator or seed
         Same seed, same answer.
 
@@ -51,8 +50,7 @@ def simulate_drift_3d(
     ((4000, 11, 3), 2.7)
     """
     R, t, cov, bias = read_steps(rotations, translations, rotation_noise, translation_cov, translation_bias)
-    if isinstance(runs, bool) or not isinstance(runs, int | np.integer) or runs < 1:
-        raise ValueError(f"expected runs to be an int >= 1, got {runs!r}")
+    whole("runs", runs, least=1)
     rng = np.random.default_rng(rng)
     values, axes = np.linalg.eigh(cov)
     spread = axes * np.sqrt(np.maximum(values, 0.0))[..., None, :]

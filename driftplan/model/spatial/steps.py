@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Floats, finite
 from driftplan.model.noise import steps_in
 from driftplan.model.spatial.rotations import RotationNoise, checked_covariance, orthonormal
 
@@ -24,8 +24,7 @@ def flight_steps(waypoints: ArrayLike, step_m: float) -> tuple[Floats, Floats]:
     ----------
     waypoints : (n, 3)
         Metres, n >= 2. Runs of no length give no step.
-    step_m : float
-        Greatest length of a step, metres.
+    step_m : greatest length of a step, metres
 
     Returns
     -------
@@ -118,15 +117,9 @@ def read_steps(
 
 def checked_array(name: str, value: ArrayLike, shape: tuple[int | None, ...], what: str) -> Floats:
     """The value as an array of that shape (None: any length), finite, or a ValueError that says what it should be."""
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as err:
-        raise ValueError(f"expected {name} to be {what}: {err}") from err
+    array = finite(name, value, what)
     if array.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, array.shape, strict=True)):
         raise ValueError(f"expected {name} to be {what}, got an array of shape {array.shape}")
-    if not np.isfinite(array).all():
-        where = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
-        raise ValueError(f"expected {name} finite, got {array[where]} at {list(where)}")
     return array
 
 

@@ -37,12 +37,9 @@ def dubins_curves(
 
     Parameters
     ----------
-    dx, dy : float
-        From start to end, in turning radii.
-    yaw_start, yaw_end : float
-        Headings, rad.
-    of_length : float, optional
-        Only the curves of this length, within 1e-7.
+    dx, dy : from start to end, in turning radii
+    yaw_start, yaw_end : headings, rad
+    of_length : only the curves of this length, within 1e-7
 
     Examples
     --------

@@ -39,17 +39,15 @@ class DriftObjective(ob.OptimizationObjective):
     ----------
     si : ompl.base.SpaceInformation
         Only its state space is looked at; it is not kept.
-    noise : OdometryNoise
-        In R^3 and SE(3) isotropic: ``heading_var_per_m`` is the variance of each component of the attitude error,
-        ``lateral_var_per_m`` that in each of two directions.
+    noise : in R^3 and SE(3) isotropic: ``heading_var_per_m`` is the variance of each component of the attitude error,
+        ``lateral_var_per_m`` that in each of two directions
     goal : (x, y), (x, y, z), State, GoalState or GoalStates
         The place where accuracy is wanted, metres: drift is weighed by the distance to it. Several goal states must
         share it and differ in heading only. A path may also end elsewhere, where the problem's goal is a region or has
         a threshold; the cost then bounds the squared error of the place, seen from the robot when it has arrived.
-    world : World, optional
-        Its zones have noise of their own (plane only). Motions, arcs included, are cut exactly where the zone changes.
-    length_weight : float
-        m² per metre, >= 0, added to the cost: prefers shorter ways among similar ones.
+    world : its zones have noise of their own (plane only). Motions, arcs included, are cut exactly where the zone
+        changes.
+    length_weight : m² per metre, >= 0, added to the cost: prefers shorter ways among similar ones
 
     Attributes
     ----------

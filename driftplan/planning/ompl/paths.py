@@ -45,10 +45,8 @@ def predict_ompl_path(path: Any, si: Any, noise: OdometryNoise, world: World | N
         controls all states count that their propagation passes.
     si : ompl.base.SpaceInformation
         Of the path, over a space that `DriftObjective` can price.
-    noise : OdometryNoise
-        In three dimensions as in `DriftObjective`: isotropic, white, without systematic errors.
-    world : World, optional
-        Its zones have noise of their own (plane only).
+    noise : in three dimensions as in `DriftObjective`: isotropic, white, without systematic errors
+    world : its zones have noise of their own (plane only)
 
     Returns
     -------

@@ -33,8 +33,7 @@ def polish_ompl_path(path: Any, objective: Any, world: World) -> Any:
         In the plane; it is not changed.
     objective : DriftObjective, PathLengthOptimizationObjective, or MultiOptimizationObjective of these
         Over the path's space.
-    world : World
-        The polished path is free of collisions there if the path is.
+    world : the polished path is free of collisions there if the path is
 
     Returns
     -------

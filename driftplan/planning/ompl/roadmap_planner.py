@@ -55,20 +55,15 @@ class RoadmapPlanner(ob.Planner):
         for any one of them does: each goal is planned for with drift weighed by the distance to itself, and the path
         of least exact drift is returned. Where the problem's goal is a region, the path leads to the place that the
         DriftObjective was made for, which must be in it.
-    world : World, optional
-        Collisions are then tested in bulk, and corners are known; the validity checkers of ``si`` are not asked.
+    world : collisions are then tested in bulk, and corners are known; the validity checkers of ``si`` are not asked.
         Without it every motion is put to ``si.checkMotion``. An objective with zones needs its world here.
-    beacons, max_drift, max_detour, redundancy, min_capture, start_fix, estimator :
-        As for `driftplan.plan_route`. Without a ``world`` nothing blocks the sight of beacons.
+    beacons, max_drift, max_detour, redundancy, min_capture, start_fix, estimator : as for `driftplan.plan_route`.
+        Without a ``world`` nothing blocks the sight of beacons.
     minimise : {"length", "drift", "worst_drift"}, optional
-    noise : OdometryNoise, optional
-        Needed with beacons and a path length objective, which has none.
-    max_nodes : int
-        Of the largest roadmap among beacons, about.
-    seed : int
-        Of the samples.
-    name : str
-        As OMPL and its benchmarks show it.
+    noise : needed with beacons and a path length objective, which has none
+    max_nodes : of the largest roadmap among beacons, about
+    seed : of the samples
+    name : as OMPL and its benchmarks show it
 
     Raises
     ------

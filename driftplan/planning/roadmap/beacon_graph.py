@@ -22,32 +22,19 @@ from driftplan.world.world import World
 
 @dataclass(frozen=True, eq=False)
 class BeaconGraph:
-    """Nodes (n, 2) and directed edges sorted by where they leave, with their `Effects`.
-
-    Attributes
-    ----------
-    first : (n + 1,)
-        Where the edges out of each node begin.
-    tail, head : (m,)
-    direction : (m,) unit complex numbers
-    length : (m,) metres
-    effects : Effects
-        With all beacons alive.
-    errors : EdgeErrors
-        What the robot's estimator makes of runs, turns and readings.
-    """
+    """Nodes (n, 2) and directed edges sorted by where they leave, with their `Effects`."""
 
     xy: Floats
-    first: Ints
+    first: Ints  # (n + 1,) where the edges out of each node begin
     tail: Ints
     head: Ints
-    direction: Complexes
-    length: Floats
-    effects: Effects
+    direction: Complexes  # (m,) unit complex numbers
+    length: Floats  # (m,) metres
+    effects: Effects  # with all beacons alive
     noise: OdometryNoise
     beacons: tuple[Beacon, ...]
     world: World | None
-    errors: EdgeErrors = field(repr=False)
+    errors: EdgeErrors = field(repr=False)  # what the robot's estimator makes of runs, turns and readings
     _steps: Steps = field(repr=False)
     _turns: dict[complex, dict[int, Floats]] = field(default_factory=dict, repr=False)
 

@@ -23,24 +23,15 @@ _LEAST_M = 1e-6  # a range touched on less than this is a graze, read once
 
 
 class Steps(NamedTuple):
-    """A run, then a reading or nothing; sorted by edge and place.
-
-    Attributes
-    ----------
-    edge, first : (k,), (edges + 1,) which edge, and where the steps of each begin
-    direction, length : (k,) of the run: a unit complex number, metres
-    which : (k,) its noise: 0 that of the world, z + 1 that of zone z
-    place : (k,) where it ends, x + jy in metres
-    site, chance : (k,) whose reading ends it, or `NO_SITE`; and how probably
-    """
+    """A run, then a reading or nothing; sorted by edge and place."""
 
     edge: Ints
-    first: Ints
-    direction: Complexes
-    length: Floats
-    which: Ints
-    place: Complexes
-    site: Ints
+    first: Ints  # (edges + 1,) where the steps of each edge begin
+    direction: Complexes  # (k,) of the run: a unit complex number
+    length: Floats  # metres
+    which: Ints  # the noise of the run: 0 that of the world, z + 1 that of zone z
+    place: Complexes  # where it ends, x + jy in metres
+    site: Ints  # whose reading ends it, or `NO_SITE`
     chance: Floats
 
     def of_edges(self, edges: Ints) -> tuple[Ints, Ints]:

@@ -37,26 +37,14 @@ _ROUNDING = 1e-12  # of the diagonal: what is semidefinite but for rounding
 
 @dataclass(frozen=True, eq=False)
 class FusedEffects:
-    """What edges do to covariances: parts that end with a reading that may be missed, the last one with the edge.
+    """What edges do to covariances: parts that end with a reading that may be missed, the last one with the edge."""
 
-    Attributes
-    ----------
-    edge : (m,) which edges; sorted
-    first_part : (m + 1,) where the parts of each begin
-    first_map : (parts + 1,) where the maps of each part begin
-    maps : CovarianceMap (k,)
-        From where a part begins to a place where tr P may be greatest; the last one of a part to its end.
-    missable : tuple of Row, columns (parts, 1)
-        What may be read where a part ends
-    chance : (parts,)
-    """
-
-    edge: Ints
-    first_part: Ints
-    first_map: Ints
-    maps: CovarianceMap
-    missable: tuple[Row, ...]
-    chance: Floats
+    edge: Ints  # (m,) which edges; sorted
+    first_part: Ints  # (m + 1,) where the parts of each begin
+    first_map: Ints  # (parts + 1,) where the maps of each part begin
+    maps: CovarianceMap  # from where a part begins to where tr P may be greatest; the last one of a part to its end
+    missable: tuple[Row, ...]  # what may be read where a part ends: columns (parts, 1)
+    chance: Floats  # (parts,)
 
     def driven(self, some: slice, begun: Floats) -> tuple[Floats, Floats]:
         """See `Effects`."""

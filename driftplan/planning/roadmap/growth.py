@@ -39,12 +39,7 @@ class RoadmapSearch:
     """An anytime search: `grow` adds a batch of nodes and improves `path`, `finish` says what is proven about it."""
 
     def __init__(
-        self,
-        pricing: AdditiveCost,
-        start: Floats,
-        *,
-        seed: int = 0,
-        start_heading: float | None = None,
+        self, pricing: AdditiveCost, start: Floats, *, seed: int = 0, start_heading: float | None = None
     ) -> None:
         self.pricing = pricing
         self.start_heading = start_heading

@@ -30,78 +30,42 @@ _ASK_EVERY = 32  # labels expanded between two looks at the clock
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LabelProblem:
-    """What to search for.
-
-    Attributes
-    ----------
-    graph : BeaconGraph
-    start, goal : int
-    states : (scenarios, 9) error states at the start
-    dead : tuple of Effects, one per scenario after the first: what edges do when a beacon is dead
-    to_goal : (n,) least length from every node to the goal, metres
-    limit : greatest rms drift anywhere, metres, or infinity
-    longest : greatest length, metres
-    max_gap_m : R above, metres
-    arriving : direction in which the robot stands at the start, a unit complex number, or None for any
-    """
+    """What to search for."""
 
     graph: BeaconGraph
     start: int
     goal: int
-    states: Floats
-    dead: tuple[Effects, ...] = ()
-    to_goal: Floats
-    limit: float
-    longest: float
-    max_gap_m: float
-    arriving: complex | None = None
+    states: Floats  # (scenarios, 9) error states at the start
+    dead: tuple[Effects, ...] = ()  # one per scenario after the first: what edges do when a beacon is dead
+    to_goal: Floats  # (n,) least length from every node to the goal, metres
+    limit: float  # greatest rms drift anywhere, metres, or infinity
+    longest: float  # greatest length, metres
+    max_gap_m: float  # R above, metres
+    arriving: complex | None = None  # direction in which the robot stands at the start, None for any
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Walk:
-    """Outcome of a search.
+    """Outcome of a search."""
 
-    Attributes
-    ----------
-    nodes : tuple of int or None
-        The walk; None when none was found.
-    length : float
-    end_drift : float
-        rms at its end, metres, in the worst scenario.
-    finished : bool
-        Whether the search came to its own end.
-    labels : int
-    bound : float
-        No walk of the graph is shorter (for the least drift: 0).
-    nearest : (node, metres) the label that came nearest to the goal, for those who must explain a failure
-    """
-
-    nodes: tuple[int, ...] | None
+    nodes: tuple[int, ...] | None  # None when none was found
     length: float
-    end_drift: float
-    finished: bool
+    end_drift: float  # rms at its end, metres, in the worst scenario
+    finished: bool  # whether the search came to its own end
     labels: int
-    bound: float
-    nearest: tuple[int, float]
+    bound: float  # no walk of the graph is shorter (for the least drift: 0)
+    nearest: tuple[int, float]  # (node, metres) of the label nearest to the goal, to explain a failure
 
 
 def shortest_walk(
-    task: LabelProblem,
-    *,
-    slack_sq: float = 0.0,
-    stop: Callable[[], bool] = lambda: False,
-    max_labels: int = 1_000_000,
+    task: LabelProblem, *, slack_sq: float = 0.0, stop: Callable[[], bool] = lambda: False, max_labels: int = 1_000_000
 ) -> Walk:
     """The shortest walk from start to goal that keeps the limit in every scenario."""
     return _LabelSearch(task, slack_sq, stop, max_labels).run(least_drift=False)
 
 
 def least_drift_walk(
-    task: LabelProblem,
-    *,
-    slack_sq: float = 0.0,
-    stop: Callable[[], bool] = lambda: False,
-    max_labels: int = 1_000_000,
+    task: LabelProblem, *, slack_sq: float = 0.0, stop: Callable[[], bool] = lambda: False, max_labels: int = 1_000_000
 ) -> Walk:
     """The walk no longer than ``task.longest`` that ends with the least rms drift and keeps the limit on the way."""
     return _LabelSearch(task, slack_sq, stop, max_labels).run(least_drift=True)

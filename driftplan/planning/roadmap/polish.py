@@ -34,10 +34,7 @@ _MOVES = np.concatenate([np.zeros((1, 2)), (_RINGS[:, None, None] * _CIRCLE).res
 
 
 def polished(
-    pricing: AdditiveCost,
-    path: Floats,
-    start_heading: float | None = None,
-    stop: Callable[[], bool] = lambda: False,
+    pricing: AdditiveCost, path: Floats, start_heading: float | None = None, stop: Callable[[], bool] = lambda: False
 ) -> Floats:
     """A path (k, 2) between the same ends, free of collisions, from one (n, 2) that is free.
 
@@ -185,10 +182,8 @@ def shortened(
 
     Parameters
     ----------
-    holds : callable
-        Asked about one path at a time; true of ``path``.
-    stop : callable
-        Asked before every trial; True ends it with what was reached.
+    holds : asked about one path at a time; true of ``path``
+    stop : asked before every trial; True ends it with what was reached.
     """
     path = _without_needless(path, space, holds, stop)
     for _ in range(_PULLING_SWEEPS):

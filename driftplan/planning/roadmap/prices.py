@@ -151,11 +151,7 @@ def noises_of(space: Space, noise: OdometryNoise) -> tuple[OdometryNoise, ...]:
 
 
 def exact_drift(
-    space: Space,
-    path: Floats,
-    noise: OdometryNoise,
-    start_heading: float | None = None,
-    fixes: Sequence[Fix] = (),
+    space: Space, path: Floats, noise: OdometryNoise, start_heading: float | None = None, fixes: Sequence[Fix] = ()
 ) -> Drift:
     """`predict_drift` along a polyline (n, 2), each stretch with the noise of the zone it is in."""
     if not space.zones:

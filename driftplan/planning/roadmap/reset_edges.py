@@ -43,20 +43,12 @@ N, D, D1_RE, D1_IM, E1_RE, E1_IM, A_RE, A_IM, ONE = range(SIZE)
 
 
 class ResetEffects(NamedTuple):
-    """What edges do to the error state.
+    """What edges do to the error state."""
 
-    Attributes
-    ----------
-    edge : (m,) which edges; sorted
-    matrix : (m, 9, 9) state at the end = matrix @ state at the beginning
-    row : (k, 9) row @ state = E|e|² somewhere on the edge
-    first : (m + 1,) where the rows of each edge begin
-    """
-
-    edge: Ints
-    matrix: Floats
-    row: Floats
-    first: Ints
+    edge: Ints  # (m,) which edges; sorted
+    matrix: Floats  # (m, 9, 9) state at the end = matrix @ state at the beginning
+    row: Floats  # (k, 9) row @ state = E|e|² somewhere on the edge
+    first: Ints  # (m + 1,) where the rows of each edge begin
 
     def driven(self, some: slice, begun: Floats) -> tuple[Floats, Floats]:
         """See `Effects`."""

@@ -24,23 +24,18 @@ class RoadmapResult:
     ----------
     path : (k, 2) array
         Waypoints in metres, start and goal included.
-    cost : float
-        What was minimised: the exact expected squared drift at the goal, ``predict_drift(...).end.rms ** 2`` in m²
-        (zones and turns included), or the length in m.
-    additive_cost : float
-        The additive cost that the search ranks by, m² (or the length again).
-    bound : float
-        Proven: no path of the roadmap ``nodes``, ``edges`` costs less, nor does ``path``. For "drift" this covers the
-        paths whose heading error at the goal has a standard deviation of up to ``bound_heading_std``. It says nothing
-        about paths that leave the roadmap. Zero where nothing is known: noise that the additive cost cannot price
-        (steps, systematic or correlated errors).
-    bound_heading_std : float
-        rad: twice that of ``path``, or infinite where the bound covers all paths of the roadmap.
+    cost : what was minimised: the exact expected squared drift at the goal, ``predict_drift(...).end.rms ** 2`` in m²
+        (zones and turns included), or the length in m
+    additive_cost : the additive cost that the search ranks by, m² (or the length again)
+    bound : proven: no path of the roadmap ``nodes``, ``edges`` costs less, nor does ``path``. For "drift" this covers
+        the paths whose heading error at the goal has a standard deviation of up to ``bound_heading_std``. It says
+        nothing about paths that leave the roadmap. Zero where nothing is known: noise that the additive cost cannot
+        price (steps, systematic or correlated errors).
+    bound_heading_std : rad: twice that of ``path``, or infinite where the bound covers all paths of the roadmap
     nodes, edges : (n, 2) and (m, 2) arrays
         The roadmap at the end: points in metres, and pairs of node numbers. Node 0 is the start, node 1 the goal.
     status : Status
-    batches : int
-        How many were completed.
+    batches : how many were completed
     """
 
     path: Floats
@@ -72,12 +67,10 @@ def plan_on_roadmap(
     ----------
     ends : (2, 2)
         Start and goal, metres: free, apart, and in the same part of the free space.
-    time_limit : float
-        Seconds; while no path is known, four batches are completed in any case.
-    batches : int, optional
-        Stop after so many batches: with the same seed the answer is then the same on every machine fast enough.
-    start_heading : float, optional
-        Heading at the start in rad, counter-clockwise from +x; without it the robot already faces its first run.
+    time_limit : seconds; while no path is known, four batches are completed in any case
+    batches : stop after so many batches: with the same seed the answer is then the same on every machine fast enough
+    start_heading : heading at the start in rad, counter-clockwise from +x; without it the robot already faces its first
+        run
     known : sequence of (n, 2) arrays
         Collision-free paths from start to goal: the search begins with them and its path is never worse.
 

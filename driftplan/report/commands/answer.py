@@ -25,10 +25,8 @@ class Answer:
 
     Attributes
     ----------
-    payload : callable
-        What ``--json`` prints: a dict. Keys carry their unit; lengths are metres, angles radians.
-    text : callable
-        The same for people, who get degrees.
+    payload : what ``--json`` prints: a dict. Keys carry their unit; lengths are metres, angles radians.
+    text : the same for people, who get degrees
     files : mapping of option or path to callable
         What is written there, bytes or a figure: for the options that name a file, and for paths in any case.
     """

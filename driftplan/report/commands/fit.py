@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 def run(args: argparse.Namespace) -> Answer:
     """The noise of the drives that the arguments name."""
     from driftplan.model.calibration.fit import PARAMETERS, fit_noise
+    from driftplan.model.calibration.notes import trust
     from driftplan.report.figures.fits import plot_fit
     from driftplan.world.noise_files import noise_yaml
 
@@ -48,6 +49,8 @@ def run(args: argparse.Namespace) -> Answer:
         seed=args.seed,
         **options,
     )
+    if found.faults and not args.accept_faults:
+        raise ValueError(" ".join([*found.faults, "To have the numbers all the same: --accept-faults."]))
     if not found.check.has_heading:
         options["use_heading"] = False
     checks = {
@@ -56,7 +59,7 @@ def run(args: argparse.Namespace) -> Answer:
         )
         for label, some in checked.items()
     }
-    checked_on = [[f"\nchecked on {label}:", str(check), *check.notes] for label, check in checks.items()]
+    checked_on = [[f"\nchecked on {label}:", str(check), trust(check), *check.notes] for label, check in checks.items()]
     return Answer(
         payload=lambda: _as_json(found, checks),
         text=lambda: "\n".join([str(found), *chain(*checked_on)]),
@@ -139,7 +142,7 @@ _READING = Group(
                     f"{which}_columns",
                     "NAME,NAME,...",
                     f"columns of the {which}: time, distance, turn, speed, turn_rate, x, y, heading, qx, qy, qz, qw; "
-                    "any other name is skipped",
+                    "any other name is skipped; units as in time[ns] or heading[deg]",
                     names,
                 ),
                 Option(f"{which}_variable", "NAME", f"variable of a MATLAB file with the {which}", str),
@@ -156,6 +159,8 @@ _FITTING = Group("fitting", (
     Option("heading_offset_deg", "DEG", "measured true heading minus the robot's, by mounting, degrees (default: "
            "estimated)"),
     Option("max_gap_s", "S", "longest gap of the truth to bridge, seconds"),
+    Option("accept_faults", "", "answer and write files although the fit did not converge, sits on a bound, or the "
+           "truth seems to be another drive's"),
     Option("confidence", "P", "confidence of the intervals", default=0.95),
     Option("seed", "N", "seed of the bootstrap", int, 0),
 ))
@@ -163,8 +168,8 @@ COMMAND = Command(
     name="fit",
     summary="the noise of an odometry from recorded drives and their truth",
     description="Fit the systematic and the random errors of an odometry to recorded drives whose truth is known, "
-    "with intervals, and say how well the fit predicts. Files: TUM, KITTI, MR.CLAM, CSV with named columns, MATLAB "
-    "5; gzipped if they end in .gz.",
+    "with intervals, and say how well the fit predicts. Files: TUM, KITTI, MR.CLAM, exports of ROS topics, CSV with "
+    "named columns and units in brackets, MATLAB 5; gzipped if they end in .gz.",
     run=run,
     arguments=(
         Option("files", "ODOM TRUTH", "odometry and truth of each drive, in turn: ODOM TRUTH ODOM TRUTH ...", str,

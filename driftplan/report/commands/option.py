@@ -27,33 +27,16 @@ class UsageError(Exception):
 
 
 class Option(NamedTuple):
-    """One option: ``max_drift`` is called ``--max-drift``, and its value is ``args.max_drift``.
-
-    Attributes
-    ----------
-    name : str
-    unit : str
-        What stands for the value in the help; "" makes a switch that takes none.
-    help : str
-        The default is added, unless this says what happens without.
-    type : callable
-        Makes a value of a word.
-    default : object
-    choices : tuple of str
-    how : mapping
-        Anything else that `argparse` is to know: ``required``, ``nargs``, ``action``.
-    also : str
-        Another name for it.
-    """
+    """One option: ``max_drift`` is called ``--max-drift``, and its value is ``args.max_drift``."""
 
     name: str
-    unit: str
-    help: str
-    type: Callable[[str], Any] = float
+    unit: str  # what stands for the value in the help; "" makes a switch that takes none
+    help: str  # the default is added, unless this says what happens without
+    type: Callable[[str], Any] = float  # makes a value of a word
     default: Any = None
     choices: tuple[Any, ...] = ()
-    how: Mapping[str, Any] = {}
-    also: str = ""
+    how: Mapping[str, Any] = {}  # anything else that `argparse` is to know: ``required``, ``nargs``, ``action``
+    also: str = ""  # another name for it
 
     @property
     def flag(self) -> str:
@@ -92,32 +75,17 @@ class Idle(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Command:
-    """A subcommand.
-
-    Attributes
-    ----------
-    name, summary, description : str
-    run : callable
-        From parsed arguments to the answer.
-    arguments : tuple of Option
-        Those that are given by their place.
-    groups : tuple of Group
-    files : mapping of option to what is written there
-        ``csv``, ``geojson``, ``picture``, ``yaml``: each names a file.
-    idle : tuple of Idle
-    examples : tuple of str
-        For the help, without ``driftplan NAME``.
-    """
+    """A subcommand."""
 
     name: str
     summary: str
     description: str
-    run: Callable[[argparse.Namespace], Answer]
-    arguments: tuple[Option, ...] = ()
+    run: Callable[[argparse.Namespace], Answer]  # from parsed arguments to the answer
+    arguments: tuple[Option, ...] = ()  # those that are given by their place
     groups: tuple[Group, ...] = ()
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)  # per option, what is written: csv, geojson, …
     idle: tuple[Idle, ...] = ()
-    examples: tuple[str, ...] = ()
+    examples: tuple[str, ...] = ()  # for the help, without ``driftplan NAME``
 
     @property
     def options(self) -> tuple[Option, ...]:

@@ -37,14 +37,11 @@ def plot_comparison(
 
     Parameters
     ----------
-    world : World or None
-        None: no map is drawn, the view is that of the routes.
+    world : none: no map is drawn, the view is that of the routes
     routes : mapping of label to Route or Drift
-    figure : Figure, optional
-        An empty figure to draw into, such as ``pyplot.figure(layout="constrained")``; default: a new one that knows
-        nothing of pyplot.
-    confidence : float
-        Of the error ellipses.
+    figure : an empty figure to draw into, such as ``pyplot.figure(layout="constrained")``; default: a new one that
+        knows nothing of pyplot
+    confidence : of the error ellipses
     """
     if not routes:
         raise ValueError("expected at least one route to draw, got none")

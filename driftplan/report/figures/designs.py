@@ -51,8 +51,7 @@ def plot_design(world: World, found: CoDesign, *, figure: Figure | None = None) 
     ----------
     world : World
     found : CoDesign
-    figure : Figure, optional
-        An empty one to draw into; default: a new one that knows nothing of pyplot.
+    figure : an empty one to draw into; default: a new one that knows nothing of pyplot
     """
     designs = [("shortest routes, then beacons", found.baseline), ("chosen together", found)]
     shown = [(name, design) for name, design in designs if design is not None]

@@ -29,13 +29,10 @@ def plot_drift(
     Parameters
     ----------
     route : Route or Drift
-    ax : Axes, optional
-        Default: pyplot's current Axes.
+    ax : default: pyplot's current Axes
     label : str, optional
-    spacing_m : float, optional
-        Metres between marks; default as in `plot_route`.
-    radius_at : float, optional
-        Draw, thin, the radius that holds the estimate with this confidence too.
+    spacing_m : metres between marks; default as in `plot_route`
+    radius_at : draw, thin, the radius that holds the estimate with this confidence too
     **line_kwargs
         Go to the rms line untouched.
 

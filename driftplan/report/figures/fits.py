@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from itertools import cycle
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,58 +16,84 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.container import ErrorbarContainer
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 FITTED = "the drives of the fit"
-_MOST_DOTS = 400  # of single segments, per length
+_MAX_DOTS = 400  # of single segments, per length
+_MAX_ALL_LEVELS = 2  # drives of which the shares in all regions are shown; of more, those in one
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#AA4499", "#E69F00", "#56B4E9", "#882255", "#000000", "#999933")
+_MARKERS = "os^vDPX*"
+
+
+def _looks(count: int) -> list[dict[str, str]]:
+    """Colour and marker of every drive: no two alike."""
+    return [{"color": _COLOURS[k % len(_COLOURS)], "marker": _MARKERS[k % len(_MARKERS)]} for k in range(count)]
 
 
 def plot_fit(
     fit: NoiseFit, others: Mapping[str, SegmentCheck] | None = None, *, figure: Figure | None = None
 ) -> Figure:
-    """A fit in three or four panels: position error (and heading error) against length, predicted against measured rms,
-    and the shares of errors inside the predicted regions.
+    """A fit in four or five panels: the track, position error (and heading error) against length, predicted against
+    measured rms, and the shares of errors inside the predicted regions.
 
     Parameters
     ----------
     fit : NoiseFit
     others : mapping of label to SegmentCheck, optional
         Checks of the fit on other drives, from `NoiseFit.check_on`.
-    figure : Figure, optional
-        An empty figure to draw into; default: a new one that knows nothing of pyplot.
+    figure : an empty figure to draw into; default: a new one that knows nothing of pyplot
     """
     checks = {FITTED: fit.check, **(others or {})}
     headed = fit.check.has_heading
-    panels = 4 if headed else 3
-    figure = style.new_figure(figure, 4.2 * panels, 4.4)
+    panels = 5 if headed else 4
+    figure = style.new_figure(figure, 4.2 * panels, 4.8)
     axes = list(figure.subplots(1, panels))
-    plot_growth(fit, others, ax=axes[0])
+    plot_tracks(fit, ax=axes[0])
+    plot_growth(fit, others, ax=axes[1])
     if headed:
-        plot_growth(fit, others, heading=True, ax=axes[1])
+        plot_growth(fit, others, heading=True, ax=axes[2])
     plot_predicted(checks, ax=axes[-2])
     plot_coverage(checks, ax=axes[-1])
-    style.legend_below(figure, axes[0].get_legend_handles_labels()[0])
+    titles = ["where it drove", "position", *(["heading"] if headed else []), "as predicted?", "in the regions?"]
+    for ax, title in zip(axes, titles, strict=True):
+        ax.set_title(title)
+    style.legend_below(figure, [*axes[0].get_legend_handles_labels()[0], *axes[1].get_legend_handles_labels()[0]])
     return figure
 
 
+def plot_tracks(fit: NoiseFit, *, ax: Axes | None = None) -> list[Line2D]:
+    """Draw the true way of the fitted drives, and the odometry laid on its beginning.
+
+    Parameters
+    ----------
+    fit : NoiseFit
+    ax : default: pyplot's current Axes
+    """
+    ax = style.current_axes(ax)
+    drawn: list[Line2D] = []
+    for k, (true, estimated) in enumerate(fit.tracks):
+        drawn += ax.plot(true.real, true.imag, color="0.65", linewidth=2.0, label=None if k else "truth")
+        drawn += ax.plot(
+            estimated.real, estimated.imag, color=_COLOURS[0], linewidth=0.9, label=None if k else "odometry"
+        )
+    style.in_metres(ax)
+    ax.set_aspect("equal", adjustable="datalim")
+    return drawn
+
+
 def plot_growth(
-    fit: NoiseFit,
-    others: Mapping[str, SegmentCheck] | None = None,
-    *,
-    heading: bool = False,
-    ax: Axes | None = None,
+    fit: NoiseFit, others: Mapping[str, SegmentCheck] | None = None, *, heading: bool = False, ax: Axes | None = None
 ) -> list[ErrorbarContainer]:
     """Draw the errors of segments against their length: all of them as dots, their rms with two standard errors, and
-    the fitted curve with its interval.
+    the fitted curve with its interval; other drives beside the curve that is predicted for them.
 
     Parameters
     ----------
     fit : NoiseFit
     others : mapping of label to SegmentCheck, optional
-        Checks on other drives: points only.
-    heading : bool
-        The heading error gained (degrees) instead of the position error (metres).
-    ax : Axes, optional
-        Default: pyplot's current Axes.
+        Checks on other drives.
+    heading : the heading error gained (degrees) instead of the position error (metres)
+    ax : default: pyplot's current Axes
     """
     ax = style.current_axes(ax)
     bands = fit.heading_rms_intervals if heading else np.array([r.predicted_rms_interval_m for r in fit.check.lengths])
@@ -88,7 +113,11 @@ def plot_growth(
     if not heading:
         _dots(fit.check, ax)
     drawn = []
-    for (label, check), own in zip({FITTED: fit.check, **(others or {})}.items(), cycle(style.ROUTE_STYLES)):
+    checks = {FITTED: fit.check, **(others or {})}
+    for (label, check), own in zip(checks.items(), _looks(len(checks)), strict=True):
+        if check is not fit.check:  # its way turns otherwise, and so it has a prediction of its own
+            lengths = [row.length_m for row in check.lengths]
+            ax.plot(lengths, unit * _predicted(check, heading), color=own["color"], linewidth=0.9, zorder=2)
         errors = None if heading else [2 * row.measured_rms_error_m for row in check.lengths]
         x, y = [row.length_m for row in check.lengths], unit * _measured(check, heading)
         drawn.append(_points(ax, own, f"measured: {label}", x, y, yerr=errors, zorder=3))
@@ -104,7 +133,7 @@ def _dots(check: SegmentCheck, ax: Axes) -> None:
     hundredth, which a logarithmic axis would stretch for, is left out."""
     rng = np.random.default_rng(0)
     for row, errors in zip(check.lengths, check.errors_m, strict=True):
-        shown = rng.permutation(errors[errors >= np.quantile(errors, 0.01)])[:_MOST_DOTS]
+        shown = rng.permutation(errors[errors >= np.quantile(errors, 0.01)])[:_MAX_DOTS]
         aside = row.length_m * np.exp(rng.uniform(-0.15, 0.15, len(shown)))
         label = "single segments" if row is check.lengths[0] else None
         ax.plot(aside, shown, ".", color="0.6", markersize=2, alpha=0.5, zorder=1.5, rasterized=True, label=label)
@@ -117,12 +146,11 @@ def plot_predicted(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None
     Parameters
     ----------
     checks : mapping of label to SegmentCheck
-    ax : Axes, optional
-        Default: pyplot's current Axes.
+    ax : default: pyplot's current Axes
     """
     ax = style.current_axes(ax)
     drawn, sizes = [], []
-    for (label, check), own in zip(checks.items(), cycle(style.ROUTE_STYLES)):
+    for (label, check), own in zip(checks.items(), _looks(len(checks)), strict=True):
         predicted, measured = _predicted(check, False), _measured(check, False)
         sizes += [*predicted, *measured]
         upright = [2 * row.measured_rms_error_m for row in check.lengths]
@@ -140,30 +168,30 @@ def plot_predicted(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None
 
 def plot_coverage(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None) -> list[ErrorbarContainer]:
     """Draw, against length, the shares of errors inside the regions that should hold 50, 90 and 95 %, with the two
-    standard errors that chance allows about each.
+    standard errors that chance allows about each; of more than two drives, the region of 90 % alone.
 
     Parameters
     ----------
     checks : mapping of label to SegmentCheck
-    ax : Axes, optional
-        Default: pyplot's current Axes.
+    ax : default: pyplot's current Axes
     """
     ax = style.current_axes(ax)
     drawn = []
-    lines: Sequence[Any] = ("-", "--", ":")
+    lines: dict[int, Any] = {0: "-", 1: "--", 2: ":"} if len(checks) <= _MAX_ALL_LEVELS else {1: "-"}
     look: dict[str, Any] = {"color": "0.4", "linewidth": 0.8, "zorder": 1}
     keys = [
-        ax.axhline(100 * level, linestyle=line, label=f"{100 * level:g} %", **look)
-        for level, line in zip(LEVELS, lines, strict=True)
+        ax.axhline(100 * LEVELS[k], linestyle=line, label=f"{100 * LEVELS[k]:g} %", **look) for k, line in lines.items()
     ]
-    for (label, check), own in zip(checks.items(), cycle(style.ROUTE_STYLES)):
-        length = [row.length_m for row in check.lengths]
-        for k, line in enumerate(lines):
+    for (label, check), own in zip(checks.items(), _looks(len(checks)), strict=True):
+        aside = 1.02 ** (2 * list(checks).index(label) - len(checks))  # so that bars do not hide each other
+        length = [row.length_m * (aside if len(checks) > 1 else 1.0) for row in check.lengths]
+        for k, line in lines.items():
             share = [100 * row.coverage[k] for row in check.lengths]
             chance = [200 * row.coverage_error[k] for row in check.lengths]
             name = f"{label}: {100 * LEVELS[k]:g} %"
             drawn.append(_points(ax, own, name, length, share, yerr=chance, linestyle=line, linewidth=1.0))
-    ax.set(xscale="log", xlabel="length of segment (m)", ylabel="inside the predicted region (%)", ylim=(0, 105))
+    what = "region" if len(lines) > 1 else "90 % region"
+    ax.set(xscale="log", xlabel="length of segment (m)", ylabel=f"inside the predicted {what} (%)", ylim=(0, 105))
     ax.legend(handles=keys, title="should hold", loc="lower right", fontsize=8)
     _tidy(ax)
     return drawn

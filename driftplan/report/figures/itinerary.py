@@ -30,10 +30,8 @@ def plot_itinerary(
     ----------
     world : World
     itinerary : Route
-    beacons : sequence of Beacon
-        All there are; default: those counted on.
-    figure : Figure, optional
-        An empty one to draw into; default: a new one that knows nothing of pyplot.
+    beacons : all there are; default: those counted on
+    figure : an empty one to draw into; default: a new one that knows nothing of pyplot
     """
     figure, on_map, on_drift = style.map_and_curve(figure, world.bounds)
     plot_world(world, ax=on_map)
@@ -60,10 +58,8 @@ def plot_pareto(world: World, routes: Sequence[Route], *, figure: Figure | None 
     Parameters
     ----------
     world : World
-    routes : sequence of Route
-        As `driftplan.planning.pareto.pareto_routes` returns them.
-    figure : Figure, optional
-        An empty one to draw into; default: a new one that knows nothing of pyplot.
+    routes : as `driftplan.planning.pareto.pareto_routes` returns them
+    figure : an empty one to draw into; default: a new one that knows nothing of pyplot
     """
     from driftplan.planning.pareto import knee
 
