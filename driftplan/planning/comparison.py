@@ -19,7 +19,8 @@ class Comparison(Rows):
     Attributes
     ----------
     rows : one per route: name, length_m, rms_m, bias_m (its norm), radius95_m, all at the goal, planner (None for
-        paths of your own), and estimator; how many beacons each counts on, where one does; collision_free, where a world was given
+        paths of your own), and estimator; how many beacons each counts on, where one does; collision_free, where
+        a world was given
     """
 
     def columns(self) -> dict[str, Iterable[object]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -80,6 +80,15 @@ class Reliance:
             raise ValueError(f"expected start_fix a Fix at s_m=0, got {self.start_fix!r}")
         if self.start_heading is not None and not math.isfinite(self.start_heading):
             raise ValueError(f"expected start_heading finite, in rad, got {self.start_heading!r}")
+
+    @property
+    def bounding(self) -> tuple[Beacon, ...]:
+        """The beacons as bounds see them: a filter may know more than any reading says, but nowhere else than here."""
+        if self.estimator == "reset":
+            return self.beacons
+        measures_place = [b.kind.needs_filter or b.kind.position_std_m is not None for b in self.beacons]
+        perfect = [replace(b, kind=replace(b.kind, position_std_m=0.0)) for b in self.beacons]
+        return tuple(x if here else b for here, x, b in zip(measures_place, perfect, self.beacons, strict=True))
 
     def detour(self, minimise: Objective) -> float:
         """Greatest length as a multiple of the shortest route's."""

@@ -274,7 +274,7 @@ def plan_route(
 def search_for(search: BeaconSearch, minimise: Objective) -> Floats | None:
     """The best path that keeps the limit of the search's `Reliance`, or None."""
     limit, longest = search.reliance.max_drift, search.max_length(minimise)
-    if math.isfinite(limit) and least_length(search.ends, search.noises, search.bounding, limit) > longest:
+    if math.isfinite(limit) and least_length(search.ends, search.noises, search.reliance.bounding, limit) > longest:
         return None  # whatever the roadmap
     if minimise == "length":
         return search.shortest_within(limit, longest)
@@ -287,7 +287,7 @@ def route_along(search: BeaconSearch, path: Floats, minimise: Objective) -> Rout
     """The route along a path that ``search`` found, from the exact model, with its bound."""
     check, limit = search.check, search.reliance.max_drift
     drift, verdict = check.drift(path), check.verdict(path)
-    given = search.ends, search.noises, search.bounding
+    given = search.ends, search.noises, search.reliance.bounding
     if minimise == "length":
         score, bound = float(drift.length), least_length(*given, limit if math.isfinite(limit) else None)
     elif minimise == "drift":

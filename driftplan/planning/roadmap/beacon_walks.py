@@ -130,15 +130,6 @@ class BeaconWalks:
         return self._grown(AdditiveCost(self.space, self.ends[1], self.noise, "drift"))
 
     @property
-    def bounding(self) -> tuple[Beacon, ...]:
-        """The beacons as bounds see them: a filter may know more than any reading says, but nowhere else than here."""
-        if self.reliance.estimator == "reset":
-            return self.beacons
-        placing = [b.kind.needs_filter or b.kind.position_std_m is not None for b in self.beacons]
-        perfect = [replace(b, kind=replace(b.kind, position_std_m=0.0)) for b in self.beacons]
-        return tuple(x if here else b for here, x, b in zip(placing, perfect, self.beacons, strict=True))
-
-    @property
     def noises(self) -> tuple[OdometryNoise, ...]:
         """The noise, and that of every zone."""
         return (self.noise, *(zone.noise for zone in (() if self.world is None else self.world.zones)))

@@ -20,14 +20,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from driftplan.arrays import Bools, Floats, Ints
+from driftplan.arrays import Bools, Complexes, Floats, Ints
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns, readings_from
 from driftplan.model.covariance import CovarianceMap, compose, identity, legs
 from driftplan.model.filter_state import FilterState, Row, upper_triangle
 from driftplan.model.fusion import belief_at_start
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.readings import Fix
+from driftplan.model.readings import Fix, Readings
 from driftplan.planning.roadmap.edge_errors import SIZE, Dominance, Effects, Score
 from driftplan.planning.roadmap.edge_steps import NO_SITE, Steps
 
@@ -80,21 +80,45 @@ class FusedEdges:
         self.steps, self.columns = steps, BeaconColumns.of(beacons)
         zero = np.zeros(len(steps.edge))
         self.run = legs(np.angle(steps.direction), zero, steps.length, zero, noises, steps.which).maps
-        self.reads = np.flatnonzero(steps.site != NO_SITE)
-        rows = [self._rows(s, p) for s, p in zip(steps.site[self.reads].tolist(), steps.place[self.reads], strict=True)]
-        width = max((len(row) for row in rows), default=0)
-        self.coefficients = np.zeros((len(steps.edge), width, 3))
-        self.variance = np.full((len(steps.edge), width), np.inf)  # of what is not measured
-        for k, some in zip(self.reads.tolist(), rows, strict=True):
+        self.coefficients, self.variance = self._columns_of_rows(steps)
+
+    def _columns_of_rows(self, steps: Steps) -> tuple[Floats, Floats]:
+        """What each step measures, (k, rows, 3), and its variance, (k, rows): infinite for what it does not.
+
+        Readings of one kind are alike, unless they have a direction or a distance has a say in them.
+        """
+        reads = np.flatnonzero(steps.site != NO_SITE)
+        site, place = steps.site[reads], steps.place[reads]
+        readings = self._readings(site, place)
+        alike = np.isnan(readings.anchor) & (self.columns.std_per_m[site] == 0)
+        measured = np.stack([readings.square, readings.heading_var], axis=-1)[alike]
+        kind = np.arange(len(reads))
+        first, of_first = np.unique(np.nan_to_num(measured, nan=-1.0), axis=0, return_index=True, return_inverse=True)[
+            1:
+        ]
+        kind[alike] = np.flatnonzero(alike)[first[of_first.ravel()]]
+        rows = {k: readings.rows(k, complex(place[k]))[0] for k in np.unique(kind).tolist()}
+        width = max(map(len, rows.values()), default=0)
+        coefficients, variance = np.zeros((len(reads), width, 3)), np.full((len(reads), width), np.inf)
+        for k, some in rows.items():
             for i, row in enumerate(some):
-                self.coefficients[k, i], self.variance[k, i] = row.coefficients, row.variance
+                coefficients[k, i], variance[k, i] = row
+        every = np.zeros((len(steps.edge), width, 3)), np.full((len(steps.edge), width), np.inf)
+        every[0][reads], every[1][reads] = coefficients[kind], variance[kind]
+        return every
+
+    def _readings(self, site: Ints, place: Complexes) -> Readings:
+        """Readings of beacons at places (k,), as if certain."""
+        distance = np.abs(place - self.columns.xy[site] @ np.array([1.0, 1j]))
+        return readings_from(self.columns, site, distance, np.zeros(len(site)), np.ones(len(site)))
 
     def at_start(self, initial: Fix | None) -> Floats:
         """See `EdgeErrors`, here and below."""
         return belief_at_start(initial).matrix.ravel()
 
     def read(self, state: Floats, site: int, place: complex) -> Floats:
-        return FilterState.from_matrix(state.reshape(3, 3)).read(self._rows(site, place)).matrix.ravel()
+        rows, _ = self._readings(np.array([site]), np.array([place])).rows(0, place)
+        return FilterState.from_matrix(state.reshape(3, 3)).read(rows).matrix.ravel()
 
     def square(self, states: Floats) -> Floats:
         return np.asarray(states[..., 0, :] + states[..., 4, :])
@@ -149,12 +173,6 @@ class FusedEdges:
             Row(tuple(c.reshape(shape) for c in self.coefficients[step, i].T), variance[:, i].reshape(shape))
             for i in range(variance.shape[1])
         )
-
-    def _rows(self, site: int, place: complex) -> tuple[Row, ...]:
-        """What is measured at a place, certainly."""
-        distance = np.array([abs(place - complex(*self.columns.xy[site]))])
-        one = readings_from(self.columns, np.array([site]), distance, np.zeros(1), np.ones(1))
-        return one.rows(0, place)[0]
 
 
 class LoewnerDominance:
