@@ -6,6 +6,7 @@ its heading.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -129,9 +130,35 @@ def data_frame(rows: Sequence[Mapping[str, Any]]) -> pandas.DataFrame:
     return pandas.DataFrame([dict(row) for row in rows])
 
 
+class Tabular(ABC):
+    """What is rows for programs, and a table for people in print and in notebooks."""
+
+    @abstractmethod
+    def to_dicts(self) -> list[dict[str, Any]]:
+        """Rows, for JSON."""
+
+    @abstractmethod
+    def columns(self) -> Mapping[str, Iterable[object]]:
+        """What people read: headings and cells."""
+
+    def words(self) -> str:
+        """What is said beside the table."""
+        return ""
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The rows as a DataFrame."""
+        return data_frame(self.to_dicts())
+
+    def __str__(self) -> str:
+        return f"{table(self.columns())}\n{self.words()}".rstrip("\n")
+
+    def _repr_html_(self) -> str:
+        return html_table(self.columns(), self.words())
+
+
 @dataclass(frozen=True, kw_only=True)
-class Rows:
-    """Things side by side, one row each; printing them prints a table, and so do notebooks.
+class Rows(Tabular):
+    """Things side by side, one row each.
 
     Attributes
     ----------
@@ -147,16 +174,6 @@ class Rows:
     def to_dicts(self) -> list[dict[str, Any]]:
         """Copies of the rows, for JSON."""
         return [dict(row) for row in self.rows]
-
-    def to_pandas(self) -> pandas.DataFrame:
-        """The rows as a DataFrame."""
-        return data_frame(self.rows)
-
-    def __str__(self) -> str:
-        return table(self.columns())
-
-    def _repr_html_(self) -> str:
-        return html_table(self.columns())
 
 
 def _is_number(cell: str) -> bool:

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from driftplan.beacons.beacon import Beacon
 from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.placement.failures import worst_without
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.drift import Drift
-from driftplan.tables import data_frame, decimals, html_table
-
-if TYPE_CHECKING:
-    import pandas
+from driftplan.tables import Tabular, decimals
 
 _MAX_HTML_ROWS = 60
 
@@ -29,7 +26,7 @@ class Importance(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Layout:
+class Layout(Tabular):
     """Result of `driftplan.layouts.place.place_beacons`.
 
     Attributes
@@ -69,6 +66,8 @@ class Layout:
             f"worst drift {self.worst_drift:.4g} m)"
         )
 
+    __str__ = __repr__
+
     def to_dicts(self) -> list[dict[str, Any]]:
         """One row per beacon, old and new, for JSON."""
         return [
@@ -85,20 +84,20 @@ class Layout:
             for beacon, routes, worst, worst_route in self.importance
         ]
 
-    def to_pandas(self) -> pandas.DataFrame:
-        """The same rows as a DataFrame."""
-        return data_frame(self.to_dicts())
-
-    def _repr_html_(self) -> str:
+    def columns(self) -> dict[str, list[str]]:
+        """What people read in a notebook: headings and cells."""
         shown = (*self.existing, *self.beacons)[:_MAX_HTML_ROWS]
-        left_out = len(self.existing) + len(self.beacons) - len(shown)
-        columns = {
+        return {
             "id": [b.id for b in shown],
             "kind": [b.kind.name if b in self.beacons else f"{b.kind.name} (existing)" for b in shown],
             "x m": decimals([b.x for b in shown], 2),
             "y m": decimals([b.y for b in shown], 2),
         }
-        return html_table(columns, f"{self!r}{f'; {left_out} beacons not shown' if left_out else ''}")
+
+    def words(self) -> str:
+        """What is said above it."""
+        left_out = len(self.existing) + len(self.beacons) - _MAX_HTML_ROWS
+        return f"{self!r}{f'; {left_out} beacons not shown' if left_out > 0 else ''}"
 
     @property
     def gap(self) -> float:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from driftplan.arrays import Floats, as_covariance, as_plane, finite, number, plane, shaped
-from driftplan.literature.relative_pose import StepNoise, moments_of_noise, step_moments
+from driftplan.literature.relative_pose import StepNoise, checked_steps, moments_of_noise, step_moments
 from driftplan.model.moments import power
 
 _TRY_ALL = 4096  # step numbers tried one by one
@@ -177,11 +177,7 @@ def bias_reduced_cov(turns_rad: ArrayLike, translations_m: ArrayLike, noise: Ste
     array([[0.0013 , 0.     ],
            [0.     , 0.14001]])
     """
-    turns, t = finite("turns_rad", turns_rad), plane("translations_m", translations_m)
-    if turns.ndim != 1 or not len(turns) or t.shape not in ((), turns.shape):
-        raise ValueError(
-            f"expected turns_rad (n,), n >= 1, and translations_m (n, 2) or (2,), got {turns.shape} and {(*t.shape, 2)}"
-        )
+    turns, t = checked_steps(turns_rad, translations_m)
     if isinstance(noise, StepNoise):
         left: StepNoise | list[StepNoise] = corrected(noise, bias_reduction(noise))
     else:

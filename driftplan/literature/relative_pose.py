@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Array, covariance, finite, not_negative, number, plane, shaped
+from driftplan.arrays import Array, Floats, covariance, finite, not_negative, number, plane, shaped
 from driftplan.model.drift import PointDrift
 from driftplan.model.heading_laws import law_moments, shifted
 from driftplan.model.moments import Moments, identity, scan
@@ -231,14 +231,20 @@ def dead_reckoning(
     >>> found.rms.round(4)
     array([0.    , 0.0999, 0.2231])
     """
-    turns, t = finite("turns_rad", turns_rad), finite("translations_m", translations_m)
+    turns, t = checked_steps(turns_rad, translations_m)
+    states = scan(step_moments(turns, translations_m, noise), identity())
+    driven = np.cumsum(np.broadcast_to(np.abs(t), turns.shape))
+    return PointDrift(np.concatenate([[0.0], driven]), states)
+
+
+def checked_steps(turns_rad: ArrayLike, translations_m: ArrayLike) -> tuple[Floats, Array]:
+    """Turns (n,) and translations, as complex numbers (n,) or, one for all steps, ()."""
+    turns, t = finite("turns_rad", turns_rad), plane("translations_m", translations_m)
     if turns.ndim != 1 or not len(turns):
         raise ValueError(f"expected turns_rad of shape (n,), n >= 1, got {turns.shape}")
-    if t.shape not in ((2,), (len(turns), 2)):
-        raise ValueError(f"expected translations_m of shape (2,) or ({len(turns)}, 2), got {t.shape}")
-    states = scan(step_moments(turns, t, noise), identity())
-    driven = np.cumsum(np.broadcast_to(np.hypot(t[..., 0], t[..., 1]), turns.shape))
-    return PointDrift(np.concatenate([[0.0], driven]), states)
+    if t.shape not in ((), turns.shape):
+        raise ValueError(f"expected translations_m of shape (2,) or ({len(turns)}, 2), got {(*t.shape, 2)}")
+    return turns, t
 
 
 def moments_of_noise(noise: StepNoise | Sequence[StepNoise], shape: tuple[int, ...]) -> tuple[Array, ...]:

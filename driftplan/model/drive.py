@@ -53,9 +53,10 @@ def drive(legs: Moments, start: Moments, readings: Readings | None = None, at: I
 def start_and_order(start: Moments, readings: Readings, at: Ints) -> tuple[Moments, Ints]:
     """The start with the errors that fixes at border 0 say it has, and the other readings in the order of driving.
 
-    Fixes at the start replace what was known about it, whatever the estimator.
+    Fixes at the start replace what was known about it, whatever the estimator; ranges and bearings, which do not tell
+    where it is by themselves, are read after them like any others.
     """
-    of_start = (at == 0) & (readings.rank < 0)
+    of_start = (at == 0) & (readings.rank < 0) & np.isnan(readings.anchor)
     for k in np.flatnonzero(of_start).tolist():
         start = readings[k].resets().apply(start)
     order = np.lexsort((readings.rank, at))

@@ -6,7 +6,7 @@ Frame: world, metres, x to the right, y up, headings counter-clockwise from +x i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -161,24 +161,18 @@ def read_path(path: Any, start_heading: float | ArrayLike | None = None) -> Runs
     ValueError
         For fewer than 2 waypoints, wrong shapes, values that are not finite, negative lengths.
     """
-    if isinstance(path, Runs):
-        runs = path
-    elif _is_sequence_of(path, Run):
-        runs = _from_runs(path)
-    else:
-        runs = _from_array(_as_array(path))
-        if start_heading is None:
-            return runs
-        if runs.legs_per_waypoint == 2:
-            raise ValueError("expected no start_heading with a path of poses, whose first heading it is: got both")
-        heading = np.broadcast_to(finite("start_heading", start_heading), runs.heading.shape)
-        turns = runs.turns.copy()
-        turns[..., 0] = wrap(turns[..., 0] + runs.heading - heading)
-        return Runs(runs.start, heading, turns, runs.lengths, runs.curvatures)
+    driven = path if isinstance(path, Runs) else _from_runs(path) if _is_sequence_of(path, Run) else None
+    runs = _from_array(_as_array(path)) if driven is None else driven
     if start_heading is None:
         return runs
     heading = np.broadcast_to(finite("start_heading", start_heading), np.shape(runs.heading))
-    return Runs(runs.start, heading, runs.turns, runs.lengths, runs.curvatures, runs.legs_per_waypoint)
+    if driven is not None:  # its turns are given
+        return replace(runs, heading=heading)
+    if runs.legs_per_waypoint == 2:
+        raise ValueError("expected no start_heading with a path of poses, whose first heading it is: got both")
+    turns = runs.turns.copy()
+    turns[..., 0] = wrap(turns[..., 0] + runs.heading - heading)
+    return replace(runs, heading=heading, turns=turns)
 
 
 def wrap(angle_rad: Floats) -> Floats:

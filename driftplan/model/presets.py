@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import sqrt
 from types import MappingProxyType
+from typing import Any
 
 from driftplan.model.noise import OdometryNoise
 
@@ -60,6 +61,13 @@ def _from_polar_errors(
     )
 
 
+def _fitted(rates: Mapping[str, tuple[float, float, float]], **words: Any) -> Preset:
+    """From every rate with the ends of its 95 % interval."""
+    fitted: dict[str, Any] = {name: rate for name, (rate, _, _) in rates.items()}
+    intervals = {name: (low, high) for name, (_, low, high) in rates.items()}
+    return Preset(noise=OdometryNoise(**fitted), intervals=intervals, **words)
+
+
 _KNUTH_BAROOAH = (
     "J. Knuth, P. Barooah, Error growth in position estimation from noisy relative pose measurements, "
     "Robotics and Autonomous Systems, 2013"
@@ -81,15 +89,17 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
             source=f"{_KNUTH_BAROOAH}, section 4.3: with the mean rotation error measured on a circle",
             caution="as above; the bias is that of one camera",
         ),
-        "differential_drive_commanded": Preset(
-            noise=OdometryNoise(
-                distance_scale_error=0.053,
-                heading_bias_per_m=0.040,
-                heading_bias_per_rad=0.041,
-                heading_var_per_rad=0.0156,
-                distance_var_per_m=0.0014,
-                distance_var_per_rad=0.0050,
-            ),
+        "differential_drive_commanded": _fitted(
+            {
+                "distance_scale_error": (0.053, 0.027, 0.083),
+                "heading_bias_per_m": (0.040, -0.009, 0.085),
+                "heading_bias_per_rad": (0.041, 0.002, 0.092),
+                "heading_var_per_m": (0.0, 0.0, 0.018),
+                "heading_var_per_rad": (0.0156, 0.007, 0.024),
+                "distance_var_per_m": (0.0014, 0.0, 0.0043),
+                "distance_var_per_rad": (0.0050, 0.002, 0.0081),
+                "lateral_var_per_m": (0.0, 0.0, 0.0014),
+            },
             robot="iRobot Create on an indoor floor, dead reckoning from commanded speeds; three robots, 149 m",
             source="fit_noise on set 7 of the UTIAS MR.CLAM data (K. Leung, Y. Halpern, T. Barfoot, H. Liu, The UTIAS "
             "multi-robot cooperative localization and mapping dataset, International Journal of Robotics Research 30 "
@@ -97,67 +107,42 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
             caution="commands, not encoders: wheels that are counted err less. Robots differ: predicted from the other "
             "two, one drifts 1.5 times as much over 7 m and one 0.7 times",
             lengths_m=(0.64, 10.3),
-            intervals={
-                "distance_scale_error": (0.027, 0.083),
-                "heading_bias_per_m": (-0.009, 0.085),
-                "heading_bias_per_rad": (0.002, 0.092),
-                "heading_var_per_m": (0.0, 0.018),
-                "heading_var_per_rad": (0.007, 0.024),
-                "distance_var_per_m": (0.0, 0.0043),
-                "distance_var_per_rad": (0.002, 0.0081),
-                "lateral_var_per_m": (0.0, 0.0014),
-            },
         ),
-        "mower_wheels_and_gyro": Preset(
-            noise=OdometryNoise(
-                distance_scale_error=0.0027,
-                heading_bias_per_m=2.2e-5,
-                heading_bias_per_rad=-9.8e-4,
-                distance_var_per_rad=0.0244,
-                lateral_var_per_m=0.00174,
-            ),
+        "mower_wheels_and_gyro": _fitted(
+            {
+                "distance_scale_error": (0.0027, 0.001, 0.0049),
+                "heading_bias_per_m": (2.2e-5, -5.6e-5, 7.8e-5),
+                "heading_bias_per_rad": (-9.8e-4, -0.003, 0.0005),
+                "heading_var_per_m": (0.0, 0.0, 6.6e-5),
+                "heading_var_per_rad": (0.0, 0.0, 4.5e-5),
+                "distance_var_per_m": (0.0, 0.0, 0.0009),
+                "distance_var_per_rad": (0.0244, 0.0, 0.064),
+                "lateral_var_per_m": (0.00174, 0.0, 0.0041),
+            },
             robot="robotic lawn mower with wheel encoders and a gyro, outdoors, one drive of 1.9 km",
             source="fit_noise on the Plaza1 set (J. Djugash, B. Hamner, S. Roth, Navigating with ranging radios: five "
             "data sets with ground truth, Journal of Field Robotics 26 (2009) 689-695)",
             caution="most of its error comes in a few slips of up to 1.5 m: the rms holds, regions do not; its gyro is "
             "far better than what most robots have",
             lengths_m=(7.3, 116.0),
-            intervals={
-                "distance_scale_error": (0.001, 0.0049),
-                "heading_bias_per_m": (-5.6e-5, 7.8e-5),
-                "heading_bias_per_rad": (-0.003, 0.0005),
-                "heading_var_per_m": (0.0, 6.6e-5),
-                "heading_var_per_rad": (0.0, 4.5e-5),
-                "distance_var_per_m": (0.0, 0.0009),
-                "distance_var_per_rad": (0.0, 0.064),
-                "lateral_var_per_m": (0.0, 0.0041),
-            },
         ),
-        "visual_inertial_drone": Preset(
-            noise=OdometryNoise(
-                distance_scale_error=-0.011,
-                heading_bias_per_m=1.5e-4,
-                heading_bias_per_rad=-3.3e-4,
-                heading_var_per_m=3.7e-6,
-                distance_var_per_m=8.8e-5,
-                lateral_var_per_m=3.1e-5,
-            ),
+        "visual_inertial_drone": _fitted(
+            {
+                "distance_scale_error": (-0.011, -0.014, -0.0066),
+                "heading_bias_per_m": (1.5e-4, -3e-5, 3.5e-4),
+                "heading_bias_per_rad": (-3.3e-4, -7.2e-4, 6e-5),
+                "heading_var_per_m": (3.7e-6, 0.0, 7.7e-6),
+                "heading_var_per_rad": (0.0, 0.0, 1.3e-5),
+                "distance_var_per_m": (8.8e-5, 0.0, 1.9e-4),
+                "distance_var_per_rad": (0.0, 0.0, 1.6e-4),
+                "lateral_var_per_m": (3.1e-5, 0.0, 1.5e-4),
+            },
             robot="drone with visual-inertial odometry in a room of 8 m, its motion in the plane; six runs, 385 m",
             source="fit_noise on six estimates of flight V1_02 of the EuRoC data (M. Burri and others, The EuRoC micro "
             "aerial vehicle datasets, International Journal of Robotics Research 35 (2016) 1157-1163) that come with "
             "rpg_trajectory_evaluation",
             caution="it sees the same room again and again: beyond 4 m its errors hardly grow, and 1.3 cm never do",
             lengths_m=(0.97, 15.5),
-            intervals={
-                "distance_scale_error": (-0.014, -0.0066),
-                "heading_bias_per_m": (-3e-5, 3.5e-4),
-                "heading_bias_per_rad": (-7.2e-4, 6e-5),
-                "heading_var_per_m": (0.0, 7.7e-6),
-                "heading_var_per_rad": (0.0, 1.3e-5),
-                "distance_var_per_m": (0.0, 1.9e-4),
-                "distance_var_per_rad": (0.0, 1.6e-4),
-                "lateral_var_per_m": (0.0, 1.5e-4),
-            },
         ),
         "textbook_steps": Preset(
             noise=OdometryNoise.per_step(heading_std=0.1, distance_std=0.1, step_m=1.0),

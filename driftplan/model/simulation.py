@@ -128,8 +128,9 @@ class _Drives:
                 self.noise = self.noises[k]
                 self._turn(float(self.legs.turns[k]))
                 self._run(float(self.legs.lengths[k]), float(self.legs.curvatures[k]))
-            for fix in due.get(border, ()):
-                (self._fix if border > 0 else self._start)(fix)
+            here = due.get(border, ())
+            for fix in sorted(here, key=lambda fix: fix.anchor is not None) if border == 0 else here:
+                (self._fix if border > 0 or fix.anchor is not None else self._start)(fix)
             e = self.p_hat - self.p
             out[:, border] = np.stack([e.real, e.imag], axis=-1)
         return out

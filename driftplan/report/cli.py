@@ -22,6 +22,7 @@ DONE, BAD_INPUT, NO_ROUTE, INTERRUPTED = 0, 2, 3, 130
 _ALSO_CALLED = {  # what the library calls the values of options
     "start_heading": "--start-heading-deg",
     "heading_std": "--heading-std-deg",
+    "bearing_std": "--bearing-std-deg",
     "heading_offset": "--heading-offset-deg",
     "start_fix": "--start-position-std-m",
     "points": "--candidates",
@@ -70,6 +71,7 @@ def in_options(message: str, command: Command) -> str:
     flags |= {name: flag for name, flag in _ALSO_CALLED.items() if flag in flags.values()}
     for name, flag in sorted(flags.items(), key=lambda item: -len(item[0])):
         before = r"(?<![\w\-.'/])" if "_" in name else r"(?:(?<=expected )|(?<=\bor ))"
+        message = re.sub(rf"\b{name}=(['\"])(\w+)\1", rf"{flag} \2", message)
         message = re.sub(rf"{before}{name}\b(?![.\w(])", flag, message)
     return message
 

@@ -62,6 +62,17 @@ def drift_table(drift: PointDrift) -> str:
     )
 
 
+def beyond_linear_text(drift: Drift) -> str:
+    """What to say where a filter's prediction is not to be trusted; nothing if it is everywhere."""
+    if not len(drift.beyond_linear):
+        return ""
+    first, last = drift.beyond_linear[0, 0], drift.beyond_linear[-1, 1]
+    return (
+        f"\nBetween {first:.1f} m and {last:.1f} m the heading is known to worse than 0.15 rad: a filter goes wrong "
+        "there, and so does this prediction."
+    )
+
+
 def path_csv(drift: Drift) -> bytes:
     """The waypoints as CSV that ``driftplan predict`` and ``compare`` read back."""
     lines = ["x_m,y_m", *(f"{x!r},{y!r}" for x, y in drift.xy.tolist())]  # repr of a float: nothing is rounded

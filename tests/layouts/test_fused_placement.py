@@ -44,7 +44,8 @@ def test_the_greatest_drift_of_a_set_of_sites_is_that_of_the_prediction(name, se
             assert route.worst(chosen) == pytest.approx(worst, rel=1e-9)
             assert route.breach(chosen, worst**2 * (1 + 1e-6)) == NEVER
             border = route.breach(chosen, worst**2 * (1 - 1e-6))
-            assert route.square_at(border, chosen) > worst**2 * (1 - 1e-6)
+            arriving = route.arriving(route.read(route.start, 0, chosen), 0, border, chosen)
+            assert arriving.trace > worst**2 * (1 - 1e-6)
 
 
 @pytest.mark.parametrize("name", NAMES)

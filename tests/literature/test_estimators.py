@@ -274,8 +274,8 @@ PLAIN = StepNoise.additive(heading_std_rad=0.1)
     [
         (lambda: bias_reduction(0.1), "expected a StepNoise, got float"),
         (lambda: bias_reduction(StepNoise(d1=-1, d2=1, D=2)), "other than zero"),
-        (lambda: bias_reduced_cov([], (1.0, 0.0), PLAIN), r"turns_rad \(n,\)"),
-        (lambda: bias_reduced_cov([0.1, 0.1], [(1.0, 0.0)], PLAIN), r"got \(2,\) and \(1, 2\)"),
+        (lambda: bias_reduced_cov([], (1.0, 0.0), PLAIN), r"turns_rad of shape \(n,\)"),
+        (lambda: bias_reduced_cov([0.1, 0.1], [(1.0, 0.0)], PLAIN), r"of shape \(2,\) or \(2, 2\), got \(1, 2\)"),
         (lambda: bias_reduced_cov([0.1, 0.1], (1.0, 0.0), [PLAIN]), "one StepNoise per step"),
         (lambda: estimate_positions([0.1], [(1.0, np.inf)]), "measured_translations_m finite"),
         (lambda: estimate_positions([0.1, 0.2], [(1.0, 0.0)]), r"translations \(\.\.\., n, 2\)"),

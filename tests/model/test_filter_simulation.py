@@ -91,6 +91,18 @@ def test_an_uncertain_start():
     assert_agrees(path, EVERYTHING, [start, Fix.position(6.0, position_std_m=0.1)])
 
 
+def test_ranges_read_at_the_start_are_fused_with_what_is_known_of_it():
+    ranges = [
+        Fix.range(0.0, anchor=(3.0, 4.0), range_std_m=0.05),
+        Fix.bearing(0.0, anchor=(5.0, 1.0), bearing_std=0.01),
+    ]
+    start = Fix.full(0.0, position_std_m=0.4, heading_std=0.05)
+    path = [(0, 0), (10, 0)]
+    assert_agrees(path, EVERYTHING, [*ranges, start])
+    assert predicted_rms(path, EVERYTHING, [start, *ranges])[-1] < 0.9 * predicted_rms(path, EVERYTHING, [start])[-1]
+    np.testing.assert_allclose(predicted_rms(path, EVERYTHING, ranges), predicted_rms(path, EVERYTHING, []), rtol=1e-9)
+
+
 def test_in_the_step_model():
     noise = OdometryNoise.per_step(heading_std=0.01, distance_std=0.03, step_m=0.5, heading_distance_corr=-0.4)
     path = [(0, 0), (12, 0), (12, 8), (0, 8), (0, 0)]

@@ -542,10 +542,11 @@ def test_the_demo_shows_less_drift_than_the_shortest_routes_and_draws_them(run, 
         assert lowest["rms_m"] < 0.9 * shortest["rms_m"]  # trips on which it pays: 20 and 80 % less
     assert sorted(said["files"]) == sorted(str(p) for p in (tmp_path / "demo").iterdir())
     assert all((tmp_path / "demo" / f"{name}.png").stat().st_size > 20_000 for name in said["maps"])
-    tags = said["tags"]
-    assert tags["proven"] is True
-    assert len(tags["beacons"]) == tags["lower_bound"] > 0
-    assert 0.5 * tags["limit_m"] < tags["worst_drift_m"] <= tags["limit_m"]
+    for tags in said["tags"].values():
+        assert tags["proven"] is True
+        assert len(tags["beacons"]) == tags["lower_bound"] > 0
+        assert 0.5 * tags["limit_m"] < tags["worst_drift_m"] <= tags["limit_m"]
+    assert said["tags"]["filter"]["lower_bound"] < said["tags"]["reset"]["lower_bound"]
     assert (tmp_path / "demo" / "warehouse-tags.png").stat().st_size > 20_000
 
 

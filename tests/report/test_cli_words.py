@@ -72,7 +72,10 @@ def test_noise_options_are_folded_into_a_pointer(run):
 @pytest.mark.parametrize(
     ("words", "match"),
     [
-        (["place", "M", "P", "--heading-std-deg", 2], "--heading-std-deg would have no effect: RFID tags"),
+        (["place", "M", "P", "--heading-std-deg", 2], "--heading-std-deg would have no effect: that is not what"),
+        (["place", "M", "P", "--kind", "bearing", "--range-std-m", 1], "--range-std-m would have no effect"),
+        (["place", "M", "P", "--kind", "bearing", "--std-per-m", 1], "--std-per-m would have no effect"),
+        (["place", "M", "P", "--candidates", "b.geojson", "--view-angle-deg", 90], "--view-angle-deg would have no"),
         (["place", "M", "P", "--through-walls"], "--through-walls would have no effect"),
         (["design", "M", "P", "--max-drift", 1, "--price-per-m", 1, "--kind", "heading", "--position-std-m", 1],
          "--position-std-m would have no effect"),
@@ -91,6 +94,7 @@ def test_options_without_effect_are_refused(refused, words, match):
         ("place", "expected max_drift, or max_beacons", "expected --max-drift, or --max-beacons"),
         ("fit", "expected kind one of a, b", "expected --odometry-kind one of a, b"),
         ("plan", "expected seed a whole number", "expected --seed a whole number"),
+        ("place", "a range: expected estimator='filter'", "a range: expected --estimator filter"),
         ("plan", "start (0, 0) is not free", "start (0, 0) is not free"),
         ("predict", "--at is for max_driftiness", "--at is for max_driftiness"),
     ],

@@ -1,10 +1,14 @@
 """driftplan place: its answer, its files, its words."""
 
 import json
+from math import radians
 
 import pytest
 
+from driftplan.beacons.beacon import BeaconKind
 from driftplan.layouts.layout_files import load_beacons
+from driftplan.report.cli import build_parser
+from driftplan.report.commands.shared import kind_from
 
 MAP = {
     "type": "FeatureCollection",
@@ -144,3 +148,32 @@ def test_a_robot_that_fuses_needs_fewer_and_both_answers_say_what_it_has(place):
         assert ("fuses its readings would drift at most" in layout["note"]) == (estimator == "reset")
         counts.append(len(layout["beacons"]))
     assert counts[1] < counts[0]
+
+
+def test_radios_are_for_robots_with_a_filter(place, refused, files):
+    words = ("--max-drift", 0.5, "--kind", "range_only", "--std-per-m", 0.01, "--spacing-m", 5)
+    refused("place", *files, *words, match="expected --estimator filter")
+    layout = json.loads(place(*words, "--estimator", "filter", "--json").out)["layout"]
+    assert layout["proven"] is True
+    assert {beacon["kind"] for beacon in layout["beacons"]} == {"range_only"}
+
+
+def test_tags_that_are_seen_from_the_front_only_say_which_way_they_face(place, tmp_path):
+    geojson = tmp_path / "tags.geojson"
+    said = place(
+        "--max-drift", 0.6, "--kind", "landmark", "--view-angle-deg", 120, "--spacing-m", 3, "--geojson", geojson
+    )
+    assert "faces deg" in said.out
+    assert all(b.kind.view_angle_deg == 120 and b.facing_deg % 90 == 0 for b in load_beacons(geojson))
+    assert "faces deg" not in place("--max-drift", 0.8).out
+
+
+def test_the_kind_is_the_one_that_the_library_makes():
+    for words, kind in (
+        ((), BeaconKind.rfid(1.5, 0.1)),
+        (("--kind", "landmark", "--through-walls"), BeaconKind.landmark(1.5, 0.1, radians(1), line_of_sight=False)),
+        (("--kind", "heading", "--range-m", "2"), BeaconKind.heading(2, radians(1))),
+        (("--kind", "range_only", "--std-per-m", "0.01"), BeaconKind.range_only(10, 0.1, std_per_m=0.01)),
+        (("--kind", "bearing", "--sensor-view-deg", "90"), BeaconKind.bearing(10, radians(1), sensor_view_deg=90)),
+    ):
+        assert kind_from(build_parser().parse_args(["place", "M", "P", *words])) == kind

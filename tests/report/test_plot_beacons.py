@@ -13,12 +13,14 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.report.commands.answer import figure_bytes
 from driftplan.report.figures.layouts import (
     layout_figure,
+    layouts_figure,
     plot_importance,
     plot_layout,
     plot_sawtooth,
     plot_tradeoff,
     route_segments,
 )
+from driftplan.report.figures.maps import plot_beacons
 from driftplan.world.world import World
 
 NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
@@ -47,6 +49,22 @@ def test_ranges_and_beacons_are_drawn_where_they_are(layout, ax):
     starts = {text.get_text(): text.xy for text in ax.texts if text.get_text().startswith("route")}
     assert {text.get_text() for text in ax.texts} - {""} == {b.id for b in everyone} | set(starts)
     assert [tuple(starts[f"route {r}"]) for r in range(len(ROUTES))] == [tuple(route[0]) for route in ROUTES]
+
+
+def test_a_beacon_that_faces_somewhere_has_a_sector(ax):
+    kind = BeaconKind(name="tag", range_m=2.0, position_std_m=0.1, view_angle_deg=120)
+    sector, disc = plot_beacons([Beacon(kind, 1.0, 2.0, facing_deg=90), OLD], ax=ax).ranges
+    assert (tuple(sector.center), sector.r, sector.theta1, sector.theta2) == ((1.0, 2.0), 2.0, 30.0, 150.0)
+    assert disc.radius == OLD.kind.range_m
+
+
+def test_layouts_side_by_side_have_the_same_scale_of_drift(layout):
+    figure = layouts_figure({"as it is": layout, "again": layout})
+    first, _, *curves = figure.axes[:4]
+    assert first.get_title() == f"as it is: {len(layout.beacons)} beacons (proven fewest)"
+    assert curves[0].get_ylim() == curves[1].get_ylim()
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["route 0", "route 1", "route 2", "limit 0.8 m", "existing beacon", "new beacon"]
 
 
 def test_routes_are_coloured_by_their_drift_up_to_the_limit(layout, ax):

@@ -121,7 +121,7 @@ def co_design(
     if asked.max_drift is None or asked.confidence is not None:
         raise ValueError(f"expected a limit on the rms drift, without a confidence, got {asked}")
     limits_m = asked.per_route(len(driven))
-    Reliance(
+    reliance = Reliance(
         beacons=tuple(allowed.existing),
         max_drift=min(limits_m),
         max_detour=max_detour,
@@ -141,12 +141,10 @@ def co_design(
         trips=driven,
         noise=noise,
         limits_m=limits_m,
-        redundancy=asked.redundancy,
-        min_capture=min_capture,
+        reliance=reliance,
         sites=allowed,
         listed=listed,
         price_per_m=positive("price_per_m", price_per_m),
-        start_fix=start_fix,
         max_nodes=max_nodes,
         seed=seed,
         deadline=began + positive("time_limit", time_limit),

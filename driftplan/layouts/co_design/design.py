@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
@@ -13,10 +13,7 @@ from driftplan.layouts.co_design.trips import Trip
 from driftplan.layouts.layout import Layout
 from driftplan.planning.roadmap.prices import length_of
 from driftplan.planning.routes import Route
-from driftplan.tables import data_frame, decimals, html_table, table
-
-if TYPE_CHECKING:
-    import pandas
+from driftplan.tables import Tabular, decimals
 
 
 class DesignStatus(Enum):
@@ -65,7 +62,7 @@ class Design:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class CoDesign(Design):
+class CoDesign(Design, Tabular):
     """Result of `driftplan.layouts.co_design.co_design.co_design`.
 
     Attributes
@@ -110,17 +107,7 @@ class CoDesign(Design):
             for trip, route in zip(self.trips, self.routes, strict=True)
         ]
 
-    def to_pandas(self) -> pandas.DataFrame:
-        """The same rows as a DataFrame."""
-        return data_frame(self.to_dicts())
-
-    def __str__(self) -> str:
-        return f"{table(self._columns())}\n{self._words()}"
-
-    def _repr_html_(self) -> str:
-        return html_table(self._columns(), self._words())
-
-    def _columns(self) -> dict[str, list[str]]:
+    def columns(self) -> dict[str, list[str]]:
         designs = [self] if self.baseline is None else [self.baseline, self]
         return {
             "": ["shortest routes, then beacons", "chosen together"][-len(designs) :],
@@ -130,6 +117,6 @@ class CoDesign(Design):
             "together": decimals([design.cost for design in designs], 2),
         }
 
-    def _words(self) -> str:
+    def words(self) -> str:
         missing = "" if self.baseline else "No layout keeps the limit on the shortest routes. "
         return missing + self.status.value

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,6 @@ from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.scenario import DriftLimit, beacons_in_range
 from driftplan.layouts.sites import ListedSites, SiteGroup, Sites
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.readings import Fix
 from driftplan.planning.request import Reliance, check_connected, checked_ends
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.prices import length_of
@@ -38,12 +37,10 @@ class DesignProblem:
     trips: tuple[Trip, ...]
     noise: OdometryNoise
     limits_m: tuple[float, ...]  # of every trip
-    redundancy: int
-    min_capture: float
+    reliance: Reliance  # of a trip among the existing beacons, under the strictest limit
     sites: Sites  # where beacons may be, as given
     listed: ListedSites  # and one by one
     price_per_m: float
-    start_fix: Fix | None
     max_nodes: int
     seed: int
     deadline: float  # when to stop, by the monotonic clock
@@ -100,13 +97,7 @@ class DesignProblem:
             self.world,
             np.array([self.trips[trip].start, self.trips[trip].goal]),
             self.noise,
-            Reliance(
-                beacons=beacons,
-                max_drift=self.limits_m[trip],
-                redundancy=self.redundancy,
-                min_capture=self.min_capture,
-                start_fix=self.start_fix,
-            ),
+            replace(self.reliance, beacons=beacons, max_drift=self.limits_m[trip]),
             max_nodes=self.max_nodes,
             seed=self.seed,
             stop=self.late,
@@ -141,14 +132,14 @@ class DesignProblem:
         if not offered.any():
             if not sure.all():  # and what exists is not enough, or nothing else had been tried
                 raise InfeasibleError(
-                    f"no site near these routes is left whose readings are at least {self.min_capture:g} sure"
+                    f"no site near these routes is left whose readings are at least {self.reliance.min_capture:g} sure"
                 )
             offered[0] = True
         layout = place_beacons(
             self.world,
             list(paths),
             self.noise,
-            DriftLimit(self.limits_m, redundancy=self.redundancy),
+            DriftLimit(self.limits_m, redundancy=self.reliance.redundancy),
             Sites(
                 points=[new[k] for k in np.flatnonzero(offered)],
                 costs=self.listed.costs[offered],
@@ -159,7 +150,7 @@ class DesignProblem:
                 ],
                 min_spacing_m=self.sites.min_spacing_m,
             ),
-            start_fix=self.start_fix,
+            start_fix=self.reliance.start_fix,
             time_limit=max(min(self.deadline - time.monotonic(), self.place_s), _MIN_PLACE_S),
         )
         self.cut_short |= layout.status is Outcome.STOPPED_EARLY
@@ -172,17 +163,19 @@ class DesignProblem:
     def _unsure(self, paths: Sequence[Floats], layout: Layout) -> set[Beacon]:
         """New beacons with readings that are too unsure, on routes that do not keep the limit without those."""
         found: set[Beacon] = set()
-        if self.min_capture == 0:
+        if self.reliance.min_capture == 0:
             return found
         for k, path in enumerate(paths):
             check = self.search(k, (*layout.existing, *layout.beacons)).check
             limit = self.limits_m[k]
             if check.verdict(path, limit).worst > limit * (1 + _LIMIT_ROUNDING):
-                unsure = {chance.beacon for chance in check.captures(path) if chance.probability < self.min_capture}
+                unsure = {
+                    chance.beacon for chance in check.captures(path) if chance.probability < self.reliance.min_capture
+                }
                 if not unsure & set(layout.beacons):
                     raise InfeasibleError(
                         f"{self.name(k)}: no layout keeps the drift under {limit:g} m with readings that are at least "
-                        f"{self.min_capture:g} sure"
+                        f"{self.reliance.min_capture:g} sure"
                     )
                 found |= unsure & set(layout.beacons)
         return found

@@ -16,6 +16,7 @@ All values are compared with the limit squared and a margin for rounding, on the
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -88,16 +89,14 @@ def chance_exclusion(chances: Chances, within: Sequence[int]) -> tuple[set[int],
     if need == 0:
         return set(), 0
     places = np.flatnonzero(free)
-    low, high = 0, len(places)  # how many of the least helpful free sites can join W without lowering the need
-    while low < high:
-        middle = (low + high + 1) // 2
+
+    def lowers_need(number: int) -> bool:
+        """Whether it does when so many of the least helpful free sites join W."""
         fewer = free.copy()
-        fewer[places[:middle]] = False
-        if needed(fewer, need) >= need:
-            low = middle
-        else:
-            high = middle - 1
-    free[places[:low]] = False
+        fewer[places[:number]] = False
+        return needed(fewer, need) < need
+
+    free[places[: bisect_left(range(1, len(places) + 1), True, key=lowers_need)]] = False
     return set(site[~free].tolist()), need
 
 
@@ -119,11 +118,5 @@ def order_exclusion(chances: Chances, within: Sequence[int]) -> set[int] | None:
     if least(W) <= chances.bar:
         return None
     others = sorted((site for site in best if site not in W), key=lambda site: (-best[site], site))
-    low, high = 0, len(others)
-    while low < high:
-        middle = (low + high + 1) // 2
-        if least(W | set(others[:middle])) > chances.bar:
-            low = middle
-        else:
-            high = middle - 1
-    return W | set(others[:low])
+    counts = range(1, len(others) + 1)
+    return W.union(others[: bisect_left(counts, True, key=lambda n: least(W.union(others[:n])) <= chances.bar)])

@@ -58,21 +58,13 @@ class Limit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreshFixes:
-    """Places where a position error is fresh.
-
-    Attributes
-    ----------
-    route, breakpoint : (n,)
-    state : Moments (n,), in the robot's frame: just after the reading
-    low, high : (n,) least and greatest real and imaginary part that d1 of the heading may have there; where they are
-        equal the heading's moments are those of ``state``
-    """
+    """Places, (n,), where a position error is fresh."""
 
     route: Ints
     breakpoint: Ints
-    state: Moments
-    low: Complexes
-    high: Complexes
+    state: Moments  # just after the reading, in the robot's frame
+    low: Complexes  # least real and imaginary part that d1 of the heading may have there
+    high: Complexes  # greatest; where equal to the least the heading's moments are those of ``state``
 
     def __getitem__(self, index: NDArray[Any]) -> FreshFixes:
         return FreshFixes(

@@ -16,6 +16,7 @@ the larger M is.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 
@@ -157,13 +158,8 @@ class FusedRequirements:
 
         if fails(route.best[border - 1], border - 1, alive):
             return set()
-        low, high = -1, border - 1  # the best state at low fails (-1: the start, with nothing else read), at high not
-        while high - low > 1:
-            middle = (low + high) // 2
-            if fails(route.best[middle], middle, alive):
-                low = middle
-            else:
-                high = middle
+        # the best state at low fails (-1: the start, with nothing else read), at the next border not
+        low = bisect_left(range(border - 1), True, key=lambda k: not fails(route.best[k], k, alive)) - 1
         inside, outside = set(alive), set()
         state, here = (route.start, 0) if low < 0 else (route.best[low], low)
         for stop in range(max(low + 1, 0), border):

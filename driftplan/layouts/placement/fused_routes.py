@@ -141,10 +141,6 @@ class FusedRoute:
             state, here = self.read(self.driven(state, here, stop), stop, alive), stop
         return self.driven(state, here, last)
 
-    def square_at(self, border: int, alive: AbstractSet[int]) -> float:
-        """E|e|² on arrival at a border with these sites alive, m²."""
-        return float(self.arriving(self.read(self.start, 0, alive), 0, border, alive).trace)
-
     def worst(self, alive: AbstractSet[int]) -> float:
         """Greatest rms anywhere, metres."""
         square, state, here = 0.0, self.read(self.start, 0, alive), 0

@@ -177,12 +177,9 @@ def predict_flight_drift(
     if len(path) < 2:
         raise ValueError(f"expected at least 2 waypoints, got {len(path)}")
     legs = np.diff(path, axis=0)
-    rates = {
-        "rotation_var_per_m": rotation_var_per_m,
-        "distance_var_per_m": distance_var_per_m,
-        "lateral_var_per_m": lateral_var_per_m,
-    }
-    turn, along, across = (_rate(name, value, len(legs)) for name, value in rates.items())
+    turn = _rate("rotation_var_per_m", rotation_var_per_m, len(legs))
+    along = _rate("distance_var_per_m", distance_var_per_m, len(legs))
+    across = _rate("lateral_var_per_m", lateral_var_per_m, len(legs))
 
     def pieces(where: slice) -> IsotropicMoments:
         return IsotropicMoments.of_straight_runs(legs[where], turn[where], along[where], across[where])

@@ -145,15 +145,6 @@ class Roadmap:
         turn = np.angle(step * np.exp(-1j * self.start_heading))
         return leaving, turn, self.pricing.turns(self.xy[moves.tail[leaving]], turn, moves.zone[leaving])
 
-    def costs_after_edges(self, moves: Transitions) -> Floats:
-        """Cost of the cheapest way to the goal once a directed edge has been driven, turns included."""
-        arriving = np.flatnonzero(moves.head == GOAL)
-        source = len(moves.tail)
-        row = np.append(moves.after, np.full(len(arriving), source))
-        column = np.append(moves.before, arriving)
-        weight = np.append(moves.cost[moves.after] + moves.turn_cost, np.zeros(len(arriving)))
-        return _dijkstra(weight, row, column, source + 1, source, directed=True)[0][:-1]
-
     def _shortest_with_turns(self, limit: float) -> Shortest:
         """Dijkstra over directed edges: node e of this graph is 'edge e has been driven', the last is the start."""
         moves = self.transitions(limit)

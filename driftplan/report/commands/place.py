@@ -53,18 +53,24 @@ def _points(args: argparse.Namespace, world: World, routes: list[Floats]) -> dic
     """What `Sites` is told about kinds and points."""
     from driftplan import load_beacons, read_path, route_sites, wall_sites
 
+    if args.candidates and (args.sites or args.spacing_m is not None):
+        raise ValueError("expected --candidates, or --sites and --spacing-m to generate them, got both")
+    if _with_kinds(args):
+        return {"points": load_beacons(args.candidates)}
+    kind = shared.kind_from(args)
     if args.candidates:
-        if args.sites or args.spacing_m is not None:
-            raise ValueError("expected --candidates, or --sites and --spacing-m to generate them, got both")
-        if Path(args.candidates).suffix.lower() in (".geojson", ".json"):
-            return {"points": load_beacons(args.candidates)}
-        return {"points": read_path(args.candidates)[:, :2], "kind": shared.kind_from(args)}
-    spacing = args.range_m if args.spacing_m is None else args.spacing_m
+        return {"points": read_path(args.candidates)[:, :2], "kind": kind}
+    spacing = kind.range_m if args.spacing_m is None else args.spacing_m
     if args.sites == "walls":
-        return {"points": wall_sites(world, spacing), "kind": shared.kind_from(args)}
+        return {"points": wall_sites(world, spacing), "kind": kind}
     if args.sites == "routes":
-        return {"points": route_sites(routes, spacing), "kind": shared.kind_from(args)}
-    return {"spacing_m": spacing, "kind": shared.kind_from(args)}
+        return {"points": route_sites(routes, spacing), "kind": kind}
+    return {"spacing_m": spacing, "kind": kind}
+
+
+def _with_kinds(args: argparse.Namespace) -> bool:
+    """Whether the candidates are beacons, with kinds of their own."""
+    return bool(args.candidates) and Path(args.candidates).suffix.lower() in (".geojson", ".json")
 
 
 def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layout, free: list[bool]) -> Answer:
@@ -117,10 +123,12 @@ def _layout_text(args: argparse.Namespace, layout: Layout) -> str:
         }
         parts.append(table(columns))
     if rows:
+        faced = any(isfinite(row.facing_deg) for row in rows)
         columns = {
             "id": [row.id for row in rows],
             "kind": [row.kind if row.new else f"{row.kind} (existing)" for row in rows],
             **numbers([row._asdict() for row in rows], 2, "x_m", "y_m", "nearest_wall_m"),
+            **({"faces deg": decimals([row.facing_deg for row in rows], 0)} if faced else {}),
             "routes served": [_numbers(row.routes) for row in rows],
             f"{what} if dead m": decimals([row.worst_drift_if_dead_m for row in rows], 3),
             "on route": [NONE if row.worst_route_if_dead < 0 else row.worst_route_if_dead for row in rows],
@@ -131,7 +139,7 @@ def _layout_text(args: argparse.Namespace, layout: Layout) -> str:
         hurts = f"The failure that hurts most is that of {rows[0].id}: {rows[0].worst_drift_if_dead_m:.3g} m. "
     parts.append(
         f"{counted(len(layout.beacons), 'new beacon')} of cost {layout.cost:g}; worst {what} "
-        f"{layout.worst_drift:.3g} m. {hurts}{_proof(layout)} {layout.note}".rstrip()
+        f"{layout.worst_drift:.3g} m. {hurts}{_proof(layout)} {shared.note_of(layout)}".rstrip()
     )
     return "\n\n".join(parts)
 
@@ -217,8 +225,7 @@ COMMAND = Command(
     },
     idle=(
         *shared.KIND_IDLE,
-        Idle(("kind", "position_std_m", "heading_std_deg", "detection_probability", "through_walls"),
-             lambda args: args.candidates and Path(args.candidates).suffix.lower() in (".geojson", ".json"),
+        Idle(tuple(option.name for option in shared.KIND.options), _with_kinds,
              "the beacons of --candidates have kinds of their own"),
     ),
     examples=("warehouse route.csv --max-drift 0.6 --geojson tags.geojson --picture tags.svg",

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer
 from driftplan.report.commands.option import Command, Group, Option, input_file, label, metres
-
-if TYPE_CHECKING:
-    from driftplan.arrays import Floats
 
 
 def run(args: argparse.Namespace) -> Answer:
     """Drift at every waypoint, or at the distances asked for."""
     from driftplan import drift_with_beacons, load_beacons, predict_drift, read_path
     from driftplan.report.figures.comparison import plot_comparison
-    from driftplan.report.records import drift_as_json, drift_table
+    from driftplan.report.records import beyond_linear_text, drift_as_json, drift_table
 
     noise, heading = shared.noise_from(args), shared.start_heading_from(args)
     given: dict[str, Any] = {"start_heading": heading, "estimator": args.estimator}
@@ -47,21 +44,10 @@ def run(args: argparse.Namespace) -> Answer:
             ],
         },
         text=lambda: "\n\n".join(
-            f"{file}: {length:.2f} m\n{drift_table(points)}{_warning(drift.beyond_linear)}"
+            f"{file}: {length:.2f} m\n{drift_table(points)}{beyond_linear_text(drift)}"
             for (file, length, points), drift in zip(shown, drifts, strict=True)
         ),
         files={"picture": lambda: plot_comparison(None, dict(zip(files, drifts, strict=True)))},
-    )
-
-
-def _warning(beyond_linear: Floats) -> str:
-    """What to say of stretches on which a filter's prediction is not to be trusted."""
-    if not len(beyond_linear):
-        return ""
-    first, last = beyond_linear[0, 0], beyond_linear[-1, 1]
-    return (
-        f"\nBetween {first:.1f} m and {last:.1f} m the heading is known to worse than 0.15 rad: a filter goes "
-        "wrong there, and so does this prediction."
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable
 from dataclasses import fields, replace
+from functools import partial
 from math import hypot, isfinite, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ from driftplan.report.commands.answer import talk
 from driftplan.report.commands.option import Group, Idle, Option, point
 
 if TYPE_CHECKING:
-    from driftplan import BeaconKind, Fix, OdometryNoise, World
+    from driftplan import BeaconKind, Fix, Layout, OdometryNoise, World
 
 PLANNERS = ("roadmap", "rrtstar", "informed_rrtstar", "sorrtstar", "bitstar")  # here too, so that --help loads none
 DEFAULT_PLANNER = "roadmap"
@@ -81,19 +82,45 @@ SEARCH = (
            "then gives the same route (default: the time decides)", int),
     Option("seed", "N", "seed of the planner's samples", int, 0),
 )
+_MEASURED = {
+    "rfid": ("position_std_m",),
+    "landmark": ("position_std_m", "heading_std_deg"),
+    "heading": ("heading_std_deg",),
+    "range_only": ("range_std_m",),
+    "bearing": ("bearing_std_deg",),
+}
+_SEEN, _FAR = ("landmark", "bearing"), ("range_only", "bearing")
 KIND = Group("the beacons", (
-    Option("kind", "", "what they measure: position, position and heading, or heading", str, "rfid",
-           ("rfid", "landmark", "heading")),
-    Option("range_m", "M", "range, metres", default=1.5),
-    Option("position_std_m", "M", "accuracy of a position per axis, metres (default: 0.1)"),
-    Option("heading_std_deg", "DEG", "accuracy of a heading, degrees (default: 1)"),
+    Option("kind", "", "what they measure: rfid the position, landmark position and heading, heading that alone; "
+           "range_only (UWB) the distance and bearing the direction to them, for a robot with --estimator filter", str,
+           "rfid", tuple(_MEASURED)),
+    Option("range_m", "M", "range, metres (default: 1.5; of range_only and bearing 10)"),
+    Option("position_std_m", "M", "accuracy of a position per axis, metres", default=0.1),
+    Option("heading_std_deg", "DEG", "accuracy of a heading, degrees", default=1.0),
+    Option("range_std_m", "M", "accuracy of a distance, metres", default=0.1),
+    Option("bearing_std_deg", "DEG", "accuracy of a direction, degrees", default=1.0),
+    Option("std_per_m", "M/M", "what the accuracy of a position or distance worsens by per metre of distance",
+           default=0.0),
+    Option("view_angle_deg", "DEG", "they are seen from within so many degrees only, and face one of four ways",
+           default=360.0),
+    Option("sensor_view_deg", "DEG", "field of view, ahead, of the sensor that reads them, degrees", default=360.0),
     Option("detection_probability", "P", "probability that a pass is noticed", default=1.0),
-    Option("through_walls", "", "landmarks are seen through walls"),
+    Option("through_walls", "", "landmarks and bearings are seen through walls"),
 ))
+
+
+def _is_of(kind: str, args: argparse.Namespace) -> bool:
+    return bool(args.kind == kind)
+
+
 KIND_IDLE = (
-    Idle(("heading_std_deg",), lambda args: args.kind == "rfid", "RFID tags measure no heading"),
-    Idle(("position_std_m",), lambda args: args.kind == "heading", "heading beacons measure no position"),
-    Idle(("through_walls",), lambda args: args.kind != "landmark", "only landmarks are seen"),
+    *(
+        Idle(tuple({std for stds in _MEASURED.values() for std in stds} - set(measured)), partial(_is_of, kind),
+             "that is not what beacons of this --kind measure")
+        for kind, measured in _MEASURED.items()
+    ),
+    Idle(("std_per_m",), lambda args: args.kind in ("heading", "bearing"), "it is about positions and distances"),
+    Idle(("through_walls",), lambda args: args.kind not in _SEEN, "only landmarks and bearings are seen"),
 )
 SNAP = Option("snap", "", "move a start or goal in a wall or off the map to the nearest free point, and say so")
 EXISTING = Option("existing", "FILE.geojson", "beacons that are there already", str)
@@ -200,16 +227,21 @@ def kind_from(args: argparse.Namespace, **common: Any) -> BeaconKind:
     """The kind of beacon that the options describe."""
     from driftplan import BeaconKind
 
-    common["detection_probability"] = args.detection_probability
-    heading_std = radians(1.0 if args.heading_std_deg is None else args.heading_std_deg)
-    position_std_m = 0.1 if args.position_std_m is None else args.position_std_m
-    if args.kind == "rfid":
-        return BeaconKind.rfid(args.range_m, position_std_m, **common)
-    if args.kind == "heading":
-        return BeaconKind.heading(args.range_m, heading_std, **common)
-    return BeaconKind.landmark(
-        args.range_m, position_std_m, heading_std, line_of_sight=not args.through_walls, **common
+    stds = {name: getattr(args, name) for name in _MEASURED[args.kind]}
+    for name in ("detection_probability", "std_per_m", "view_angle_deg", "sensor_view_deg"):
+        common[name] = getattr(args, name)
+    return BeaconKind(
+        name=args.kind,
+        range_m=(10.0 if args.kind in _FAR else 1.5) if args.range_m is None else args.range_m,
+        line_of_sight=args.kind in _SEEN and not args.through_walls,
+        **{name.removesuffix("_deg"): radians(std) if name.endswith("_deg") else std for name, std in stds.items()},
+        **common,
     )
+
+
+def note_of(layout: Layout) -> str:
+    """What `Layout.note` says, in the words of the command line."""
+    return layout.note.replace('estimator="filter"', "--estimator filter")
 
 
 def search_effort(args: argparse.Namespace) -> str:

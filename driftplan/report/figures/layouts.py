@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -76,10 +76,13 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
     routes.set_array(drift[order])
     routes.set_clim(0.0, max(layout.max_drift))
     ax.add_collection(routes)
+    right_edge = np.array([0.1, 0.9]) @ _map_box(layout)[:, 0]  # names of routes that start beyond do not cross it
     if len(layout.drifts) <= _MAX_LABELS:
         for r, path in enumerate(drift.xy for drift in layout.drifts):
             style.arrow_along(ax, path, "black")
-            ax.annotate(f"route {r}", path[0], (5, -9), textcoords="offset points", fontsize=8, weight="bold", zorder=5)
+            name: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "weight": "bold", "zorder": 5}
+            side, offset = ("right", -5) if path[0, 0] > right_edge else ("left", 5)
+            ax.annotate(f"route {r}", path[0], (offset, -9), ha=side, **name)
             ax.plot(*path[0], zorder=4, **{**style.START, "markersize": 6, "markeredgewidth": 1.5})
     everyone = (*layout.existing, *layout.beacons)
     beacons = plot_beacons(everyone, ax=ax, used=layout.beacons, labels=("new beacon", "existing beacon"))
@@ -201,21 +204,13 @@ def plot_importance(layout: Layout, *, ax: Axes | None = None, **bar_kwargs: Any
 
 def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
     """The layout on its map, the sawtooth of its routes and the importance of its beacons, in one figure."""
-    xy = np.concatenate([drift.xy for drift in layout.drifts])
-    low, high = xy.min(axis=0), xy.max(axis=0)
-    box = (*low, *high) if layout.scenario.world is None else layout.scenario.world.bounds
-    shape = min(max((box[3] - box[1]) / max(box[2] - box[0], 1e-9), 0.25), 1.5)
+    shape = _map_shape(layout)
     figure = style.new_figure(figure, 12.0, 12.0 * shape * 0.85 + 4.2)
     grid = figure.add_gridspec(2, 2, height_ratios=(12.0 * shape * 0.85, 3.6), width_ratios=(2.0, 1.0))
     on_map = figure.add_subplot(grid[0, :])
     plot_layout(layout, ax=on_map)
-    proof = "proven fewest" if layout.proven else f"at least {layout.lower_bound:g} needed"
-    cost = "" if layout.cost == len(layout.beacons) else f" of cost {layout.cost:g}"
     keep = f"keep {counted(len(layout.drifts), 'route')} under {max(layout.max_drift):.3g} m"
-    on_map.set_title(
-        f"{counted(len(layout.beacons), 'beacon')}{cost} ({proof}) {keep}; worst {layout.worst_drift:.3g} m",
-        fontsize=10,
-    )
+    on_map.set_title(f"{_found(layout)} {keep}; worst {layout.worst_drift:.3g} m", fontsize=10)
     if on_map.get_legend_handles_labels()[0]:
         on_map.legend(loc="upper right", fontsize=8, framealpha=0.9)
     plot_sawtooth(layout, ax=figure.add_subplot(grid[1, 0]))
@@ -224,6 +219,29 @@ def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
         plot_importance(layout, ax=bars)
     else:
         bars.set_axis_off()
+    return figure
+
+
+def layouts_figure(layouts: Mapping[str, Layout], *, figure: Figure | None = None) -> Figure:
+    """Layouts for the same routes side by side, each on its map above its sawtooth.
+
+    Parameters
+    ----------
+    layouts : mapping of label to Layout
+    figure : Figure, optional
+        An empty one to draw into; default: a new one that knows nothing of pyplot.
+    """
+    first, *_ = layouts.values()
+    height = 6.0 * _map_shape(first)
+    figure = style.new_figure(figure, 6.3 * len(layouts) + 0.8, height + 3.8)
+    maps, curves = figure.subplots(2, len(layouts), squeeze=False, sharey="row", height_ratios=(height, 3.0))
+    for (name, layout), on_map, on_drift in zip(layouts.items(), maps, curves, strict=True):
+        drawn = plot_layout(layout, ax=on_map, colorbar=False)
+        on_map.set_title(f"{name}: {_found(layout)}", fontsize=10)
+        lines = plot_sawtooth(layout, routes=range(min(len(layout.drifts), _MAX_ROUTES)), ax=on_drift)
+        on_drift.get_legend().remove()
+    figure.colorbar(drawn.routes, ax=list(maps), label=_score_label(first), fraction=0.02, pad=0.01)
+    style.legend_below(figure, [*lines, on_drift.lines[-1], *drawn.beacons])
     return figure
 
 
@@ -237,6 +255,26 @@ def tradeoff_figure(curve: Sequence[Layout], *, figure: Figure | None = None) ->
 def _profile(layout: Layout, route: int) -> tuple[Floats, Floats]:
     profile = layout.drifts[route].profile(_SPACING_M)
     return profile.distance, layout.scenario.score(profile)
+
+
+def _map_box(layout: Layout) -> Floats:
+    """Lower left and upper right corner of what is drawn, (2, 2)."""
+    if layout.scenario.world is not None:
+        return np.reshape(layout.scenario.world.bounds, (2, 2))
+    xy = np.concatenate([drift.xy for drift in layout.drifts])
+    return np.stack([xy.min(axis=0), xy.max(axis=0)])
+
+
+def _map_shape(layout: Layout) -> float:
+    """Its height over its width, within what a figure can have."""
+    width, height = np.diff(_map_box(layout), axis=0)[0].tolist()
+    return float(min(max(height / max(width, 1e-9), 0.25), 1.5))
+
+
+def _found(layout: Layout) -> str:
+    cost = "" if layout.cost == len(layout.beacons) else f" of cost {layout.cost:g}"
+    proof = "proven fewest" if layout.proven else f"at least {layout.lower_bound:g} needed"
+    return f"{counted(len(layout.beacons), 'beacon')}{cost} ({proof})"
 
 
 def _score_label(layout: Layout) -> str:

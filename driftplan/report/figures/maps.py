@@ -157,7 +157,7 @@ def plot_beacons(
     labels: tuple[str, str] = ("beacon counted on", "other beacon"),
 ) -> BeaconArtists:
     """Draw beacons with their ranges and, if they are few, their ids: filled ranges and triangles for those ``used``,
-    dotted ranges and squares for the others.
+    dotted ranges and squares for the others. A beacon that is not seen from everywhere has a sector for a range.
 
     Parameters
     ----------
@@ -169,8 +169,6 @@ def plot_beacons(
     labels : (str, str)
         In a legend: of the used ones, of the others.
     """
-    from matplotlib.patches import Circle
-
     ax = style.current_axes(ax)
     counted = {id(beacon) for beacon in used}
     others = [beacon for beacon in beacons if id(beacon) not in counted]
@@ -181,13 +179,22 @@ def plot_beacons(
         (list(used), labels[0], style.RANGE, style.BEACON),
     ):
         for beacon in group:
-            ranges.append(ax.add_patch(Circle((beacon.x, beacon.y), beacon.kind.range_m, zorder=1.5, **range_look)))
+            ranges.append(ax.add_patch(_range_of(beacon, zorder=1.5, **range_look)))
             if len(others) + len(used) <= _MAX_IDS:
                 ax.annotate(beacon.id, (beacon.x, beacon.y), (4, 4), textcoords="offset points", fontsize=7, zorder=5)
         if group:
             dots: dict[str, Any] = {"linestyle": "none", "zorder": 4, "markeredgecolor": "white", **mark_look}
             marks += ax.plot(*np.transpose([beacon.xy for beacon in group]), label=label, **dots)
     return BeaconArtists(ranges, marks)
+
+
+def _range_of(beacon: Beacon, **look: Any) -> Patch:
+    from matplotlib.patches import Circle, Wedge
+
+    if beacon.facing_deg is None or beacon.kind.view_angle_deg == 360:
+        return Circle((beacon.x, beacon.y), beacon.kind.range_m, **look)
+    half = beacon.kind.view_angle_deg / 2
+    return Wedge(beacon.xy.tolist(), beacon.kind.range_m, beacon.facing_deg - half, beacon.facing_deg + half, **look)
 
 
 def drift_of(route: Route | Drift) -> Drift:
