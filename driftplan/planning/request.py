@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
@@ -22,7 +23,7 @@ Objective = Literal["drift", "length", "worst_drift"]
 ROADMAP = "roadmap"
 DEFAULT_DETOUR = 1.5  # times the length of the shortest route: with beacons, unless length is minimised
 _SEEDS = 2**31  # what OMPL takes, and one less
-_UNAIDED_S, _AMONG_BEACONS_S = 1.0, 5.0  # of search, unless told otherwise
+_USUAL_LIMIT_S = 5.0  # unless told otherwise
 _NO_LIMIT_S = 1e8  # three years
 
 
@@ -111,7 +112,9 @@ class PlanRequest:
     max_nodes: int = 1000
     time_limit: float  # seconds, huge where iterations are counted and no limit is given
     iterations: int | None = None
+    until_done: bool = False  # end when more time would bring next to nothing: neither limit nor iterations are given
     seed: int = 0
+    began: float  # when the clock of the call began to run, by `time.monotonic`
 
     @classmethod
     def of(
@@ -131,6 +134,7 @@ class PlanRequest:
         seed: int,
     ) -> PlanRequest:
         """The request, after every argument has been looked at."""
+        began = time.monotonic()
         if not isinstance(noise, OdometryNoise):
             raise ValueError(f"expected an OdometryNoise, got {noise!r}")
         check_objective(minimise)
@@ -139,6 +143,8 @@ class PlanRequest:
             whole("iterations", iterations, least=1)
         if whole("seed", seed, least=0) >= _SEEDS:
             raise ValueError(f"expected seed a whole number >= 0 and < {_SEEDS}, got {seed!r}")
+        if minimise == "length" and reliance.max_detour is not None:
+            raise ValueError(f"expected no max_detour with minimise='length', got {reliance.max_detour!r}")
         needs_labels = bool(reliance.beacons) or reliance.max_drift < math.inf or minimise == "worst_drift"
         if needs_labels:
             check_continuous((noise, *(zone.noise for zone in world.zones)))
@@ -150,9 +156,9 @@ class PlanRequest:
                 raise PlannerError(
                     f"expected planner={ROADMAP!r} for routes with beacons or max_drift, got {planner!r}"
                 )
+        until_done = time_limit is None and iterations is None
         if time_limit is None:
-            usual = _AMONG_BEACONS_S if needs_labels else _UNAIDED_S
-            time_limit = usual if iterations is None else _NO_LIMIT_S
+            time_limit = _USUAL_LIMIT_S if iterations is None else _NO_LIMIT_S
         ends = checked_ends(world, start, goal)
         return cls(
             world=world,
@@ -165,8 +171,14 @@ class PlanRequest:
             max_nodes=int(max_nodes),
             time_limit=positive("time_limit", time_limit),
             iterations=None if iterations is None else int(iterations),
+            until_done=until_done,
             seed=int(seed),
+            began=began,
         )
+
+    def left_s(self, share: float = 1.0) -> float:
+        """Seconds left of a share of the time limit; negative when it is over."""
+        return share * self.time_limit - (time.monotonic() - self.began)
 
     @property
     def needs_labels(self) -> bool:

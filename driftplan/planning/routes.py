@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.arrays import Floats, keywords_checked
@@ -19,18 +16,19 @@ from driftplan.model.drift import Drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator, Fix
 from driftplan.model.worst import worst_rms
-from driftplan.planning.bounds import DeadReckoningBound, least_end_drift, least_length, least_worst_drift
+from driftplan.planning.bounds import least_end_drift, least_length, least_worst_drift
 from driftplan.planning.request import ROADMAP, Objective, PlanRequest, Reliance, check_connected
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.beacon_walks import ROUNDING
 from driftplan.planning.roadmap.diagnosis import why_infeasible
 from driftplan.planning.roadmap.prices import exact_drift, length_of, noises_of
 from driftplan.planning.status import Status
-from driftplan.planning.unaided import UnaidedPath, least_drift_path, shortest_path
+from driftplan.planning.unaided import Unaided, best_unaided
 from driftplan.world.world import World
 
 _UNAIDED_SHARE = 0.3  # of the time limit, for the route that would be best without a limit
 _SEARCH_SHARE = 0.75  # of it for all searches; the rest is for shortening what was found
+_HEADING_STD_FACTOR = 2.0  # times that of the route found: where a bound must be restricted, it is for up to that
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -50,12 +48,12 @@ class Route:
     status : Status
         Why the search ended, a sentence for people.
     bound : float
-        Lower bound of what was minimised, metres.
-    bound_covers : {"roadmap", "all routes"}
-        Of what it is a bound: of the paths of the roadmap whose heading error at the goal has a standard deviation of
-        up to ``bound_heading_std``, or of all routes, taking no notice of obstacles, redundancy and min_capture.
+        Proven lower bound of what was minimised, metres: among the obstacles (`driftplan.planning.taut_strings`), with
+        the noise of the best of the zones everywhere, and turns for nothing; with beacons or a limit taking no notice
+        of obstacles, redundancy and min_capture. Zero where nothing is known, as of noise that is systematic.
     bound_heading_std : float
-        rad; infinite where the bound covers all paths.
+        rad; it covers the routes whose heading error at the goal has a standard deviation of up to this. Infinite
+        where it covers all routes.
     shortest : Route or None
         The shortest route that the same search came by, drift or not. None if this is a shortest one.
     beacons : tuple of Beacon
@@ -78,7 +76,6 @@ class Route:
     minimise: Objective
     status: Status
     bound: float
-    bound_covers: Literal["roadmap", "all routes"]
     bound_heading_std: float = math.inf
     shortest: Route | None = None
     beacons: tuple[Beacon, ...] = ()
@@ -87,6 +84,13 @@ class Route:
     worst_drift: float
     worst_guaranteed: float
     labels: int = 0
+
+    @property
+    def bound_covers(self) -> str:
+        """Of what ``bound`` is a bound, in words: "all routes", or which."""
+        if math.isinf(self.bound_heading_std):
+            return "all routes"
+        return f"routes with headings off by at most {self.bound_heading_std:.2g} rad"
 
     @property
     def length(self) -> float:
@@ -185,10 +189,12 @@ def plan_route(
     max_nodes : int
         Of the roadmap among beacons, about.
     time_limit : float, optional
-        Seconds of search; default 1, with beacons or a limit 5, and none with ``iterations``. While no path is known,
-        four batches of the roadmap are completed in any case. Among beacons work is counted in labels and trials, and
-        the time limit only cuts it short; saying why there is no route may take as long again. Not counted: growing
-        the obstacles by the robot's radius, once for a world, and polishing the paths of OMPL's planners.
+        Seconds for everything in the call. Default: until it is done, that is until the additive cost is within 1 % of
+        what no route can beat and a batch of the roadmap brought next to nothing, or two in a row did; at most 5, and
+        as long as it takes with ``iterations``. What is done once for a world (growing the obstacles by the robot's
+        radius, cutting free space into triangles) is not cut short. A longer search without max_detour comes by all
+        paths that a shorter one comes by. Among beacons work is counted in labels and trials, and the time limit only
+        cuts it short; saying why there is no route may take as long again.
     iterations : int, optional
         Ends every search without beacons after so many: batches of the roadmap (each has twice as many samples as the
         one before), or iterations of OMPL's planners. The same seed then gives the same route, to the last bit.
@@ -233,7 +239,6 @@ def plan_route(
     >>> len(fused.beacons), fused.worst_drift < 1.8, fused.drift.is_fused
     (2, True, True)
     """
-    began = time.monotonic()
     request = PlanRequest.of(
         world,
         start,
@@ -268,7 +273,7 @@ def plan_route(
         if free.worst_drift <= request.reliance.max_drift:
             return replace(free, max_drift=max_drift)
         known = (*known, free.path)
-    return _route_among_beacons(request, known, began)
+    return _route_among_beacons(request, known)
 
 
 def search_for(search: BeaconSearch, minimise: Objective) -> Floats | None:
@@ -311,7 +316,6 @@ def route_along(search: BeaconSearch, path: Floats, minimise: Objective) -> Rout
         minimise=minimise,
         status=status,
         bound=min(bound, score),
-        bound_covers="all routes",
         shortest=shortest,
         beacons=tuple(search.beacons[i] for i in check.met(path)),
         captures=tuple(check.captures(path)),
@@ -322,9 +326,9 @@ def route_along(search: BeaconSearch, path: Floats, minimise: Objective) -> Rout
     )
 
 
-def _route_among_beacons(request: PlanRequest, known: Sequence[Floats], began: float) -> Route:
+def _route_among_beacons(request: PlanRequest, known: Sequence[Floats]) -> Route:
     def late(share: float) -> bool:
-        return time.monotonic() - began > share * request.time_limit
+        return request.left_s(share) < 0
 
     search = BeaconSearch(
         request.world,
@@ -346,38 +350,32 @@ def _route_among_beacons(request: PlanRequest, known: Sequence[Floats], began: f
 
 
 def _unaided_route(request: PlanRequest) -> Route:
-    if request.minimise == "length":
-        return _dead_reckoned(request, shortest_path(request))
-    lowest, shortest = least_drift_path(request)
-    if lowest.path is shortest.path and (request.ends[0] == request.ends[1]).all():
-        return _dead_reckoned(request, lowest)
-    route = _dead_reckoned(request, lowest)
-    return replace(route, shortest=_dead_reckoned(replace(request, minimise="length"), shortest))
+    found = best_unaided(request)
+    route = _dead_reckoned(request, found.path, found)
+    if request.minimise == "length" or (request.ends[0] == request.ends[1]).all():
+        return route
+    return replace(route, shortest=_dead_reckoned(replace(request, minimise="length"), found.shortest, found))
 
 
-def _dead_reckoned(request: PlanRequest, found: UnaidedPath) -> Route:
+def _dead_reckoned(request: PlanRequest, path: Floats, found: Unaided) -> Route:
     """The route along a path on which nothing is read."""
+    fixes = () if request.reliance.start_fix is None else (request.reliance.start_fix,)
+    drift = exact_drift(request.world, path, request.noise, request.reliance.start_heading, fixes)
     by_length = request.minimise == "length"
-    reliance = request.reliance
-    fixes = () if reliance.start_fix is None else (reliance.start_fix,)
-    drift = exact_drift(request.world, found.path, request.noise, reliance.start_heading, fixes)
-    straight = float(np.linalg.norm(request.ends[1] - request.ends[0]))
-    score = float(drift.length) if by_length else float(drift.end.rms) ** 2
-    bound = found.bound
-    if bound is None:
-        unaided = DeadReckoningBound(noises_of(request.world, request.noise), (), score)
-        bound = straight if by_length else float(unaided.square(np.asarray(straight)))
-    bound = min(bound, score)  # a path of the caller's may beat the roadmap
+    score, bound, heading_std = float(drift.length), found.least.length, math.inf
+    if not by_length:
+        most = _HEADING_STD_FACTOR * float(drift.end.heading_std)
+        mean_square, heading_std = found.least.bound(noises_of(request.world, request.noise), most)
+        score, bound = float(drift.end.rms), math.sqrt(mean_square)
     worst = worst_rms(drift)
     return Route(
-        path=found.path,
+        path=path,
         drift=drift,
         planner=request.planner,
         minimise=request.minimise,
-        status=found.status,
-        bound=bound if by_length else math.sqrt(bound),
-        bound_covers="all routes" if found.bound is None else "roadmap",
-        bound_heading_std=found.bound_heading_std,
+        status=Status.OPTIMAL if score <= bound * (1 + ROUNDING) else found.status,
+        bound=min(bound, score),
+        bound_heading_std=heading_std,
         worst_drift=worst,
         worst_guaranteed=worst,
     )

@@ -10,6 +10,8 @@ class Status(Enum):
 
     OPTIMAL = "Proven optimal."
     SEARCH_DONE = "Search done: the best route of its roadmap, up to the tolerances of the search."
+    BOUND_REACHED = "Done: within 1 % of what no route can beat."
+    NOTHING_GAINED = "Done: further batches of the roadmap brought next to nothing."
     BATCHES_DONE = "All batches done: the best path of the roadmap so far."
     ITERATIONS_DONE = "All iterations done: the best path so far."
     LABELS_DONE = "As many partial routes kept as may be: the best route so far."

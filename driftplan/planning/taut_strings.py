@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -43,6 +43,8 @@ _MARGINS, _FINER = 4, 2.5  # margins tried at most, each so much finer than the 
 _WORTH = 0.8  # of the gap left by a margin: then the next one does not pay
 _LENGTHS = 2000  # of routes, at which the bound of the mean square is evaluated
 
+Stop = Callable[[], bool]
+
 _FLAT, _CONE = 1, 3  # powers of the lever: distances in the plane, and in the plane flattened
 
 
@@ -63,6 +65,12 @@ class LeastRoute(NamedTuple):
         """Additive cost, m², at the least rates of any of the noises, turns left out."""
         rates = [CostRates.of(noise) for noise in noises]
         return min(r.heading for r in rates) * self.squared_levers + min(r.position for r in rates) * self.length
+
+    def bound(self, noises: Sequence[OdometryNoise], heading_std: float) -> tuple[float, float]:
+        """`mean_square` of all routes (m², infinity), or, where that is less by 1 %, of those that gain a heading error
+        of at most ``heading_std`` (m², rad)."""
+        everywhere, restricted = self.mean_square(noises), self.mean_square(noises, heading_std)
+        return (everywhere, math.inf) if everywhere >= 0.99 * restricted else (restricted, heading_std)
 
     def mean_square(self, noises: Sequence[OdometryNoise], heading_std: float = math.inf) -> float:
         """No route that gains a heading error of at most ``heading_std`` rad has a smaller E|e|² at the goal, m².
@@ -85,7 +93,20 @@ class LeastRoute(NamedTuple):
         return max(min(float(at_least.min()), position * farthest), worst + position * self.length)
 
 
-def least_route(world: World, start: Floats, goal: Floats, margin_m: float, known: Floats | None = None) -> LeastRoute:
+def _never() -> bool:
+    return False
+
+
+def least_route(
+    world: World,
+    start: Floats,
+    goal: Floats,
+    margin_m: float,
+    known: Floats | None = None,
+    *,
+    only_length: bool = False,
+    stop: Stop = _never,
+) -> LeastRoute:
     """Lower bounds, among the obstacles, of a route's length and of its integral of the squared distance to the goal.
 
     Parameters
@@ -97,6 +118,10 @@ def least_route(world: World, start: Floats, goal: Floats, margin_m: float, know
         Obstacles that are thinner than two margins vanish.
     known : (n, 2) array, optional
         A route: ways that are longer are not looked at.
+    only_length : bool
+        Leave the other at zero.
+    stop : callable
+        Asked again and again: once it answers True, what is proven by then is returned.
 
     Examples
     --------
@@ -111,12 +136,17 @@ def least_route(world: World, start: Floats, goal: Floats, margin_m: float, know
         return LeastRoute(0.0, 0.0)
     found = []
     for power, upper in zip((_CONE, _FLAT), most, strict=True):
-        string = _Corners.of(free, goal, power, margin_m).near(w, upper).string(w, upper)
-        found.append(upper if string is None else min(string[0], upper))
+        if only_length and power == _CONE:
+            found.append(0.0)
+            continue
+        corners = _Corners.of(free, goal, power, margin_m).near(w, upper)
+        found.append(min(corners.string(w, upper, stop)[0], upper))
     return LeastRoute(*found)
 
 
-def tight_least_route(world: World, path: Floats, noise: OdometryNoise, gap: float = 0.01) -> LeastRoute:
+def tight_least_route(
+    world: World, path: Floats, noise: OdometryNoise, gap: float = 0.01, *, stop: Stop = _never
+) -> LeastRoute:
     """`least_route` with a margin made smaller until the path costs at most a share ``gap`` more, or while that pays.
 
     With zones the bound's cost is that of the best of them everywhere, which may leave a gap that no margin closes.
@@ -128,6 +158,8 @@ def tight_least_route(world: World, path: Floats, noise: OdometryNoise, gap: flo
         A route, metres.
     noise : outside the world's zones
     gap : float
+    stop : callable
+        As in `least_route`.
 
     Examples
     --------
@@ -139,12 +171,15 @@ def tight_least_route(world: World, path: Floats, noise: OdometryNoise, gap: flo
     True
     """
     noises = (noise, *(zone.noise for zone in world.zones))
-    size = math.hypot(world.bounds[2] - world.bounds[0], world.bounds[3] - world.bounds[1])
-    margin = max(_FIRST_MARGIN_RADII * world.robot_radius, _FIRST_MARGIN_SIZES * size)
-    cost, best = LeastRoute.of_path(path).cost(noises), LeastRoute(0.0, 0.0)
+    margin = first_margin_m(world)
+    straight = float(np.linalg.norm(path[-1] - path[0]))
+    cost, best = LeastRoute.of_path(path).cost(noises), LeastRoute(straight**3 / 3, straight)
+    only_length = min(CostRates.of(kind).heading for kind in noises) == 0
     for _ in range(_MARGINS):
+        if stop():
+            break
         open_before = cost - best.cost(noises)
-        least = least_route(world, path[0], path[-1], margin, path)
+        least = least_route(world, path[0], path[-1], margin, path, only_length=only_length, stop=stop)
         best = LeastRoute(*map(max, best, least))
         missing = cost - best.cost(noises)
         if missing <= gap * cost or missing > _WORTH * open_before:
@@ -153,21 +188,39 @@ def tight_least_route(world: World, path: Floats, noise: OdometryNoise, gap: flo
     return best
 
 
-def taut_route(world: World, start: Floats, goal: Floats, margin_m: float, *, by_length: bool = False) -> Floats | None:
+def first_margin_m(world: World) -> float:
+    """A margin to begin with, metres."""
+    size = math.hypot(world.bounds[2] - world.bounds[0], world.bounds[3] - world.bounds[1])
+    return max(_FIRST_MARGIN_RADII * world.robot_radius, _FIRST_MARGIN_SIZES * size)
+
+
+def taut_route(
+    world: World,
+    start: Floats,
+    goal: Floats,
+    margin_m: float,
+    known: Floats | None = None,
+    *,
+    by_length: bool = False,
+    stop: Stop = _never,
+) -> Floats | None:
     """The route of least ∫|w|² ds, or the shortest, that keeps a margin from obstacles: waypoints (n, 2), or None.
 
     Parameters as in `least_route`. Where the margin closes a passage, the route goes round about; where start or goal
-    are nearer to an obstacle, there is none.
+    are nearer to an obstacle, or the ``known`` route is better, there is none.
     """
     free, w = _free(world, start, -margin_m), complex(*(start - goal))
     power = _FLAT if by_length else _CONE
     if free.is_empty or w == 0:
         return None
-    corners = _Corners.of(free, goal, power, margin_m)
-    string = corners.string(w, math.inf)
-    if string is None:
+    corners, upper = _Corners.of(free, goal, power, margin_m), math.inf
+    if known is not None:
+        upper = LeastRoute.of_path(known)[by_length]
+        corners = corners.near(w, upper)
+    at = corners.string(w, upper, stop)[1]
+    if at is None:
         return None
-    bends = [w, *corners.z[string[1]].tolist(), 0j]
+    bends = [w, *corners.z[at].tolist(), 0j]
     legs = [_straight(a, b, power, 0.1 * margin_m) for a, b in pairwise(bends)]
     z = np.concatenate([*legs, [0j]])
     path = np.stack([z.real, z.imag], axis=-1) + goal
@@ -242,8 +295,9 @@ class _Corners:
         after = np.where(kept[corners], number[self._after[corners]], same)
         return _Corners(self.z[corners], before, after, self._power)
 
-    def string(self, start: complex, upper: float) -> tuple[float, list[int]] | None:
-        """The shortest string from the start to the goal, and the corners it bends at; None if none is below upper."""
+    def string(self, start: complex, upper: float, stop: Stop) -> tuple[float, list[int] | None]:
+        """The shortest string from the start to the goal, and the corners it bends at; if none is below ``upper``, or
+        none was found in time, a length that every string has, and None."""
         power, goal = self._power, len(self.z)
         to_goal = np.append(self._reach, 0.0)
         far = np.full(goal + 1, np.inf)
@@ -252,8 +306,8 @@ class _Corners:
         queue = [(abs(start) ** power / power, -1, 0.0)]
         while queue:
             bound, corner, gone = heapq.heappop(queue)
-            if bound >= upper * (1 + _SLACK):
-                return None
+            if bound >= upper * (1 + _SLACK) or stop():
+                return bound, None
             if corner == goal:
                 bends = [int(came_from[goal])]
                 while bends[-1] >= 0:
@@ -269,7 +323,7 @@ class _Corners:
             far[seen], came_from[seen] = gone + distance, corner
             for k in seen.tolist():
                 heapq.heappush(queue, (float(far[k] + to_goal[k]), k, float(far[k])))
-        return None
+        return upper, None
 
     def _visible(self, corner: int, start: complex, nearer_than: Floats, upper: float) -> tuple[Ints, Floats]:
         """Corners, or the goal (one after the last), to which a string may run from one corner or the start; and how

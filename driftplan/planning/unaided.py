@@ -1,12 +1,12 @@
 """Paths for robots that read nothing on the way: of the roadmap or of OMPL's planners, polished, the best by the exact
-drift at the goal."""
+drift at the goal; and what no path can beat."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,168 +15,252 @@ from driftplan.arrays import Floats
 from driftplan.errors import NoPathError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.request import ROADMAP, PlanRequest, format_point
+from driftplan.planning.roadmap.channel import channel_route
+from driftplan.planning.roadmap.growth import BATCHES_TO_FIND_ONE, RoadmapSearch
 from driftplan.planning.roadmap.polish import polished
 from driftplan.planning.roadmap.prices import AdditiveCost, Score, exact_drift, length_of
-from driftplan.planning.roadmap.search import plan_on_roadmap
 from driftplan.planning.status import Status
+from driftplan.planning.taut_strings import LeastRoute, first_margin_m, taut_route, tight_least_route
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
-_SHORTEST_SHARE = 0.2  # of the time, for the shortest route, whose polished form is a candidate too
+_SEARCH_SHARE = 0.85  # of the time limit; the rest is for the bound
+_SHORTEST_SHARE = 0.2  # of it, for OMPL's planner to find the shortest route, whose polished form is a candidate too
+_GAP = 0.01  # of the additive cost, left between a route and what no route can beat, that is small enough
+_IDLE_BATCHES = 2  # in a row, after which no more are needed
 _DETOUR_TRIALS = 5
+_BATCHES_PER_TRIAL = 3
+_PER_METRE = OdometryNoise(distance_var_per_m=1.0)  # its additive cost is the length
 
 
-class UnaidedPath(NamedTuple):
-    """A path, why its search ended, and what is known of all others."""
+class Unaided(NamedTuple):
+    """The path that is best for the request, the shortest one that the search came by, why the search ended, and what
+    all routes are at least."""
 
     path: Floats
+    shortest: Floats
     status: Status
-    bound: float | None  # of the paths of the roadmap, m² or m
-    bound_heading_std: float = math.inf
+    least: LeastRoute
 
 
-class _Found(NamedTuple):
-    """What one search came back with."""
-
-    paths: tuple[Floats, ...]
-    status: Status
-    bound: float | None
-    bound_heading_std: float = math.inf
-
-    def with_path(self, path: Floats) -> UnaidedPath:
-        return UnaidedPath(path, self.status, self.bound, self.bound_heading_std)
-
-
-def shortest_path(request: PlanRequest) -> UnaidedPath:
-    """The shortest path that the planner finds, yours included."""
-    search = _UnaidedSearch(request)
-    if search.is_there:
-        return UnaidedPath(request.ends, Status.OPTIMAL, 0.0)
-    found = search.run("length", request.time_limit)
-    return found.with_path(min(search.some([*found.paths, *request.initial_paths]), key=length_of))
-
-
-def least_drift_path(request: PlanRequest) -> tuple[UnaidedPath, UnaidedPath]:
-    """The path of least exact drift at the goal within the detour, and the shortest one that it was measured by."""
-    search = _UnaidedSearch(request)
-    if search.is_there:
-        here = UnaidedPath(request.ends, Status.OPTIMAL, 0.0)
-        return here, here
-    max_detour = request.reliance.max_detour
-    brief = search.run("length", _SHORTEST_SHARE * request.time_limit)
-    known = [*request.initial_paths, *brief.paths]
-    shares = 1 if max_detour is None else 1 + _DETOUR_TRIALS
-    each = (1 - _SHORTEST_SHARE) * request.time_limit / shares
-    found = search.run("drift", each, known=known)
-    pool = [*known, *found.paths]
-    if request.planner != ROADMAP:  # which has polished what it was given
-        pool += [search.polished(path) for path in brief.paths]
-    shortest = min(search.some(pool), key=length_of)
-    longest = math.inf if max_detour is None else max_detour * length_of(shortest)
-    if all(length_of(path) > longest for path in found.paths):
-        pool += search.within_detour(longest, each)
-    fitting = [path for path in pool if length_of(path) <= longest * (1 + 1e-9)]
-    return found.with_path(min(fitting, key=search.mean_square)), brief.with_path(shortest)
+def best_unaided(request: PlanRequest) -> Unaided:
+    """The shortest path, or the one of least exact drift at the goal within the detour."""
+    if (request.ends[0] == request.ends[1]).all():
+        return Unaided(request.ends, request.ends, Status.OPTIMAL, LeastRoute(0.0, 0.0))
+    search = _RoadmapPaths(request) if request.planner == ROADMAP else _OmplPaths(request)
+    search.begin()
+    detour = request.reliance.max_detour
+    fitting: list[Floats] = []
+    if request.minimise == "drift" and detour is not None and search.paths:
+        search.grow(_BATCHES_PER_TRIAL)
+        longest = detour * min(map(length_of, search.paths))
+        if length_of(search.paths[0]) > longest:
+            fitting = _within_detour(search, longest)
+    status = search.grow()
+    pool = [*request.initial_paths, *search.paths, *fitting]
+    if not pool:
+        counted = request.iterations
+        within = f"{request.time_limit:g} s" if counted is None else f"{counted} iterations"
+        start, goal = (format_point(end) for end in request.ends)
+        raise NoPathError(
+            f"{request.planner} found no path from {start} to {goal} within {within}, though free space connects "
+            "them: allow more" + (f", or use planner={ROADMAP!r}" if request.planner != ROADMAP else "")
+        )
+    best = shortest = min(pool, key=length_of)
+    if request.minimise == "drift":
+        longest = math.inf if detour is None else detour * length_of(shortest) * (1 + 1e-9)
+        best = min((path for path in pool if length_of(path) <= longest), key=lambda path: _mean_square(request, path))
+    return Unaided(best, shortest, status, search.least or _least(request, best))
 
 
-@dataclass(frozen=True, eq=False)
-class _UnaidedSearch:
-    """The searches for one request."""
+def _least(request: PlanRequest, path: Floats) -> LeastRoute:
+    noise = _PER_METRE if request.minimise == "length" else request.noise
+    return tight_least_route(request.world, path, noise, _GAP, stop=lambda: request.left_s() < 0)
 
-    request: PlanRequest
+
+def _mean_square(request: PlanRequest, path: Floats) -> float:
+    return float(exact_drift(request.world, path, request.noise, request.reliance.start_heading).end.rms) ** 2
+
+
+def _within_detour(search: _RoadmapPaths | _OmplPaths, longest: float) -> list[Floats]:
+    """Paths of low drift no longer than ``longest``: a price on length is raised until they fit, then refined.
+
+    A price per metre is a distance variance per metre to the additive cost, here and in the zones. It finds the
+    routes that are best for some price, which not every route that is best for its length is.
+    """
+    noise, ends = search.request.noise, search.request.ends
+    straight = float(np.linalg.norm(ends[1] - ends[0]))
+    low, high = 0.0, noise.heading_var_per_m * straight**2 + noise.distance_var_per_m + 1e-9
+    fitting: list[Floats] = []
+    for _ in range(_DETOUR_TRIALS):
+        price = high if not fitting else math.sqrt(max(low, high * 1e-3) * high)
+        fits = [path for path in search.priced(price) if length_of(path) <= longest]
+        fitting += fits
+        if fits:
+            high = price
+        else:
+            low, high = price, (4 * price if not fitting else high)
+    return fitting
+
+
+class _RoadmapPaths:
+    """A search for the path of least drift and one for the shortest, batch by batch in turn; or the latter only."""
+
+    def __init__(self, request: PlanRequest) -> None:
+        self.request = request
+        self.least: LeastRoute | None = None
+        self._shared: Floats | None = None
+        scores: tuple[Score, ...] = ("length",) if request.minimise == "length" else ("drift", "length")
+        self._searches = [self._search(score, request.world, request.noise) for score in scores]
 
     @property
-    def is_there(self) -> bool:
-        return bool((self.request.ends[0] == self.request.ends[1]).all())
+    def paths(self) -> list[Floats]:
+        """The best for the request first."""
+        return [search.path for search in self._searches if search.path is not None]
 
-    def some(self, pool: list[Floats]) -> list[Floats]:
-        """The paths, if there are any."""
+    def begin(self) -> None:
+        """First routes: the caller's, one along the triangles of free space, and taut strings that keep a margin."""
+        world, ends = self.request.world, self.request.ends
+        channel = channel_route(world, ends)
+        for search in self._searches:
+            stop = self._stop(search)
+            for path in (*self.request.initial_paths, *(() if channel is None else (channel,))):
+                search.consider(path, stop)
+            by_length = search.pricing.minimise == "length"
+            if stop() or (world.zones and not by_length):  # the string does not know of zones
+                continue
+            margin, known = first_margin_m(world), search.path
+            string = taut_route(world, ends[0], ends[1], margin, known, by_length=by_length, stop=stop)
+            if string is not None:
+                search.consider(string, stop)
+        self._share()
+
+    def grow(self, batches: int | None = None) -> Status:
+        """Batches until there are so many, or until no more are needed."""
+        first = self._searches[0]
+        most = batches or self.request.iterations or math.inf
+        while growing := [s for s in self._searches if s.batches < most and not self._is_done(s)]:
+            for search in growing:
+                search.grow(self._stop(search))
+            self._share()
+            if all(self._stop(search)() for search in growing):
+                break
+        if first.is_optimal:
+            return Status.OPTIMAL
+        if self.request.iterations is not None and first.batches >= most:
+            return Status.BATCHES_DONE
+        if not self._is_done(first):
+            return Status.TIME_LIMIT
+        return Status.BOUND_REACHED if self._is_near_bound(first) else Status.NOTHING_GAINED
+
+    def priced(self, price_per_m: float) -> list[Floats]:
+        """Of a roadmap of a few batches, with a price on length."""
+        search = self._search("drift", *_dearer_by(self.request.world, self.request.noise, price_per_m))
+        stop = self._stop(search)
+        for path in self.paths[-1:]:
+            search.consider(path, stop)
+        while not (stop() or search.is_optimal or search.batches >= (self.request.iterations or _BATCHES_PER_TRIAL)):
+            search.grow(stop)
+        return [] if search.path is None else [search.path]
+
+    def _share(self) -> None:
+        """Tell the search for the least drift of the shortest path, if that is another one than before."""
+        best, *other = self._searches
+        for search in other:
+            if search.path is not None and search.path is not self._shared:
+                self._shared = search.path
+                best.consider(search.path, self._stop(best))
+
+    def _search(self, score: Score, world: World, noise: OdometryNoise) -> RoadmapSearch:
         request = self.request
-        if not pool:
-            counted = request.iterations
-            within = f"{request.time_limit:g} s" if counted is None else f"{counted} iterations"
-            start, goal = (format_point(end) for end in request.ends)
-            raise NoPathError(
-                f"{request.planner} found no path from {start} to {goal} within {within}, though free space connects "
-                "them: allow more" + (f", or use planner={ROADMAP!r}" if request.planner != ROADMAP else "")
-            )
-        return pool
+        cost = AdditiveCost(world, request.ends[1], noise, score)
+        return RoadmapSearch(cost, request.ends[0], seed=request.seed, start_heading=request.reliance.start_heading)
 
-    def run(
-        self, score: Score, time_limit: float, known: Sequence[Floats] | None = None, price_per_m: float = 0.0
-    ) -> _Found:
-        """The planner's best path, as it is and polished; no path if it found none in time.
+    def _stop(self, search: RoadmapSearch) -> Callable[[], bool]:
+        """Whether it is late, as far as that search is concerned: a path there must be."""
 
-        The roadmap begins with the ``known`` paths, by default the caller's; OMPL's planners cannot be told.
-        """
+        def late() -> bool:
+            enough = search.path is not None or search.batches >= BATCHES_TO_FIND_ONE
+            return enough and self.request.left_s(_SEARCH_SHARE) < search.reserve_s
+
+        return late
+
+    def _is_done(self, search: RoadmapSearch) -> bool:
+        """Whether further batches would bring next to nothing, where that is what ends the search."""
+        if search.is_optimal or self.request.iterations is not None:
+            return search.is_optimal
+        if search is not self._searches[0]:
+            return search.idle_batches > 0
+        if search.idle_batches >= _IDLE_BATCHES:
+            return self.request.until_done
+        return self.request.until_done and search.idle_batches > 0 and self._is_near_bound(search)
+
+    def _is_near_bound(self, search: RoadmapSearch) -> bool:
+        request, noises = self.request, search.pricing.noises
+        if self.least is None:
+            self.least = _least(request, self.paths[0])
+        least = self.least.length if search.pricing.minimise == "length" else self.least.cost(noises)
+        return search.additive_cost * (1 - _GAP) <= least
+
+
+class _OmplPaths:
+    """What a planner of OMPL finds, as it is and polished."""
+
+    least: LeastRoute | None = None
+
+    def __init__(self, request: PlanRequest) -> None:
+        self.request = request
+        self.paths: list[Floats] = []
+        self._status = Status.TIME_LIMIT
+
+    def begin(self) -> None:
+        """One search, or one for the shortest path and one for the path of least drift."""
         request = self.request
-        world, noise = _dearer_by(request.world, request.noise, price_per_m)
-        if request.planner == ROADMAP:
-            try:
-                result = plan_on_roadmap(
-                    world,
-                    request.ends,
-                    noise,
-                    minimise=score,
-                    time_limit=time_limit,
-                    batches=request.iterations,
-                    seed=request.seed,
-                    start_heading=request.reliance.start_heading,
-                    known=request.initial_paths if known is None else known,
-                )
-            except NoPathError:
-                return _Found((), Status.TIME_LIMIT, None)
-            return _Found((result.path,), result.status, result.bound, result.bound_heading_std)
+        searches = 1 if request.reliance.max_detour is None else 1 + _DETOUR_TRIALS
+        if request.minimise == "length":
+            self.paths = self._solve("length", 1.0)
+            return
+        brief = self._solve("length", _SHORTEST_SHARE)
+        found = self._solve("drift", 1 / searches)
+        cost = AdditiveCost(request.world, request.ends[1], request.noise, "drift")
+        self.paths = [
+            *found,
+            *brief,
+            *(polished(cost, path, request.reliance.start_heading, self._late) for path in brief),
+        ]
+
+    def grow(self, _: int | None = None) -> Status:
+        return self._status
+
+    def priced(self, price_per_m: float) -> list[Floats]:
+        return self._solve("drift", 1 / _DETOUR_TRIALS, price_per_m)
+
+    def _late(self) -> bool:
+        return self.request.left_s(_SEARCH_SHARE) < 0
+
+    def _solve(self, score: Score, share: float, price_per_m: float = 0.0) -> list[Floats]:
+        """The planner's best path in a share of the time that is left, and that polished; none if there was none."""
         from driftplan.planning.ompl.solve import solve
 
-        began = time.perf_counter()
+        request = self.request
+        world, noise = _dearer_by(request.world, request.noise, price_per_m)
+        began, limit = time.monotonic(), max(share * request.left_s(_SEARCH_SHARE), 0.0)
         raw = solve(
             world,
             request.ends[0],
             request.ends[1],
             noise if score == "drift" else None,
             planner=request.planner,
-            time_limit=time_limit,
+            time_limit=limit,
             iterations=request.iterations,
             seed=request.seed,
         )
-        in_time = request.iterations is not None and time.perf_counter() - began < time_limit
-        status = Status.ITERATIONS_DONE if in_time else Status.TIME_LIMIT
+        in_time = request.iterations is not None and time.monotonic() - began < limit
+        self._status = Status.ITERATIONS_DONE if in_time else Status.TIME_LIMIT
         if raw is None:
-            return _Found((), status, None)
+            return []
         cost = AdditiveCost(world, request.ends[1], noise, score)
-        return _Found((raw, polished(cost, raw, request.reliance.start_heading)), status, None)
-
-    def polished(self, path: Floats) -> Floats:
-        request = self.request
-        cost = AdditiveCost(request.world, request.ends[1], request.noise, "drift")
-        return polished(cost, path, request.reliance.start_heading)
-
-    def within_detour(self, longest: float, time_limit: float) -> list[Floats]:
-        """Paths of low drift no longer than ``longest``: a price on length is raised until they fit, then refined.
-
-        A price per metre is a distance variance per metre to the additive cost, here and in the zones. It finds the
-        routes that are best for some price, which not every route that is best for its length is.
-        """
-        noise, ends = self.request.noise, self.request.ends
-        straight = float(np.linalg.norm(ends[1] - ends[0]))
-        low, high = 0.0, noise.heading_var_per_m * straight**2 + noise.distance_var_per_m + 1e-9
-        fitting: list[Floats] = []
-        for _ in range(_DETOUR_TRIALS):
-            price = high if not fitting else math.sqrt(max(low, high * 1e-3) * high)
-            paths = self.run("drift", time_limit, known=(), price_per_m=price).paths
-            fits = [path for path in paths if length_of(path) <= longest]
-            fitting += fits
-            if fits:
-                high = price
-            else:
-                low, high = price, (4 * price if not fitting else high)
-        return fitting
-
-    def mean_square(self, path: Floats) -> float:
-        request = self.request
-        end = exact_drift(request.world, path, request.noise, request.reliance.start_heading).end
-        return float(end.rms) ** 2
+        return [polished(cost, raw, request.reliance.start_heading, self._late), raw]
 
 
 def _dearer_by(world: World, noise: OdometryNoise, price_per_m: float) -> tuple[World, OdometryNoise]:

@@ -20,7 +20,8 @@ from driftplan.planning.ompl.collision import use_world
 from driftplan.planning.ompl.objective import DriftObjective
 from driftplan.planning.ompl.paths import predict_ompl_path
 from driftplan.planning.ompl.roadmap_planner import RoadmapPlanner
-from driftplan.planning.roadmap.search import plan_on_roadmap
+from driftplan.planning.roadmap.growth import RoadmapSearch
+from driftplan.planning.roadmap.prices import AdditiveCost
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
@@ -85,13 +86,20 @@ def waypoints(setup):
     return np.array([(q[0], q[1]) for q in states])
 
 
+def searched(world, ends, noise, *, minimise="drift", batches, seed=0):
+    search = RoadmapSearch(AdditiveCost(world, ends[1], noise, minimise), ends[0], seed=seed)
+    while search.batches < batches and not search.is_optimal:
+        search.grow()
+    return search
+
+
 def test_it_finds_in_ompl_the_path_that_the_plain_verb_finds():
     setup, si = plane()
     objective = DriftObjective(si, NOISE, GOAL)
     setup.setOptimizationObjective(objective)
     status = solve(setup, RoadmapPlanner(si, objective, WORLD, seed=3))
     assert status.getStatus() == ob.PlannerStatus.EXACT_SOLUTION
-    plain = plan_on_roadmap(WORLD, np.array([START, GOAL]), NOISE, batches=2, time_limit=20, seed=3)
+    plain = searched(WORLD, np.array([START, GOAL]), NOISE, batches=2, seed=3)
     np.testing.assert_array_equal(waypoints(setup), plain.path)
     path = setup.getSolutionPath()
     assert path.check()
@@ -102,7 +110,7 @@ def test_the_objective_of_the_problem_is_taken_when_none_is_given():
     setup, si = plane()
     setup.setOptimizationObjective(ob.PathLengthOptimizationObjective(si))
     solve(setup, RoadmapPlanner(si, world=WORLD))
-    shortest = plan_on_roadmap(WORLD, np.array([START, GOAL]), NOISE, minimise="length", batches=2, time_limit=20)
+    shortest = searched(WORLD, np.array([START, GOAL]), NOISE, minimise="length", batches=2)
     assert setup.getSolutionPath().length() == pytest.approx(shortest.cost, rel=1e-12)
 
 
@@ -194,7 +202,7 @@ def test_of_several_goals_the_one_with_the_least_drift_is_driven_to(nearer):
     setup.setOptimizationObjective(objective)
     planner = RoadmapPlanner(si, objective, WORLD)
     solve(setup, planner)
-    costs = [plan_on_roadmap(WORLD, np.array([START, goal]), NOISE, batches=2, time_limit=60).cost for goal in goals]
+    costs = [searched(WORLD, np.array([START, goal]), NOISE, batches=2).cost for goal in goals]
     np.testing.assert_array_equal(waypoints(setup)[-1], goals[int(np.argmin(costs))])
     assert planner._best().search.cost == pytest.approx(min(costs), rel=1e-9)
 

@@ -244,9 +244,12 @@ def test_a_detour_is_bounded():
 def test_a_bound_says_what_it_covers():
     noise = OdometryNoise(heading_var_per_m=0.05, distance_var_per_m=1e-4)  # 0.8 rad of heading error at the goal
     route = plan_route(WALL, (2, 2), (8, 2), noise, iterations=1)
-    assert route.bound_covers == "roadmap"
-    assert 0 < route.bound <= route.rms
-    assert plan_route(WALL, (2, 2), (8, 2), noise, planner="bitstar", iterations=4000).bound_covers == "all routes"
+    assert route.bound_covers == f"routes with headings off by at most {2 * route.drift.end.heading_std:.2g} rad"
+    assert 0.7 * route.rms < route.bound <= route.rms
+    for planner, asked in (("roadmap", 1), ("bitstar", 4000)):
+        route = plan_route(WALL, (2, 2), (8, 2), NOISE, planner=planner, iterations=asked)
+        assert route.bound_covers == "all routes"
+        assert 0.98 * route.rms < route.bound <= route.rms
 
 
 def test_the_start_heading_is_paid_for():
@@ -290,7 +293,7 @@ ROOMS = World.from_polygons([[(4.9, 0), (5.1, 0), (5.1, 10), (4.9, 10)]], bounds
         ({"time_limit": 0.0}, ValueError, "time_limit > 0"),
         ({"seed": -1}, ValueError, "seed a whole number >= 0"),
         ({"seed": 10**23}, ValueError, "seed a whole number >= 0 and < 2147483648"),
-        ({"time_limit": float("inf")}, ValueError, "time_limit > 0 s and finite, got inf"),
+        ({"time_limit": float("inf")}, ValueError, "time_limit finite, got inf"),
         ({"minimise": "length", "max_detour": 1.2}, ValueError, "no max_detour with minimise='length'"),
         ({"noise": 0.1}, ValueError, "expected an OdometryNoise"),
         ({"initial_paths": [[(2, 2), (3, 3)]]}, ValueError, "initial_paths from"),
@@ -386,7 +389,7 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.world.world import World
 world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
 noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
-routes = [plan_route(world, (2, 2), (8, 2), noise, planner=p, time_limit=0.2) for p in {ALL_PLANNERS!r}]
+routes = [plan_route(world, (2, 2), (8, 2), noise, planner=p, time_limit=2) for p in {ALL_PLANNERS!r}]
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
     assert (done.stdout, done.stderr) == ("", "")
@@ -409,4 +412,5 @@ def test_a_planner_that_finds_nothing_in_time_is_not_asked_again(monkeypatch):
     world = World.from_polygons([], bounds=(0, 0, 10, 10), robot_radius=0.5)
     with pytest.raises(NoPathError):
         plan_route(world, (2, 2), (8, 2), OdometryNoise(heading_var_per_m=1e-4), planner="rrtstar", time_limit=0.5)
-    assert sum(asked) == pytest.approx(0.5)
+    assert len(asked) == 2  # for the shortest path, and for that of least drift
+    assert max(asked) <= 0.5

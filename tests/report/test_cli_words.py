@@ -8,6 +8,7 @@ import re
 import sys
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import shapely
 
@@ -143,11 +144,10 @@ def test_what_was_gained_is_said_in_numbers_or_denied(route):
 
 
 def test_a_bound_is_said_for_what_it_covers_and_not_at_all_when_it_is_nothing(route):
-    graph = bound_in_words(replace(route, bound=0.9 * route.rms, bound_covers="roadmap"))
-    assert "graph that it searched" in graph
-    assert "Proven" not in graph
-    assert "Proven for every route" in bound_in_words(replace(route, bound=0.9 * route.rms, bound_covers="all routes"))
-    assert "not known" in bound_in_words(replace(route, bound=1e-9, bound_covers="all routes"))
+    some = bound_in_words(replace(route, bound=0.9 * route.rms, bound_heading_std=0.5))
+    assert "Proven for routes with headings off by at most 0.5 rad" in some
+    assert "Proven for all routes" in bound_in_words(replace(route, bound=0.9 * route.rms, bound_heading_std=np.inf))
+    assert "not known" in bound_in_words(replace(route, bound=1e-9))
 
 
 def test_a_path_comes_from_standard_input_and_one_goes_to_standard_output(run, room, searched, route, monkeypatch):

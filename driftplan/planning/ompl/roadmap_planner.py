@@ -177,8 +177,8 @@ class RoadmapPlanner(ob.Planner):
     def bound(self) -> tuple[float, float]:
         """A proven lower bound over the paths of the roadmap, and the heading standard deviation up to which it holds.
 
-        See ``bound`` and ``bound_heading_std`` of `driftplan.planning.roadmap.search.RoadmapResult`. Zero without a
-        path.
+        It says nothing about paths that leave the roadmap. Zero without a path, and where nothing is known: of noise
+        that the additive cost cannot price.
         """
         if not self._queries or self._best().search.path is None:
             return 0.0, inf

@@ -30,6 +30,7 @@ _MOST_NODES = 40_000  # then a new roadmap is begun
 _CHUNK = 512  # points joined to the roadmap before the clock is looked at again
 _FEW_CORNERS = 200  # no more than these: then all of them at once
 _NEIGHBOURS = 14
+_NEXT_TO_NOTHING = 2e-4  # of the cost, gained by a batch
 _MAX_DRAWS = 16  # times as many samples as a batch wants,
 _MAX_DRAWS_IN_ELLIPSE = 64  # and as a roadmap of given size does
 BATCHES_TO_FIND_ONE = 4  # are completed in any case while no path is known
@@ -45,6 +46,7 @@ class RoadmapSearch:
         self.start_heading = start_heading
         self.roadmap = Roadmap(pricing, start, start_heading)
         self.batches = 0
+        self.idle_batches = 0  # the latest ones, that brought next to nothing
         self.path: Floats | None = None
         self.cost = math.inf  # of the path, exact
         self.additive_cost = math.inf
@@ -65,11 +67,12 @@ class RoadmapSearch:
 
     @property
     def reserve_s(self) -> float:
-        """Seconds, about, that it takes to search what has been added so far and to say what is proven about it."""
-        return 2 * self._search_s_per_edge * len(self.roadmap.edges)
+        """Seconds, about, that it takes to search what has been added so far."""
+        return self._search_s_per_edge * len(self.roadmap.edges)
 
     def grow(self, stop: Callable[[], bool] = lambda: False) -> None:
-        """Add a batch of nodes, search, polish. ``stop`` cuts it short; what has been added by then is searched."""
+        """Add a batch of nodes, search, polish. ``stop`` cuts it short; what has been added by then is searched only
+        while there is no path: so a longer search comes by all that a shorter one does, in the same order."""
         if len(self.roadmap.xy) > _MOST_NODES:
             self._renew()
         roadmap = self.roadmap
@@ -82,14 +85,18 @@ class RoadmapSearch:
         while done < len(samples) and not stop():
             roadmap.add(samples[done : done + _CHUNK], _NEIGHBOURS, self._least_additive)
             done += _CHUNK
-        began = time.perf_counter()
+        is_whole = done >= len(samples) and not corners
+        if not is_whole and self.path is not None:
+            return
+        began, before = time.perf_counter(), self.cost
         found = roadmap.shortest(self._least_additive)
         self._search_s_per_edge = (time.perf_counter() - began) / max(len(roadmap.edges), 1)
         self._consider(found.nodes, stop)
         if not stop():
             roadmap.prune(self._least_additive * (1 + 1e-9))
-        if done >= len(samples) and not corners:
+        if is_whole:
             self.batches += 1
+            self.idle_batches = 0 if self.cost < before * (1 - _NEXT_TO_NOTHING) else self.idle_batches + 1
 
     def finish(self) -> Bound:
         """The bound on paths of the roadmap, the best path included."""

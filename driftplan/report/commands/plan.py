@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from math import isinf
 from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
@@ -113,15 +112,7 @@ def bound_in_words(route: Route) -> str:
     ended = f"{route.planner}: {route.status.value}"
     if not route.bound > _NOTHING * value:
         return f"{ended} How much better another route could be is not known."
-    if route.bound_covers == "roadmap":
-        sure = (
-            "" if isinf(route.bound_heading_std) else f" with headings off by at most {route.bound_heading_std:.2g} rad"
-        )
-        return (
-            f"{ended} Of the paths on the graph that it searched{sure}, none has less than {route.bound:#.4g} m of "
-            f"{what}; other routes might."
-        )
-    return f"{ended} Proven for every route, obstacles or not: none has less than {route.bound:#.4g} m of {what}."
+    return f"{ended} Proven for {route.bound_covers}: none has less than {route.bound:#.4g} m of {what}."
 
 
 def itinerary_as_json(route: Route) -> dict[str, Any]:

@@ -76,7 +76,7 @@ START_SPREAD = (
 )
 SEARCH = (
     Option("planner", "NAME", ", ".join(PLANNERS), str, DEFAULT_PLANNER),
-    Option("time_limit", "S", "planning time per route, seconds (default: 1; 5 with beacons or a limit; none with "
+    Option("time_limit", "S", "planning time per route, seconds (default: until it is done, at most 5; none with "
            "--iterations)"),
     Option("iterations", "N", "end after N batches of the roadmap, or iterations of another planner: the same seed "
            "then gives the same route (default: the time decides)", int),

@@ -1,0 +1,79 @@
+"""A first route through a world, in milliseconds: from triangle to triangle of its free space."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import shapely
+from scipy.sparse import csgraph, csr_matrix
+from shapely.geometry import Polygon
+
+from driftplan.arrays import Floats, Ints
+from driftplan.world.world import World
+
+
+def channel_route(world: World, ends: Floats) -> Floats | None:
+    """The shortest way (n, 2) from ``ends[0]`` to ``ends[1]`` over the middles of the inner sides of the triangles.
+
+    It is far from the best of routes, but there is one wherever there is a route, however narrow. None only where
+    round-off takes a triangle's side for an obstacle.
+
+    Examples
+    --------
+    >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
+    >>> path = channel_route(world, np.array([(2.0, 2.0), (8.0, 2.0)]))
+    >>> bool(world.segments_free(path[:-1], path[1:]).all())
+    True
+    """
+    known = _MESHES.setdefault(world, {})
+    part = int(world.free_part(ends[0]))
+    if part not in known:
+        known[part] = _Mesh.of(world.free_parts[part])
+    path = known[part].way(ends)
+    return path if world.segments_free(path[:-1], path[1:]).all() else None
+
+
+class _Mesh(NamedTuple):
+    """A polygon cut into triangles; sides that two of them share are numbered."""
+
+    triangles: Any  # STRtree
+    sides: Ints  # (t, 3) of each triangle; -1 on the outline
+    middles: Floats  # (n, 2)
+    distances: Any  # (n, n) sparse, between the middles of sides of one triangle
+
+    @classmethod
+    def of(cls, polygon: Polygon) -> _Mesh:
+        triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+        corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)
+        ends = np.sort((corners @ np.array([1, 1j]))[:, [[0, 1], [1, 2], [2, 3]]])
+        _, side, count = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True)
+        number = np.where(count == 2, np.cumsum(count == 2) - 1, -1)
+        sides = number[side.reshape(-1, 3)]
+        middles = np.zeros((int((count == 2).sum()), 2))
+        middles[sides[sides >= 0]] = ((corners[:, 1:] + corners[:, :-1]) / 2)[sides >= 0]
+        a, b = sides.ravel(), np.roll(sides, -1, axis=1).ravel()
+        a, b = a[(a >= 0) & (b >= 0)], b[(a >= 0) & (b >= 0)]
+        distance = np.hypot(*(middles[a] - middles[b]).T)
+        graph = csr_matrix((distance, (a, b)), shape=(len(middles), len(middles)))
+        return cls(shapely.STRtree(triangles), sides, middles, graph)
+
+    def way(self, ends: Floats) -> Floats:
+        start, goal = self.triangles.nearest(shapely.points(ends))
+        first, last = (self.sides[t][self.sides[t] >= 0] for t in (start, goal))
+        if start == goal or not len(first) or not len(last):
+            return ends
+        search: Any = csgraph.dijkstra
+        gone, came_from = search(self.distances, directed=False, indices=first, return_predecessors=True)
+        leave = np.hypot(*(self.middles[first] - ends[0]).T)
+        arrive = np.hypot(*(self.middles[last] - ends[1]).T)
+        total = leave[:, None] + gone[:, last] + arrive
+        k, to = np.unravel_index(int(total.argmin()), total.shape)
+        way = [int(last[to])]
+        while way[-1] != first[k]:
+            way.append(int(came_from[k, way[-1]]))
+        return np.concatenate([ends[:1], self.middles[way[::-1]], ends[1:]])
+
+
+_MESHES: WeakKeyDictionary[World, dict[int, _Mesh]] = WeakKeyDictionary()
