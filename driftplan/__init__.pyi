@@ -45,7 +45,6 @@ from .model.drift import Drift as Drift
 from .model.drift import PointDrift as PointDrift
 from .model.drift import predict_drift as predict_drift
 from .model.noise import OdometryNoise as OdometryNoise
-from .model.noise import SystematicSpread as SystematicSpread
 from .model.paths import Run as Run
 from .model.paths import Runs as Runs
 from .model.presets import PRESETS as PRESETS

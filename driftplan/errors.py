@@ -5,6 +5,9 @@ A bad argument is a plain `ValueError`. What follows is for worlds, files and pr
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class DriftplanError(Exception):
     """Root of the exceptions below, so that a script can catch them all."""
@@ -40,3 +43,16 @@ class InfeasibleError(DriftplanError):
 
 class KeywordError(DriftplanError, TypeError, ValueError):
     """A function has no such keyword: the message names the nearest that it has."""
+
+
+@contextmanager
+def naming(place: object, error: type[MapError] | type[TrajectoryError]) -> Iterator[None]:
+    """What is refused inside is an ``error`` that names the place: a file, or a part of one."""
+    try:
+        yield
+    except error:
+        raise
+    except OSError as err:
+        raise error(f"{place}: cannot be read: {err.strerror or err}") from err
+    except (ValueError, TypeError, OverflowError) as err:
+        raise error(f"{place}: {err}") from err

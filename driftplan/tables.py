@@ -120,8 +120,7 @@ def data_frame(rows: Sequence[Mapping[str, Any]]) -> pandas.DataFrame:
 
     Raises
     ------
-    ImportError
-        Without pandas: the message says how to get it.
+    ImportError : without pandas: the message says how to get it
     """
     try:
         import pandas

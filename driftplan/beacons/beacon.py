@@ -3,12 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypedDict, Unpack
 
 import numpy as np
 
-from driftplan.arrays import Floats, not_negative, number, positive
+from driftplan.arrays import Floats, keywords_checked, not_negative, number, positive
 
 
+class KindOptions(TypedDict, total=False):
+    """What every kind of beacon may be given beside what it measures; see `BeaconKind`."""
+
+    detection_probability: float
+    line_of_sight: bool
+    reading_spacing_m: float
+    cost: float
+    std_per_m: float
+    view_angle_deg: float
+    sensor_view_deg: float
+
+
+_IN_SIGHT: KindOptions = {"line_of_sight": True}
+
+
+@keywords_checked()
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BeaconKind:
     """What a beacon measures, how well, and from how far. Made by `rfid`, `landmark`, `heading`, or in full.
@@ -32,8 +49,7 @@ class BeaconKind:
 
     Raises
     ------
-    ValueError
-        For values that are not finite, out of range, or a kind that measures nothing.
+    ValueError : for values that are not finite, out of range, or a kind that measures nothing
     """
 
     name: str
@@ -69,15 +85,7 @@ class BeaconKind:
             raise ValueError(f"expected detection_probability in (0, 1], got {self.detection_probability!r}")
 
     @classmethod
-    def rfid(
-        cls,
-        range_m: float,
-        position_std_m: float,
-        *,
-        detection_probability: float = 1.0,
-        reading_spacing_m: float = 3.0,
-        cost: float = 1.0,
-    ) -> BeaconKind:
+    def rfid(cls, range_m: float, position_std_m: float, **more: Unpack[KindOptions]) -> BeaconKind:
         """A tag that tells the position and leaves the heading error as it is; walls do not block it.
 
         Examples
@@ -85,73 +93,24 @@ class BeaconKind:
         >>> BeaconKind.rfid(range_m=1.5, position_std_m=0.1).heading_std is None
         True
         """
-        return cls(
-            name="rfid",
-            range_m=range_m,
-            position_std_m=position_std_m,
-            detection_probability=detection_probability,
-            reading_spacing_m=reading_spacing_m,
-            cost=cost,
-        )
+        return cls(name="rfid", range_m=range_m, position_std_m=position_std_m, **more)
 
     @classmethod
     def landmark(
-        cls,
-        range_m: float,
-        position_std_m: float,
-        heading_std: float,
-        *,
-        detection_probability: float = 1.0,
-        line_of_sight: bool = True,
-        reading_spacing_m: float = 3.0,
-        cost: float = 1.0,
+        cls, range_m: float, position_std_m: float, heading_std: float, **more: Unpack[KindOptions]
     ) -> BeaconKind:
-        """A full fix, position and heading (rad): an AprilTag, a reflector set, a docking station."""
-        return cls(
-            name="landmark",
-            range_m=range_m,
-            position_std_m=position_std_m,
-            heading_std=heading_std,
-            detection_probability=detection_probability,
-            line_of_sight=line_of_sight,
-            reading_spacing_m=reading_spacing_m,
-            cost=cost,
-        )
+        """A full fix, position and heading (rad), in line of sight unless said otherwise: an AprilTag, a reflector set,
+        a docking station."""
+        more = {**_IN_SIGHT, **more}
+        return cls(name="landmark", range_m=range_m, position_std_m=position_std_m, heading_std=heading_std, **more)
 
     @classmethod
-    def heading(
-        cls,
-        range_m: float,
-        heading_std: float,
-        *,
-        detection_probability: float = 1.0,
-        line_of_sight: bool = False,
-        reading_spacing_m: float = 3.0,
-        cost: float = 1.0,
-    ) -> BeaconKind:
+    def heading(cls, range_m: float, heading_std: float, **more: Unpack[KindOptions]) -> BeaconKind:
         """A heading reference (rad) that leaves the position error: a wall of known direction, a light strip."""
-        return cls(
-            name="heading",
-            range_m=range_m,
-            heading_std=heading_std,
-            detection_probability=detection_probability,
-            line_of_sight=line_of_sight,
-            reading_spacing_m=reading_spacing_m,
-            cost=cost,
-        )
+        return cls(name="heading", range_m=range_m, heading_std=heading_std, **more)
 
     @classmethod
-    def range_only(
-        cls,
-        range_m: float,
-        range_std_m: float,
-        *,
-        std_per_m: float = 0.0,
-        detection_probability: float = 1.0,
-        line_of_sight: bool = False,
-        reading_spacing_m: float = 3.0,
-        cost: float = 1.0,
-    ) -> BeaconKind:
+    def range_only(cls, range_m: float, range_std_m: float, **more: Unpack[KindOptions]) -> BeaconKind:
         """A radio to which the robot measures its distance (UWB); for a robot with a filter.
 
         Examples
@@ -159,40 +118,14 @@ class BeaconKind:
         >>> BeaconKind.range_only(range_m=30.0, range_std_m=0.1).needs_filter
         True
         """
-        return cls(
-            name="range_only",
-            range_m=range_m,
-            range_std_m=range_std_m,
-            std_per_m=std_per_m,
-            detection_probability=detection_probability,
-            line_of_sight=line_of_sight,
-            reading_spacing_m=reading_spacing_m,
-            cost=cost,
-        )
+        return cls(name="range_only", range_m=range_m, range_std_m=range_std_m, **more)
 
     @classmethod
-    def bearing(
-        cls,
-        range_m: float,
-        bearing_std: float,
-        *,
-        sensor_view_deg: float = 360.0,
-        detection_probability: float = 1.0,
-        line_of_sight: bool = True,
-        reading_spacing_m: float = 3.0,
-        cost: float = 1.0,
-    ) -> BeaconKind:
-        """A light or pattern whose direction (rad, in its own frame) the robot measures; for a robot with a filter."""
-        return cls(
-            name="bearing",
-            range_m=range_m,
-            bearing_std=bearing_std,
-            sensor_view_deg=sensor_view_deg,
-            detection_probability=detection_probability,
-            line_of_sight=line_of_sight,
-            reading_spacing_m=reading_spacing_m,
-            cost=cost,
-        )
+    def bearing(cls, range_m: float, bearing_std: float, **more: Unpack[KindOptions]) -> BeaconKind:
+        """A light or pattern whose direction (rad, in its own frame) the robot measures, in line of sight unless said
+        otherwise; for a robot with a filter."""
+        more = {**_IN_SIGHT, **more}
+        return cls(name="bearing", range_m=range_m, bearing_std=bearing_std, **more)
 
     @property
     def needs_filter(self) -> bool:

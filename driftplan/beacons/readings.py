@@ -28,7 +28,7 @@ from driftplan.arrays import Bools, Floats, Ints, as_plane
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.passes import Passes, Views, passes_of
 from driftplan.model.drift import Drift, PointDrift, predict_drift
-from driftplan.model.noise import NO_SPREAD, Noises, OdometryNoise, SystematicSpread
+from driftplan.model.noise import Noises, OdometryNoise
 from driftplan.model.readings import Estimator, Fix, Readings
 from driftplan.world.world import World
 
@@ -102,7 +102,6 @@ def drift_with_beacons(
     *,
     fixes: Sequence[Fix] = (),
     estimator: Estimator = "reset",
-    spread: SystematicSpread = NO_SPREAD,
     start_heading: float | None = None,
 ) -> Drift:
     """Drift along a path of a robot that reads ``beacons`` on its way; exact under the model of this module.
@@ -115,7 +114,7 @@ def drift_with_beacons(
     world : its walls block sight and its zones have their own noise; the result then has a waypoint at every zone
         border
     fixes : further fixes, such as one at 0 for an uncertain start. At one place they come before the beacons'.
-    estimator, spread, start_heading : as for `predict_drift`: what the robot does with a reading, and where it faces
+    estimator, start_heading : as for `predict_drift`: what the robot does with a reading, and where it faces
         before its first turn
 
     Examples
@@ -130,7 +129,7 @@ def drift_with_beacons(
     xy = waypoints_of(path)
     readings = Readings.of(fixes) + readings_on(xy, BeaconColumns.of(beacons), world)
     xy, noises = floor_of(xy, noise, world)
-    return predict_drift(xy, noises, fixes=readings, estimator=estimator, spread=spread, start_heading=start_heading)
+    return predict_drift(xy, noises, fixes=readings, estimator=estimator, start_heading=start_heading)
 
 
 def waypoints_of(path: Any) -> Floats:
@@ -267,7 +266,6 @@ def detection_chances(
     *,
     fixes: Sequence[Fix] = (),
     estimator: Estimator = "reset",
-    spread: SystematicSpread = NO_SPREAD,
 ) -> list[DetectionChance]:
     """For every pass of a path, the probability that the robot really comes within range.
 
@@ -281,7 +279,7 @@ def detection_chances(
 
     Parameters
     ----------
-    path, noise, beacons, world, fixes, estimator, spread : as for `drift_with_beacons`
+    path, noise, beacons, world, fixes, estimator : as for `drift_with_beacons`
 
     Returns
     -------
@@ -298,7 +296,7 @@ def detection_chances(
     """
     xy, columns = waypoints_of(path), BeaconColumns.of(beacons)
     passes = columns.passes(xy, world)
-    drift = drift_with_beacons(xy, noise, beacons, world, fixes=fixes, estimator=estimator, spread=spread)
+    drift = drift_with_beacons(xy, noise, beacons, world, fixes=fixes, estimator=estimator)
     return chances_listed(beacons, passes, chances_of_passes(xy, passes, columns, drift.on_arrival(passes.enter)))
 
 

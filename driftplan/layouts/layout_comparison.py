@@ -48,8 +48,7 @@ def compare_layouts(layouts: Mapping[str, Layout]) -> LayoutComparison:
 
     Raises
     ------
-    ValueError
-        For no layouts, or something else.
+    ValueError : for no layouts, or something else
 
     Examples
     --------

@@ -139,8 +139,7 @@ def load_beacons(path: str | os.PathLike[str]) -> tuple[Beacon, ...]:
 
     Raises
     ------
-    MapError
-        If the file cannot be read or a point is no beacon: the message names the file and the feature.
+    MapError : if the file cannot be read or a point is no beacon: the message names the file and the feature
     """
     path = Path(path)
     try:

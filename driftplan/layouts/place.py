@@ -92,11 +92,9 @@ def place_beacons(
 
     Raises
     ------
-    InfeasibleError
-        If no layout will do: the message names route and stretch, the least drift reachable there and the sites
-        that come closest. Also if none was found in time.
-    ValueError
-        For input that makes no sense.
+    InfeasibleError : if no layout will do: the message names route and stretch, the least drift reachable there and the
+        sites that come closest. Also if none was found in time.
+    ValueError : for input that makes no sense
 
     Examples
     --------

@@ -33,8 +33,7 @@ class DriftLimit:
 
     Raises
     ------
-    ValueError
-        For values out of range.
+    ValueError : for values out of range
 
     Examples
     --------

@@ -65,8 +65,7 @@ class Sites:
 
     Raises
     ------
-    ValueError
-        For input that makes no sense.
+    ValueError : for input that makes no sense
 
     Examples
     --------

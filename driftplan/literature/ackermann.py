@@ -83,8 +83,7 @@ def ackermann_step(
 
     Raises
     ------
-    ValueError
-        For values that are not finite, negative deviations, or steering that with its noise reaches ±90°.
+    ValueError : for values that are not finite, negative deviations, or steering that with its noise reaches ±90°
 
     Examples
     --------

@@ -131,8 +131,7 @@ def estimate_positions(
 
     Returns
     -------
-    array, shape (..., n + 1, 2)
-        At the start and after every step, metres, in the frame of the start.
+    (..., n + 1, 2), at the start and after every step, metres, in the frame of the start
 
     Examples
     --------
@@ -168,8 +167,7 @@ def bias_reduced_cov(turns_rad: ArrayLike, translations_m: ArrayLike, noise: Ste
 
     Returns
     -------
-    array, shape (2, 2)
-        m², in the frame of the start.
+    (2, 2), m², in the frame of the start
 
     Examples
     --------
@@ -200,8 +198,7 @@ def crossovers(
     Parameters
     ----------
     turn_rad : turn before every step: 0 for a straight line
-    translation_m : (2,)
-        True translation of every step, metres, in the frame after its turn.
+    translation_m : (2,), true translation of every step, metres, in the frame after its turn
     noise : StepNoise
     correction : default: `bias_reduction` of the noise
 

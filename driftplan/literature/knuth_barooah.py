@@ -27,12 +27,9 @@ class MeanNoise:
 
     Attributes
     ----------
-    rotation_loss : (d, d)
-        I - E R̃: the deviation from the identity is kept, so that tiny noise loses no digits.
-    translation_bias_m : (d,)
-        b = E t̃, metres.
-    bias_loss_m : (d,)
-        b - ρ, ρ = E[R̃ t̃], metres.
+    rotation_loss : (d, d), I - E R̃: the deviation from the identity is kept, so that tiny noise loses no digits
+    translation_bias_m : (d,), b = E t̃, metres
+    bias_loss_m : (d,), b - ρ, ρ = E[R̃ t̃], metres
     translation_var_m2 : trace of the covariance P of t̃, m²
     """
 
@@ -82,8 +79,7 @@ class Theorem2:
 
     Attributes
     ----------
-    bias_m : (d,)
-        E[estimate - truth], metres, in the frame of the start.
+    bias_m : (d,), E[estimate - truth], metres, in the frame of the start
     variance_m2 : trace of the covariance, m²: equal to ``psi_m2 * steps + omega_m2``, summed so that no digits cancel
         on short straight runs
     psi_m2, omega_m2 : ψ and ω(n), m². ψ is the rate at which the variance grows in the long run; ω(n) tends to a
@@ -102,10 +98,8 @@ class Theorem3:
 
     Attributes
     ----------
-    bias_m : (2,)
-        E[estimate - truth], metres, in the frame of the start.
-    cov_m2 : (2, 2)
-        Covariance, m².
+    bias_m : (2,), E[estimate - truth], metres, in the frame of the start
+    cov_m2 : (2, 2), covariance, m²
     """
 
     bias_m: Floats
@@ -141,17 +135,15 @@ def theorem_2(
     Parameters
     ----------
     steps : n >= 1
-    translation_m : (d,)
-        r, the true translation of every step, metres, in the frame after its rotation; d is 2 or 3.
+    translation_m : (d,), r, the true translation of every step, metres, in the frame after its rotation; d is 2 or 3
     noise : StepNoise (plane), MeanNoise (plane or space)
     turn : float, or (d, d) rotation matrix
         True rotation before every translation; a number is an angle in rad, in the plane.
 
     Raises
     ------
-    ValueError
-        When nothing decorrelates the steps (no rotation noise on a straight line): the variance then is n Tr P, and ψ
-        and ω do not exist.
+    ValueError : when nothing decorrelates the steps (no rotation noise on a straight line): the variance then is n Tr
+        P, and ψ and ω do not exist
 
     Examples
     --------
@@ -231,8 +223,7 @@ def theorem_3(
 
     Raises
     ------
-    ValueError
-        For wrong shapes, or rotation errors of different means.
+    ValueError : for wrong shapes, or rotation errors of different means
 
     Examples
     --------

@@ -58,8 +58,7 @@ def theorem_1(
 
     Raises
     ------
-    ValueError
-        For negative bounds, a coherence outside (0, 1].
+    ValueError : for negative bounds, a coherence outside (0, 1]
 
     Examples
     --------

@@ -65,10 +65,8 @@ class StepNoise:
         heading_law : {"gaussian", "laplace", "von_mises", "uniform"}
             Its law (for "von_mises" the concentration is 1/std², and no gain is allowed).
         translation_bias_m : (2,)
-        translation_cov_m2 : (2, 2)
-            Covariance of the rest.
-        gain_m_per_rad : (2,)
-            What one radian of rotation error adds to τ: errors of one step that have a common cause.
+        translation_cov_m2 : (2, 2), covariance of the rest
+        gain_m_per_rad : (2,), what one radian of rotation error adds to τ: errors of one step that have a common cause
 
         Examples
         --------
@@ -123,8 +121,7 @@ class StepNoise:
 
         Parameters
         ----------
-        translation_m : (2,)
-            The true translation t, in the frame after the rotation.
+        translation_m : (2,), the true translation t, in the frame after the rotation
         heading_std_rad, heading_mean_rad, heading_law : of the rotation error
         direction_std_rad, direction_law : of φ̃, zero mean
         distance_std_m : of d̃, zero mean, any law

@@ -104,8 +104,7 @@ def proposition_1(
 
     Raises
     ------
-    ValueError
-        For arrays of different or empty shape, values that are not finite, negative deviations.
+    ValueError : for arrays of different or empty shape, values that are not finite, negative deviations
 
     Examples
     --------

@@ -20,7 +20,7 @@ wrong.
 
 **Systematic errors.** A filter does not know the known biases of an `OdometryNoise` (else they would have been
 corrected): they do not enter P, they shift the mean error, which is carried along with the filter's own gains and
-reported as `bias`. Neither is monotone then. Biases that change from drive to drive belong into `SystematicSpread`:
+reported as `bias`. Neither is monotone then. Biases that change from drive to drive belong into the noise's spread:
 the filter estimates them.
 """
 

@@ -17,10 +17,8 @@ from driftplan.model.filter_state import LINEAR_HEADING_STD_RAD
 from driftplan.model.fusion import Beliefs, fuse
 from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import (
-    NO_SPREAD,
     Noises,
     OdometryNoise,
-    SystematicSpread,
     drives_to_average,
     noise_of_legs,
     spread_of,
@@ -294,7 +292,6 @@ def predict_drift(
     start_heading: float | ArrayLike | None = None,
     fixes: Sequence[Fix] | Readings = (),
     estimator: Estimator = "reset",
-    spread: SystematicSpread = NO_SPREAD,
 ) -> Drift:
     """How far odometry will have drifted at every point of a path: bias, covariance and rms, in closed form.
 
@@ -318,14 +315,14 @@ def predict_drift(
         What the robot does with a fix. ``reset``: it replaces what is measured; safe to assume of every robot.
         ``filter``: it is fused in an extended Kalman filter, so that a position fix also corrects heading and a further
         fix never hurts. Then the drift is the filter's covariance, linearised about the path: within a few per cent
-        outside of `Drift.beyond_linear`. Known systematic errors shift the filter's mean, they are not corrected.
-    spread : systematic errors that differ from drive to drive and are estimated by the filter as it goes
+        outside of `Drift.beyond_linear`. Known systematic errors shift the filter's mean, they are not corrected; those
+        that differ between drives are further states, which it estimates as it goes.
 
     Raises
     ------
     ValueError
         For paths of fewer than 2 waypoints, wrong shapes, values that are not finite, fixes off the path; for ranges
-        and bearings, and a spread, with ``reset``.
+        and bearings with ``reset``.
 
     Notes
     -----
@@ -342,13 +339,9 @@ def predict_drift(
     0.195
     """
     checked_estimator(estimator)
-    if estimator == "reset" and spread.names:
-        raise ValueError(f"a spread of {', '.join(spread.names)} is for estimator='filter', which estimates it")
     runs = read_path(path, start_heading)
     noises, noise_of_leg = noise_of_legs(noise, runs.lengths.shape[-1], runs.legs_per_waypoint)
-    if estimator == "filter" and not spread.names:
-        noises, spread = spread_of(noises)
-    if any(one.varies_between_drives for one in noises):
+    if estimator == "reset" and any(one.varies_between_drives for one in noises):
         own = [noises[k] for k in noise_of_leg[:: runs.legs_per_waypoint]]
         some = [
             (weight, predict_drift(runs, [one.on_drive(z) for one in own], fixes=fixes))
@@ -366,6 +359,7 @@ def predict_drift(
         waypoints, noise_of_leg = borders[waypoints], np.repeat(noise_of_leg, np.diff(borders))
     beliefs: Beliefs | None = None
     if estimator == "filter":
+        noises, spread = spread_of(noises)
         driven, beliefs = fuse(runs, noise_of_leg, noises, spread, start, readings, at)
     else:
         legs = of_legs(runs.turns, runs.lengths, runs.curvatures, noise_of_leg, noises)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from math import prod, radians, tau
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,6 +44,28 @@ _NODES = (  # of a standard normal variable: the moments of a mixture over 5 (3)
     ((-1.7320508075688772, 0.0, 1.7320508075688772), (1 / 6, 2 / 3, 1 / 6)),
     ((-1.7320508075688772, 0.0, 1.7320508075688772), (1 / 6, 2 / 3, 1 / 6)),
 )
+
+
+class SystematicSpread(NamedTuple):
+    """Standard deviations between drives of an odometry's systematic errors, rad/m, rad/rad and m/m: those that are not
+    zero are further states of a filter, which estimates them as it goes."""
+
+    heading_bias_per_m: float = 0.0
+    heading_bias_per_rad: float = 0.0
+    distance_scale_error: float = 0.0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The further states, in this order."""
+        return tuple(name for name, std in self._asdict().items() if std > 0)
+
+    @property
+    def variances(self) -> tuple[float, ...]:
+        """Of the further states."""
+        return tuple(std**2 for std in self if std > 0)
+
+
+NO_SPREAD = SystematicSpread()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -259,9 +281,14 @@ class OdometryNoise:
         return float(variance**0.5)
 
     @property
+    def spread(self) -> SystematicSpread:
+        """How systematic errors differ from one drive to the next."""
+        return SystematicSpread(*(getattr(self, std) for std in BETWEEN_DRIVES.values()))
+
+    @property
     def varies_between_drives(self) -> bool:
         """Whether systematic errors differ from one drive to the next."""
-        return any(getattr(self, name) != 0 for name in BETWEEN_DRIVES.values())
+        return any(self.spread)
 
     def on_drive(self, deviations: Sequence[float]) -> OdometryNoise:
         """The noise on a drive whose three systematic errors (heading per metre and per radian, distance scale) lie so
@@ -272,13 +299,12 @@ class OdometryNoise:
         >>> OdometryNoise(heading_bias_per_m=0.01, heading_bias_std_per_m=0.02).on_drive((-1, 0, 0))
         OdometryNoise(heading_bias_per_m=-0.01)
         """
-        shifted: dict[str, Any] = {
-            name: getattr(self, name) + z * getattr(self, std)
-            for name, std, z in zip(SYSTEMATIC, BETWEEN_DRIVES.values(), deviations, strict=True)
-        }
-        shifted["distance_scale_error"] = max(shifted["distance_scale_error"], -0.99)
-        shifted |= dict.fromkeys(BETWEEN_DRIVES.values(), 0.0)
-        return replace(self, **shifted)
+        known = (getattr(self, name) for name in SYSTEMATIC)
+        shifted = (value + z * std for value, z, std in zip(known, deviations, self.spread, strict=True))
+        changed: dict[str, Any] = dict(zip(SYSTEMATIC, shifted, strict=True))
+        changed["distance_scale_error"] = max(changed["distance_scale_error"], -0.99)
+        changed |= dict.fromkeys(BETWEEN_DRIVES.values(), 0.0)
+        return replace(self, **changed)
 
     @property
     def is_systematic(self) -> bool:
@@ -303,63 +329,19 @@ class OdometryNoise:
         return f"OdometryNoise({', '.join(said)})"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SystematicSpread:
-    """Constants of the odometry that differ from drive to drive; the robot's filter estimates them as it goes.
-
-    Parameters
-    ----------
-    heading_bias_per_m, heading_bias_per_rad, distance_scale_error : standard deviation, between drives, of the
-        constants of these names of `OdometryNoise`: rad/m, rad/rad, m/m
-
-    Examples
-    --------
-    >>> SystematicSpread(distance_scale_error=0.02).names
-    ('distance_scale_error',)
-    """
-
-    heading_bias_per_m: float = 0.0
-    heading_bias_per_rad: float = 0.0
-    distance_scale_error: float = 0.0
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            object.__setattr__(self, field.name, not_negative(field.name, getattr(self, field.name)))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Those that are not zero: the further states, in this order."""
-        return tuple(field.name for field in fields(self) if getattr(self, field.name) > 0)
-
-    @property
-    def variances(self) -> tuple[float, ...]:
-        """Of the further states."""
-        return tuple(getattr(self, name) ** 2 for name in self.names)
-
-
-NO_SPREAD = SystematicSpread()
-
-
 def drives_to_average(noises: Sequence[OdometryNoise]) -> list[tuple[float, tuple[float, ...]]]:
     """Weights and deviations (`OdometryNoise.on_drive`) of a few drives whose average is that over all drives of a
     robot with these noises, on whatever floor; one drive where nothing differs."""
+    varies = np.any([noise.spread for noise in noises], axis=0)
     axes = [
-        nodes if any(getattr(noise, std) != 0 for noise in noises) else ((0.0,), (1.0,))
-        for nodes, std in zip(_NODES, BETWEEN_DRIVES.values(), strict=True)
+        zip(*(nodes if some else ((0.0,), (1.0,))), strict=True) for nodes, some in zip(_NODES, varies, strict=True)
     ]
-    return [
-        (prod(weights), deviations)
-        for deviations, weights in zip(
-            product(*(places for places, _ in axes)), product(*(weights for _, weights in axes)), strict=True
-        )
-    ]
+    return [(prod(weight for _, weight in drive), tuple(z for z, _ in drive)) for drive in product(*axes)]
 
 
 def spread_of(noises: Sequence[OdometryNoise]) -> tuple[tuple[OdometryNoise, ...], SystematicSpread]:
     """Noises without spread, and the spread that a filter estimates: one for all floors, since it is the robot's."""
-    spreads = {
-        SystematicSpread(**{name: getattr(noise, std) for name, std in BETWEEN_DRIVES.items()}) for noise in noises
-    }
+    spreads = {noise.spread for noise in noises}
     if len(spreads) > 1:
         raise ValueError("expected noises whose systematic errors differ alike between drives, got several spreads")
     return tuple(noise.on_drive((0, 0, 0)) for noise in noises), spreads.pop()

@@ -94,8 +94,7 @@ class Runs:
 
         Raises
         ------
-        ValueError
-            For several paths at once, and distances off the path.
+        ValueError : for several paths at once, and distances off the path
         """
         if self.lengths.ndim != 1:
             raise ValueError(
@@ -158,8 +157,7 @@ def read_path(path: Any, start_heading: float | ArrayLike | None = None) -> Runs
 
     Raises
     ------
-    ValueError
-        For fewer than 2 waypoints, wrong shapes, values that are not finite, negative lengths.
+    ValueError : for fewer than 2 waypoints, wrong shapes, values that are not finite, negative lengths
     """
     driven = path if isinstance(path, Runs) else _from_runs(path) if _is_sequence_of(path, Run) else None
     runs = _from_array(_as_array(path)) if driven is None else driven

@@ -67,8 +67,7 @@ class Fix:
 
     Raises
     ------
-    ValueError
-        For negative or infinite values, a covariance that is none, a probability outside [0, 1].
+    ValueError : for negative or infinite values, a covariance that is none, a probability outside [0, 1]
     """
 
     s_m: float
@@ -224,8 +223,7 @@ class Readings:
 
         Raises
         ------
-        ValueError
-            For a range or a bearing: they need a filter.
+        ValueError : for a range or a bearing: they need a filter
         """
         if not (np.isnan(self.range_var) & np.isnan(self.bearing_var)).all():
             raise ValueError(f"{NEEDS_FILTER}; expected estimator='filter'")

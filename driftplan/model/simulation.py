@@ -11,14 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Complexes, Floats
+from driftplan.arrays import Complexes, Floats, positive, whole
 from driftplan.model.noise import (
     BETWEEN_DRIVES,
-    NO_SPREAD,
     SYSTEMATIC,
     Noises,
     OdometryNoise,
-    SystematicSpread,
     noise_of_legs,
     spread_of,
     steps_in,
@@ -37,7 +35,6 @@ def simulate_drift(
     fixes: Sequence[Fix] = (),
     substep_m: float | None = None,
     estimator: Estimator = "reset",
-    spread: SystematicSpread = NO_SPREAD,
 ) -> Floats:
     """Position errors at every waypoint of a path in ``runs`` simulated drives.
 
@@ -51,8 +48,8 @@ def simulate_drift(
         square of the length
     estimator : {"reset", "filter"}
         What the robot does with a fix: ``reset`` replaces what is measured, ``filter`` fuses it in an extended Kalman
-        filter, linearised at the robot's own estimate.
-    spread : further systematic errors, drawn anew for every drive. A filter estimates them, resets do not.
+        filter, linearised at the robot's own estimate. It also estimates systematic errors that differ from drive to
+        drive.
 
     Returns
     -------
@@ -65,10 +62,9 @@ def simulate_drift(
     >>> errors.shape, round(float(errors[:, -1, 0].std()), 2)  # sqrt(0.01 * 10) = 0.316
     ((4000, 2, 2), 0.32)
     """
-    if isinstance(runs, bool) or not isinstance(runs, (int, np.integer)) or runs < 1:
-        raise ValueError(f"expected runs a whole number >= 1, got {runs!r}")
-    if substep_m is not None and not substep_m > 0:
-        raise ValueError(f"expected substep_m > 0, got {substep_m!r}")
+    runs = whole("runs", runs, least=1)
+    if substep_m is not None:
+        substep_m = positive("substep_m", substep_m)
     checked_estimator(estimator)
     legs = read_path(path, start_heading)
     if legs.lengths.ndim != 1:
@@ -82,11 +78,9 @@ def simulate_drift(
         waypoints, which = borders[waypoints], np.repeat(which, np.diff(borders))
         for border, fix in zip(at.tolist(), ordered, strict=True):
             due.setdefault(border, []).append(fix)
-    if estimator == "filter" and not spread.names:
-        noises, spread = spread_of(noises)
     of_leg = [noises[k] for k in which.tolist()]
     drives = _FusingDrives if estimator == "filter" else _Drives
-    return drives(of_leg, runs, np.random.default_rng(rng), legs, substep_m, spread).errors(due)[:, waypoints]
+    return drives(of_leg, runs, np.random.default_rng(rng), legs, substep_m).errors(due)[:, waypoints]
 
 
 class _Variances(NamedTuple):
@@ -107,11 +101,9 @@ class _Drives:
         rng: np.random.Generator,
         legs: Runs,
         substep_m: float | None,
-        spread: SystematicSpread,
     ) -> None:
-        self.noises, self.rng, self.legs, self.count, self.spread = noises, rng, legs, count, spread
-        self.constants = {name: rng.normal(0.0, getattr(spread, name), count) for name in spread.names}
-        self.learnt = {name: np.zeros(count) for name in spread.names}  # what the robot has found them to be
+        self.noises, self.rng, self.legs, self.count = noises, rng, legs, count
+        self.learnt: dict[str, Floats] = {}  # what the robot has found of its systematic errors
         varies = any(noise.varies_between_drives for noise in noises)
         self.deviations = dict(zip(SYSTEMATIC, rng.standard_normal((3, count)), strict=True)) if varies else {}
         self.substep_m = substep_m or max(float(legs.lengths.sum()), 1e-300) / 400
@@ -201,7 +193,7 @@ class _Drives:
         """A systematic error as far as the robot does not correct it: one number, or one per drive."""
         known = getattr(self.noise, name)
         drawn = self.deviations[name] * getattr(self.noise, BETWEEN_DRIVES[name]) if self.deviations else 0.0
-        return known + self.constants[name] - self.learnt[name] if name in self.constants else known + drawn
+        return known + drawn - self.learnt.get(name, 0.0)
 
     def _moved(self, turn: float, length: float, estimate: Complexes, facing: Complexes, variances: _Variances) -> None:
         """What else changes with a move: nothing, for a robot that resets."""
@@ -242,6 +234,8 @@ class _FusingDrives(_Drives):
 
     def __init__(self, *args: Any) -> None:
         super().__init__(*args)
+        _, self.spread = spread_of(self.noises)
+        self.learnt = {name: np.zeros(self.count) for name in self.spread.names}
         self.size = 3 + len(self.spread.names)
         self.P = np.zeros((self.count, self.size, self.size))
         self.P[:, range(3, self.size), range(3, self.size)] = self.spread.variances

@@ -38,8 +38,7 @@ def worst_rms(drift: Drift) -> float:
 
     Raises
     ------
-    ValueError
-        For batches of paths, curved runs and noise per step.
+    ValueError : for batches of paths, curved runs and noise per step
 
     Examples
     --------
@@ -142,8 +141,7 @@ def greatest_between(
     ----------
     begun : Moments (n,)
         At the beginning of every stretch.
-    length, which : (n,)
-        Metres; index into ``noises``.
+    length, which : (n,), metres; index into ``noises``
     end : (n,) E|e|² at the end of every stretch, m²
     group : (n,) index into ``greatest``
     greatest : (groups,) at least that of all ends

@@ -100,8 +100,7 @@ def edge_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNoise 
 
     Raises
     ------
-    ValueError
-        If a coordinate is not finite or the shapes do not fit.
+    ValueError : if a coordinate is not finite or the shapes do not fit
 
     Examples
     --------
@@ -143,12 +142,9 @@ def arc_cost(
 
     Parameters
     ----------
-    start : array_like (..., 2)
-        Where the arcs begin, metres.
-    heading : array_like (...)
-        Direction of travel there, radians counter-clockwise from +x.
-    length_m, curvature_per_m : array_like (...)
-        Arc lengths >= 0; curvatures in 1/m, positive to the left, zero for straight runs.
+    start : (..., 2), where the arcs begin, metres
+    heading : (...), direction of travel there, radians counter-clockwise from +x
+    length_m, curvature_per_m : (...), arc lengths >= 0; curvatures in 1/m, positive to the left, zero for straight runs
     goal, noise
         As in `edge_cost`.
 
@@ -250,9 +246,8 @@ def bracket(heading_std_end: ArrayLike) -> Floats:
 
     Parameters
     ----------
-    heading_std_end : array_like (...)
-        Standard deviation in rad of the heading error at the path's end. In space, the root of twice the variance per
-        axis.
+    heading_std_end : (...), standard deviation in rad of the heading error at the path's end. In space, the root of
+        twice the variance per axis.
 
     Returns
     -------
@@ -263,8 +258,7 @@ def bracket(heading_std_end: ArrayLike) -> Floats:
 
     Raises
     ------
-    ValueError
-        If a standard deviation is negative or not finite.
+    ValueError : if a standard deviation is negative or not finite
 
     Examples
     --------

@@ -15,12 +15,12 @@ from reprlib import repr as short
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
 from driftplan.errors import MapError
 from driftplan.world.cells import MAX_CELLS
+from driftplan.world.plain_yaml import read_plain_yaml
 
 _MAX_YAML_BYTES = 8192
 _PLACED = ("image", "resolution", "origin")
@@ -39,7 +39,7 @@ def read_header(
     path: Path, required: Sequence[str], optional: Sequence[str] = ()
 ) -> tuple[CellPicture, dict[Any, Any]]:
     """The picture that a YAML file names, and the values of all its keys."""
-    said = _plain_yaml(path)
+    said = read_plain_yaml(path, MapError, max_bytes=_MAX_YAML_BYTES)
     required = (*_PLACED, *required)
     if not isinstance(said, dict):
         raise MapError(f"{path}: expected the keys {', '.join(required)}, got {short(said)}")
@@ -85,30 +85,6 @@ def read_pixels(image: Path, named_by: Path, *, colour: bool) -> NDArray[Any]:
         raise MapError(
             f"{image}: not a readable PGM, PNG or BMP picture (image of {named_by}): {str(err)[:200]}"
         ) from err
-
-
-def _plain_yaml(path: Path) -> Any:
-    with path.open("rb") as file:
-        text = file.read(_MAX_YAML_BYTES + 1)
-    if len(text) > _MAX_YAML_BYTES:
-        raise MapError(f"{path}: expected a map's YAML of at most {_MAX_YAML_BYTES} bytes, got more")
-    try:
-        return yaml.load(text, _PlainLoader)
-    except yaml.MarkedYAMLError as err:
-        line = err.problem_mark.line + 1 if err.problem_mark else "?"
-        raise MapError(f"{path}, line {line}: not plain YAML: {err.problem}") from err
-    except (yaml.YAMLError, ValueError, RecursionError) as err:
-        raise MapError(f"{path}: not plain YAML: {str(err)[:200]}") from err
-
-
-class _PlainLoader(yaml.SafeLoader):
-    """The safe loader without aliases: a few hundred bytes of them can stand for more than memory holds."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            event = self.peek_event()  # type: ignore[no-untyped-call]
-            raise yaml.composer.ComposerError(None, None, "aliases have no place in a map's header", event.start_mark)
-        return super().compose_node(parent, index)
 
 
 def number(path: Path, key: str, value: Any) -> float:

@@ -29,8 +29,7 @@ def outline_of_cells(
 
     Raises
     ------
-    ValueError
-        If the cells have more than `MAX_SIDES` free sides, or `MAX_RINGS` outlines.
+    ValueError : if the cells have more than `MAX_SIDES` free sides, or `MAX_RINGS` outlines
     """
     x, y, yaw = origin
     if abs(yaw) * max(occupied.shape) < _NO_TURN:
@@ -56,8 +55,7 @@ def cells_of_outline(obstacles: MultiPolygon, bounds: tuple[float, float, float,
 
     Raises
     ------
-    ValueError
-        If there would be more than `MAX_CELLS` cells.
+    ValueError : if there would be more than `MAX_CELLS` cells
     """
     xmin, ymin, xmax, ymax = bounds
     width, height = (max(ceil(extent / cell_size_m - 1e-6), 1) for extent in (xmax - xmin, ymax - ymin))

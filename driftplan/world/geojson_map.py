@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from driftplan.errors import MapError
+from driftplan.errors import MapError, naming
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -182,7 +182,5 @@ def zone_noise(where: str, said: dict[Any, Any]) -> OdometryNoise:
             raise MapError(f"{where}: unknown noise {short(key)}; known are {', '.join(_NOISE_KEYS)}")
     if not said:
         raise MapError(f"{where}: expected the zone's noise, such as heading_var_per_m, got none")
-    try:
+    with naming(where, MapError):
         return OdometryNoise(**said)
-    except (ValueError, TypeError, OverflowError) as err:
-        raise MapError(f"{where}: {err}") from err

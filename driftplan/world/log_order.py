@@ -29,8 +29,7 @@ def in_order(times: Floats) -> tuple[Ints, list[str]]:
 
     Raises
     ------
-    ValueError
-        Where times fall so often that they are none, or too many rows would be dropped.
+    ValueError : where times fall so often that they are none, or too many rows would be dropped
 
     Examples
     --------

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Complexes, Floats
 
 _CHORDS = 400  # of the way, at most, whose directions are compared
 _SMOOTH_STEPS = 5.0  # a chord is so many usual steps long at least: jitter turns short ones
@@ -15,10 +15,9 @@ _DISAGREE = 0.5  # and below which they do not
 _TURNED = 1.0  # rad that the way must turn to tell
 
 
-def agreement(xy: Floats, heading: Floats) -> float:
+def agreement(positions: Complexes, heading: Floats) -> float:
     """How well headings follow the way: 1 if they keep one angle to it, driving ahead or backwards, 0 if none."""
-    z = xy[:, 0] + 1j * xy[:, 1]
-    steps = np.abs(np.diff(z))
+    steps = np.abs(np.diff(positions))
     along = np.concatenate([[0.0], np.cumsum(steps)])
     moving = steps[steps > 0]
     if moving.size < 3:
@@ -27,7 +26,7 @@ def agreement(xy: Floats, heading: Floats) -> float:
     marks = np.unique(np.searchsorted(along, np.arange(0, along[-1], spacing)))
     if len(marks) < 4:
         return float("nan")
-    chord, middle = np.diff(z[marks]), (marks[1:] + marks[:-1]) // 2
+    chord, middle = np.diff(positions[marks]), (marks[1:] + marks[:-1]) // 2
     straight = np.abs(chord) > 0.9 * np.diff(along[marks])
     if straight.sum() < 3:
         return float("nan")
@@ -37,9 +36,9 @@ def agreement(xy: Floats, heading: Floats) -> float:
     return float(np.abs(np.mean(np.exp(2j * (course - heading[middle][straight])))))
 
 
-def misread(xy: Floats, heading: Floats, readings: Mapping[str, tuple[Floats, Floats | None]]) -> str:
+def misread(positions: Complexes, heading: Floats, readings: Mapping[str, tuple[Complexes, Floats | None]]) -> str:
     """Which other reading of the columns, (positions, headings) by what it is called, fits where this one does not."""
-    own = agreement(xy, heading)
+    own = agreement(positions, heading)
     if not own < _DISAGREE:
         return ""
     fits = {name: agreement(at, angle) for name, (at, angle) in readings.items() if angle is not None}

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from driftplan.arrays import Bools, Floats, Ints
-from driftplan.errors import TrajectoryError
+from driftplan.errors import TrajectoryError, naming
 
 _MAX_BYTES = 256 << 20  # of text, unpacked: a million steps take a quarter of it
 _MAX_NUMBERS = 200_000_000
@@ -88,21 +88,17 @@ def read_table(
 
     Raises
     ------
-    TrajectoryError
-        If the file cannot be read: the message names it, and the line or variable.
+    TrajectoryError : if the file cannot be read: the message names it, and the line or variable
     """
     file = Path(path)
     if file.exists() and not file.is_file():  # a pipe would wait for ever
         raise TrajectoryError(f"{file}: expected a file of numbers, got something else")
-    try:
+    with naming(file, TrajectoryError):
         if file.suffix.lower() == ".mat":
             values = _matlab(file, variable)
             table = Table(values, None, lines=np.arange(1, len(values) + 1))
         else:
             table = _text(file, recording)
-    except OSError as err:
-        reason = err.strerror or err
-        raise TrajectoryError(f"{file}: {reason}") from err
     if not np.isfinite(table.values).all():
         raise TrajectoryError(f"{file}: expected finite numbers, got {table.values[~np.isfinite(table.values)][0]}")
     if len(table.values) < min_rows:
@@ -116,8 +112,7 @@ def named(file: Path, table: Table, aliases: Mapping[str, Sequence[str]]) -> dic
 
     Raises
     ------
-    TrajectoryError
-        Where a column has a unit that is not in `UNITS`: it lists them.
+    TrajectoryError : where a column has a unit that is not in `UNITS`: it lists them
     """
     return {
         name: table.values[:, k] * unit_size(file, table, k)
@@ -239,7 +234,8 @@ def _numbers(
 ) -> Floats:
     """The numbers of some columns of some lines, (n, k): fast where all lines are alike, else line by line."""
     separator = next((mark for mark in ",;" if mark in lines[rows[0]]), None)
-    if _all_as_wide(lines, rows, separator, width):
+    # loadtxt takes no notice of columns that it was not asked for
+    if all(len(lines[k].split(separator)) == width for k in rows):
         try:
             values = np.loadtxt((lines[k] for k in rows), float, None, separator, usecols=kept, ndmin=2)
         except ValueError:
@@ -247,13 +243,6 @@ def _numbers(
         if np.isfinite(values).all():
             return values
     return _numbers_by_line(file, lines, rows, width, kept, recording, all_cells)
-
-
-def _all_as_wide(lines: list[str], rows: list[int], separator: str | None, width: int) -> bool:
-    """Whether all lines have as many columns: loadtxt takes no notice of those that it was not asked for."""
-    if separator is None:
-        return all(len(lines[k].split()) == width for k in rows)
-    return all(lines[k].count(separator) == width - 1 for k in rows)
 
 
 def _numbers_by_line(

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from math import isfinite
 from pathlib import Path
 
+from driftplan.arrays import positive
 from driftplan.errors import MapError
 from driftplan.files import write_files
 from driftplan.world.geojson_map import geojson_map_files, read_geojson_map
@@ -44,10 +44,8 @@ def load_world(
 
     Raises
     ------
-    MapError
-        If the file is missing, broken, too large or not a map; the message names file and line, key or feature.
-    ValueError
-        If an argument is out of range or means nothing for this format.
+    MapError : if the file is missing, broken, too large or not a map; the message names file and line, key or feature
+    ValueError : if an argument is out of range or means nothing for this format
 
     Examples
     --------
@@ -60,7 +58,7 @@ def load_world(
         raise ValueError(f"unknown_is_free is for ROS maps: {kind} maps have no unknown cells")
     if cell_size_m is not None and kind != "MovingAI":
         raise ValueError(f"cell_size_m is for MovingAI maps: {kind} maps say it themselves")
-    cell_size_m = _cell_size(1.0 if cell_size_m is None else cell_size_m)
+    cell_size_m = positive("cell_size_m", 1.0 if cell_size_m is None else cell_size_m)
     if not path.is_file():
         raise MapError(f"{path}: no such file")
     try:
@@ -87,8 +85,8 @@ def save_world(world: World, path: str | os.PathLike[str], *, cell_size_m: float
 
     Raises
     ------
-    ValueError
-        If the format cannot hold the world's zones or origin, or an argument is out of range. Nothing is written.
+    ValueError : if the format cannot hold the world's zones or origin, or an argument is out of range. Nothing is
+        written.
     """
     path, kind = _path_and_format(path)
     if kind == "GeoJSON":
@@ -98,9 +96,13 @@ def save_world(world: World, path: str | os.PathLike[str], *, cell_size_m: float
     elif world.zones:
         raise ValueError(f"{kind} maps have no zones, and this world has {len(world.zones)}: save it as .geojson")
     elif kind == "ROS":
-        files = ros_map_files(world, path, cell_size_m=_cell_size(0.05 if cell_size_m is None else cell_size_m))
+        files = ros_map_files(
+            world, path, cell_size_m=positive("cell_size_m", 0.05 if cell_size_m is None else cell_size_m)
+        )
     else:
-        files = movingai_map_files(world, path, cell_size_m=_cell_size(1.0 if cell_size_m is None else cell_size_m))
+        files = movingai_map_files(
+            world, path, cell_size_m=positive("cell_size_m", 1.0 if cell_size_m is None else cell_size_m)
+        )
     write_files(files)
 
 
@@ -138,10 +140,3 @@ def _path_and_format(path: str | os.PathLike[str]) -> tuple[Path, str]:
             f"got {path.suffix or 'no suffix'}"
         )
     return path, kind
-
-
-def _cell_size(value: float) -> float:
-    size = float(value)
-    if not (isfinite(size) and size > 0):
-        raise ValueError(f"expected cell_size_m finite and > 0 m, got {value!r}")
-    return size

@@ -12,7 +12,7 @@ from reprlib import repr as short
 
 import numpy as np
 
-from driftplan.errors import MapError
+from driftplan.errors import MapError, naming
 from driftplan.world.cells import MAX_CELLS, cells_of_outline, outline_of_cells
 from driftplan.world.world import World
 
@@ -44,10 +44,8 @@ def read_movingai_map(path: Path, *, robot_radius: float, cell_size_m: float) ->
             f"got {bytes([cells[row, column]])!r}"
         )
     passable = np.isin(cells, np.frombuffer(_PASSABLE, dtype=np.uint8))
-    try:
+    with naming(path, MapError):
         obstacles, bounds = outline_of_cells(~passable[::-1], cell_size_m=cell_size_m, origin=(0.0, 0.0, 0.0))
-    except ValueError as err:
-        raise MapError(f"{path}: {err}") from err
     return World(obstacles=obstacles, bounds=bounds, robot_radius=robot_radius)
 
 

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.errors import TrajectoryError
+from driftplan.errors import TrajectoryError, naming
 from driftplan.files import write_files
 from driftplan.model.calibration.fit import NoiseFit
 from driftplan.model.noise import OdometryNoise
+from driftplan.world.plain_yaml import read_plain_yaml
 
 _KEYS = tuple(f.name for f in fields(OdometryNoise))
-_MOST_BYTES = 1 << 20
+_MAX_BYTES = 1 << 20
 
 
 def save_noise(path: str | os.PathLike[str], noise: OdometryNoise | NoiseFit) -> None:
@@ -64,21 +65,9 @@ def load_noise(path: str | os.PathLike[str]) -> OdometryNoise:
     TrajectoryError
         If the file is missing or broken, has unknown keys or values out of range: the message names file and key.
     """
-    import yaml
-
     file = Path(path)
-    try:
-        with file.open("rb") as stream:
-            text = stream.read(_MOST_BYTES + 1)
-        if len(text) > _MOST_BYTES:
-            raise TrajectoryError(f"{file}: more than {_MOST_BYTES >> 20} MB, which is no noise")
-        content = yaml.safe_load(text)
-    except OSError as err:
-        raise TrajectoryError(f"{file}: {err.strerror or err}") from err
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as err:
-        if isinstance(err, TrajectoryError):
-            raise
-        raise TrajectoryError(f"{file}: not readable as YAML: {' '.join(str(err).split())}") from err
+    with naming(file, TrajectoryError):
+        content = read_plain_yaml(file, TrajectoryError, max_bytes=_MAX_BYTES)
     if not isinstance(content, dict):
         raise TrajectoryError(
             f"{file}: expected keys of OdometryNoise, such as heading_var_per_m: 1.0e-4, got {content!r:.80}"
@@ -86,10 +75,8 @@ def load_noise(path: str | os.PathLike[str]) -> OdometryNoise:
     unknown = [key for key in content if key not in _KEYS]
     if unknown:
         raise TrajectoryError(f"{file}: unknown key {unknown[0]!r}; expected keys of {', '.join(_KEYS)}")
-    try:
+    with naming(file, TrajectoryError):
         return OdometryNoise(**content)
-    except ValueError as err:
-        raise TrajectoryError(f"{file}: {err}") from err
 
 
 def _yaml(value: Any) -> str:

@@ -11,8 +11,6 @@ columns as truth or poses                                as odometry
 4       time, x, y, heading                              the same
 8       TUM: time, x, y, z, qx, qy, qz, qw               the same
 12      KITTI: 3x4 pose matrix row by row, no time       the same
-======= ================================================ =========================================
-
 13      the same after a time or the number of the frame the same
 ======= ================================================ =========================================
 
@@ -29,13 +27,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from driftplan.arrays import Floats
-from driftplan.errors import TrajectoryError
+from driftplan.arrays import Complexes, Floats
+from driftplan.errors import TrajectoryError, naming
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.world.log_order import in_order, seconds
 from driftplan.world.log_plausibility import misread
@@ -134,26 +133,20 @@ def read_odometry(
                 "turn rate): say which by kind"
             )
         columns = _NAMELESS_STEPS[kind]
-    try:
+    with naming(file, TrajectoryError):
         found, notes = _recording(file, table, columns, rate_hz)
-        if kind is None:
-            kind = _kind_of(file, table, found)
-        if kind == "increments":
-            _need(file, found, "distance", "turn")
-            return OdometryLog.from_increments(found["distance"], found["turn"], found.get("time"), notes=notes)
-        if kind == "velocities":
-            _need(file, found, "time", "speed", "turn_rate")
-            return OdometryLog.from_velocities(found["time"], found["speed"], found["turn_rate"], notes=notes)
-        truth = _trajectory(file, found, notes)
-        if truth.heading is None:
-            raise TrajectoryError(
-                f"{file}: expected poses with a heading (heading, or qx qy qz qw), got {sorted(found)}"
-            )
-        return OdometryLog.from_poses(np.column_stack([truth.xy, truth.heading]), truth.times, notes=notes)
-    except TrajectoryError:
-        raise
-    except ValueError as err:
-        raise TrajectoryError(f"{file}: {err}") from err
+        kind = kind or _kind_of(table, found)
+        if kind == "poses":
+            truth = _trajectory(found, ())
+            if truth.heading is None:
+                raise ValueError(f"expected poses with a heading (heading, or qx qy qz qw), got {sorted(found)}")
+            log = OdometryLog.from_poses(np.column_stack([truth.xy, truth.heading]), truth.times)
+        elif kind == "increments":
+            distances, turns = _needed(found, "distance", "turn")
+            log = OdometryLog.from_increments(distances, turns, found.get("time"))
+        else:
+            log = OdometryLog.from_velocities(*_needed(found, "time", "speed", "turn_rate"))
+        return replace(log, notes=notes)
 
 
 def read_truth(
@@ -163,22 +156,27 @@ def read_truth(
     variable: str | None = None,
     rate_hz: float = 10.0,
 ) -> Trajectory:
-    """Timed true positions, with headings if the file has any.
+    """Where a robot was: times, planar positions and, if the file has any, headings.
 
     Parameters and errors are those of `read_odometry`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "truth.csv")
+    ...     _ = file.write_text("time,x,y,heading\\n0,0,0,0\\n1,2,0,0\\n2,2,2,1.57\\n")
+    ...     read_truth(file).xy.tolist()
+    [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]]
     """
     file = Path(path)
-    try:
-        return _trajectory(file, *_recording(file, read_table(file, variable, recording=True), columns, rate_hz))
-    except TrajectoryError:
-        raise
-    except ValueError as err:
-        raise TrajectoryError(f"{file}: {err}") from err
+    with naming(file, TrajectoryError):
+        return _trajectory(*_recording(file, read_table(file, variable, recording=True), columns, rate_hz))
 
 
 def _recording(file: Path, table: Table, columns: Sequence[str] | None, rate_hz: float) -> _Recording:
     """The columns that the caller, the file or their number name."""
-    table = _with_names(file, table, columns, rate_hz)
+    table = _with_names(table, columns, rate_hz)
     where = columns_of(table.names or (), _ALIASES)
     found = {name: table.values[:, k] * unit_size(file, table, k) for name, k in where.items()}
     notes = list(table.notes)
@@ -188,38 +186,35 @@ def _recording(file: Path, table: Table, columns: Sequence[str] | None, rate_hz:
         found["time"], said = seconds(found["time"])
         notes += [said] if said else []
     if "time" in found:
-        try:
-            order, more = in_order(found["time"])
-        except ValueError as err:
-            raise TrajectoryError(f"{file}: {err}") from err
+        order, more = in_order(found["time"])
         found = {name: values[order] for name, values in found.items()}
         notes += more
-    _check_headings(file, found)
+    _check_headings(found)
     return _Recording(found, tuple(f"{file.name}: {note}" for note in notes))
 
 
-def _with_names(file: Path, table: Table, columns: Sequence[str] | None, rate_hz: float) -> Table:
+def _with_names(table: Table, columns: Sequence[str] | None, rate_hz: float) -> Table:
     """The table with a name for every column; for KITTI's matrices, with columns that have names."""
     width = table.values.shape[1]
     if columns is not None:
         if len(columns) != width:
-            raise TrajectoryError(f"{file}: expected {len(columns)} columns, {' '.join(columns)}, got {width}")
+            raise ValueError(f"expected {len(columns)} columns, {' '.join(columns)}, got {width}")
         pairs = [name_and_unit(column) for column in columns]
         return table._replace(names=tuple(name for name, _ in pairs), units=tuple(unit for _, unit in pairs))
     if table.names is not None and columns_of(table.names, _ALIASES):
         return table
     if table.names is None and width in (_KITTI_COLUMNS, _KITTI_COLUMNS + 1):
-        return _kitti(file, table, rate_hz)
+        return _kitti(table, rate_hz)
     names = _ROS2_ECHO.get((width + len(table.text), table.text)) or _NAMELESS.get(width)
     if names is None:
         known = "3, 4, 8 (TUM), 12 or 13 (KITTI)"
         called = f" named {' '.join(table.names)}" if table.names else ""
-        raise TrajectoryError(f"{file}: {width} columns{called} do not say what they are (known: {known}): name them")
+        raise ValueError(f"{width} columns{called} do not say what they are (known: {known}): name them")
     rest = tuple(f"unnamed_{k}" for k in range(width - len(names)))
     return table._replace(names=(*names, *rest), units=None)
 
 
-def _kind_of(file: Path, table: Table, found: Mapping[str, Floats]) -> Kind:
+def _kind_of(table: Table, found: Mapping[str, Floats]) -> Kind:
     """What the columns' names say; poses and commands side by side say nothing, but in a ROS message."""
     held: list[Kind] = []
     if {"distance", "turn"} <= found.keys():
@@ -230,75 +225,67 @@ def _kind_of(file: Path, table: Table, found: Mapping[str, Floats]) -> Kind:
         held.append("poses")
     message = any("pose_pose" in name for name in table.names or ())
     if len(held) > 1 and not (message and "poses" in held):
-        raise TrajectoryError(f"{file}: holds {' and '.join(held)}: say by kind which of them the odometry is")
+        raise ValueError(f"holds {' and '.join(held)}: say by kind which of them the odometry is")
     return "poses" if not held or message else held[0]
 
 
-def _trajectory(file: Path, found: Mapping[str, Floats], notes: tuple[str, ...]) -> Trajectory:
-    _need(file, found, "time", "x", "y")
-    return Trajectory(found["time"], np.column_stack([found["x"], found["y"]]), _heading(file, found), notes=notes)
+def _trajectory(found: Mapping[str, Floats], notes: tuple[str, ...]) -> Trajectory:
+    times, x, y = _needed(found, "time", "x", "y")
+    return Trajectory(times, np.column_stack([x, y]), _heading(found), notes=notes)
 
 
-def _check_headings(file: Path, found: Mapping[str, Floats]) -> None:
+def _check_headings(found: Mapping[str, Floats]) -> None:
     """Refuse poses whose headings belong to the way driven by another reading of the columns only."""
     if not {"x", "y"} <= found.keys():
         return
-    heading = _heading(file, found)
+    heading = _heading(found)
     if heading is None:
         return
-    x, y = found["x"], found["y"]
-    readings: dict[str, tuple[Floats, Floats | None]] = {
-        "headings in degrees, heading[deg],": (np.column_stack([x, y]), np.radians(heading)),
-        "clockwise headings": (np.column_stack([x, y]), -heading),
-        "x and y the other way round, y to the right of x,": (np.column_stack([y, x]), heading),
-        "headings from the y axis, clockwise,": (np.column_stack([x, y]), np.pi / 2 - heading),
+    z = found["x"] + 1j * found["y"]
+    readings: dict[str, tuple[Complexes, Floats | None]] = {
+        "headings in degrees, heading[deg],": (z, np.radians(heading)),
+        "clockwise headings": (z, -heading),
+        "x and y the other way round, y to the right of x,": (1j * np.conj(z), heading),
+        "headings from the y axis, clockwise,": (z, np.pi / 2 - heading),
     }
     if found.keys() >= set(_QUATERNION):
-        qx, qy, qz, qw = (found[name] for name in _QUATERNION)
-        w_first = dict(zip(_QUATERNION, (qy, qz, qw, qx), strict=True))
-        readings["w first, qw qx qy qz,"] = (np.column_stack([x, y]), _heading(file, w_first))
-    other = misread(np.column_stack([x, y]), heading, readings)
+        w_last = [found[name] for name in _QUATERNION]
+        readings["w first, qw qx qy qz,"] = (z, _heading(dict(zip(_QUATERNION, w_last[1:] + w_last[:1], strict=True))))
+    other = misread(z, heading, readings)
     if other:
-        raise TrajectoryError(f"{file}: the headings do not follow the way driven; {other} would fit: name the columns")
+        raise ValueError(f"the headings do not follow the way driven; {other} would fit: name the columns")
 
 
-def _need(file: Path, found: Mapping[str, Floats], *names: str) -> None:
-    missing = [name for name in names if name not in found]
-    if missing:
-        raise TrajectoryError(f"{file}: expected columns {' '.join(names)}, found {' '.join(found) or 'none of them'}")
+def _needed(found: Mapping[str, Floats], *names: str) -> list[Floats]:
+    if not set(names) <= found.keys():
+        raise ValueError(f"expected columns {' '.join(names)}, found {' '.join(found) or 'none of them'}")
+    return [found[name] for name in names]
 
 
-def _heading(file: Path, found: Mapping[str, Floats]) -> Floats | None:
+def _heading(found: Mapping[str, Floats]) -> Floats | None:
     if "heading" in found:
         return found["heading"]
     parts = [found[name] for name in ("qx", "qy", "qz", "qw") if name in found]
     if not parts:
         return None
     if len(parts) < 4:
-        raise TrajectoryError(f"{file}: expected all of qx qy qz qw, found {len(parts)} of them")
+        raise ValueError(f"expected all of qx qy qz qw, found {len(parts)} of them")
+    from scipy.spatial.transform import Rotation
+
     q = np.stack(parts)
     norm = np.linalg.norm(q, axis=0)
     if (np.abs(norm - 1) > 0.05).any():
         worst = int(np.argmax(np.abs(norm - 1)))
-        raise TrajectoryError(
-            f"{file}: expected unit quaternions, got one of length {norm[worst]:.4g} in row {worst + 1}"
-        )
-    x, y, z, w = q / norm
+        raise ValueError(f"expected unit quaternions, got one of length {norm[worst]:.4g} in row {worst + 1}")
     # the body axes in the world, x and y components
-    axes = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y + z * w)],
-            [2 * (x * y - z * w), 1 - 2 * (x * x + z * z)],
-            [2 * (x * z + y * w), 2 * (y * z - x * w)],
-        ]
-    )
+    axes = Rotation.from_quat(q.T).as_matrix()[:, :2].T
     level = np.hypot(axes[:, 0], axes[:, 1]).mean(axis=-1)
     # heading is the azimuth of the x axis, unless the robot carries it upright: then of the next one that is level
     axis = int(np.argmax(level > _LEVEL)) if (level > _LEVEL).any() else int(np.argmax(level))
     return np.asarray(np.unwrap(np.arctan2(axes[axis, 1], axes[axis, 0])))
 
 
-def _kitti(file: Path, table: Table, rate_hz: float) -> Table:
+def _kitti(table: Table, rate_hz: float) -> Table:
     """Times, x-y and heading: forward is the camera's z, left its -x."""
     if not rate_hz > 0:
         raise ValueError(f"expected rate_hz > 0, got {rate_hz!r}")
@@ -310,8 +297,8 @@ def _kitti(file: Path, table: Table, rate_hz: float) -> Table:
     pose = rows[:, -_KITTI_COLUMNS:].reshape(-1, 3, 4)
     right, down, ahead = np.ptp(pose[:, :, 3], axis=0)
     if ahead < _FLAT * down and right > 0:
-        raise TrajectoryError(
-            f"{file}: expected KITTI's matrices in the frame of its camera (z ahead, x to the right), got a drive of "
+        raise ValueError(
+            f"expected KITTI's matrices in the frame of its camera (z ahead, x to the right), got a drive of "
             f"{right:.3g} m along x and {down:.3g} m along y, {ahead:.3g} m along z: that is a frame with z upwards, "
             "as a lidar's or a robot's; write time, x, y, heading instead"
         )

@@ -17,7 +17,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from driftplan.errors import MapError
+from driftplan.errors import MapError, naming
 from driftplan.world.cell_pictures import CellPicture, number, read_header, read_pixels
 from driftplan.world.cells import cells_of_outline, outline_of_cells
 from driftplan.world.world import World
@@ -41,10 +41,8 @@ def read_ros_map(path: Path, *, robot_radius: float, unknown_is_free: bool) -> W
     header = _read_header(path)
     picture, states = header.picture, _read_states(header, path)
     occupied = states == _OCCUPIED if unknown_is_free else states != _FREE
-    try:
+    with naming(picture.image, MapError):
         obstacles, bounds = outline_of_cells(occupied, cell_size_m=picture.resolution, origin=picture.origin)
-    except ValueError as err:
-        raise MapError(f"{picture.image}: {err}") from err
     return World(obstacles=obstacles, bounds=bounds, robot_radius=robot_radius)
 
 

@@ -9,40 +9,13 @@ import numpy as np
 
 from driftplan.arrays import Complexes, Floats
 from driftplan.errors import TrajectoryError
-from driftplan.model.calibration.recordings import Trajectory
 from driftplan.world.log_tables import named, read_table
 from driftplan.world.odometry_logs import read_truth
 
 _PATH_COLUMNS = {"x": ("x_m",), "y": ("y_m",), "heading": ("heading_rad", "yaw", "yaw_rad", "theta")}
 
 
-def read_trajectory(path: str | os.PathLike[str], *, rate_hz: float = 10.0) -> Trajectory:
-    """Where a robot was: times, planar positions and, if the file has any, headings.
-
-    Parameters
-    ----------
-    path :
-        TUM (``time x y z qx qy qz qw``), KITTI (the 12 numbers of a pose matrix), or a table whose header names the
-        columns (``time, x, y`` and ``heading`` in radians or ``qx, qy, qz, qw``); gzipped if it ends in ``.gz``.
-        The plane is x-y. A KITTI camera looks along z with x to its right and drives in the x-z plane; its x becomes
-        -y and its z becomes x, so that x is forward and y left of the first pose (REP-103).
-    rate_hz : poses per second of a KITTI file, which has no times
-
-    Raises
-    ------
-    TrajectoryError
-        If the file cannot be read: the message names it, and the line.
-
-    Examples
-    --------
-    >>> import os, tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder, "truth.csv")
-    ...     _ = file.write_text("time,x,y,heading\\n0,0,0,0\\n1,2,0,0\\n2,2,2,1.57\\n")
-    ...     read_trajectory(file).xy.tolist()
-    [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]]
-    """
-    return read_truth(path, rate_hz=rate_hz)
+read_trajectory = read_truth  # a trajectory is what the truth of a calibration is
 
 
 def read_path(path: str | os.PathLike[str]) -> Floats:
@@ -56,8 +29,8 @@ def read_path(path: str | os.PathLike[str]) -> Floats:
 
     Raises
     ------
-    TrajectoryError
-        If the file cannot be read, has other columns or fewer than 2 waypoints: the message names it, and the line.
+    TrajectoryError : if the file cannot be read, has other columns or fewer than 2 waypoints: the message names it, and
+        the line
 
     Examples
     --------

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely import MultiPolygon, Polygon
 
-from driftplan.arrays import Bools, Floats, Ints, bounds_of, point_of, points_of
+from driftplan.arrays import Bools, Floats, Ints, bounds_of, not_negative, point_of, points_of, positive
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.inflation import Inflation
 from driftplan.world.prepared_area import PreparedArea
@@ -42,15 +41,13 @@ class World:
     ----------
     obstacles : shapely MultiPolygon
         Walls as drawn, not inflated.
-    bounds : (xmin, ymin, xmax, ymax)
-        The map's extent in metres. The outside is an obstacle to driving, not to seeing.
+    bounds : (xmin, ymin, xmax, ymax), the map's extent in metres. The outside is an obstacle to driving, not to seeing.
     robot_radius : metres, >= 0
     zones : where zones overlap, the later one holds
 
     Raises
     ------
-    ValueError
-        If the bounds are empty, the radius is negative, a polygon is invalid, or anything is not finite.
+    ValueError : if the bounds are empty, the radius is negative, a polygon is invalid, or anything is not finite
 
     Examples
     --------
@@ -68,9 +65,7 @@ class World:
 
     def __post_init__(self) -> None:
         parts = shapely.get_parts(polygon_of("obstacles", self.obstacles)) if not self.obstacles.is_empty else []
-        radius = float(self.robot_radius)
-        if not (isfinite(radius) and radius >= 0):
-            raise ValueError(f"expected robot_radius finite and >= 0 m, got {self.robot_radius!r}")
+        radius = not_negative("robot_radius", self.robot_radius)
         zones = tuple(self.zones)
         for zone in zones:
             if not isinstance(zone, Zone):
@@ -168,8 +163,7 @@ class World:
 
         Raises
         ------
-        ValueError
-            If no place of the map is free for this robot.
+        ValueError : if no place of the map is free for this robot
         """
         x, y = point_of("xy", xy)
         if self.point_free(x, y):
@@ -203,9 +197,7 @@ class World:
         >>> corners.shape, corners.min(axis=0).round(2).tolist()
         ((16, 2), [3.46, 3.46])
         """
-        tolerance = max(self.robot_radius / 20, 1e-5) if tolerance_m is None else float(tolerance_m)
-        if not (isfinite(tolerance) and tolerance > 0):
-            raise ValueError(f"expected tolerance_m finite and > 0 m, got {tolerance_m!r}")
+        tolerance = max(self.robot_radius / 20, 1e-5) if tolerance_m is None else positive("tolerance_m", tolerance_m)
         if tolerance not in self._corners:
             self._corners[tolerance] = self._found_corners(tolerance)
         return self._corners[tolerance].copy()

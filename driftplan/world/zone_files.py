@@ -19,7 +19,7 @@ import os
 from pathlib import Path
 from reprlib import repr as short
 
-from driftplan.errors import MapError
+from driftplan.errors import MapError, naming
 from driftplan.world.cell_pictures import read_header, read_pixels
 from driftplan.world.cells import area_of_cells
 from driftplan.world.geojson_map import read_geojson_map, zone_noise
@@ -37,8 +37,7 @@ def load_zones(path: str | os.PathLike[str]) -> tuple[Zone, ...]:
 
     Raises
     ------
-    MapError
-        If the file is missing, broken or without zones, or names a grey that its picture does not have.
+    MapError : if the file is missing, broken or without zones, or names a grey that its picture does not have
 
     Examples
     --------
@@ -48,7 +47,7 @@ def load_zones(path: str | os.PathLike[str]) -> tuple[Zone, ...]:
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    try:
+    with naming(path, MapError):
         if suffix in (".geojson", ".json"):
             zones = read_geojson_map(path, robot_radius=0.0).zones
         elif suffix in (".yaml", ".yml"):
@@ -57,8 +56,6 @@ def load_zones(path: str | os.PathLike[str]) -> tuple[Zone, ...]:
             raise MapError(
                 f"{path}: expected zones in a .geojson, .json, .yaml or .yml file, got {suffix or 'no suffix'}"
             )
-    except OSError as err:
-        raise MapError(f"{path}: cannot be read: {err.strerror or err}") from err
     if not zones:
         raise MapError(f"{path}: expected at least one zone, got none")
     return zones
@@ -80,9 +77,7 @@ def _read_raster(path: Path) -> tuple[Zone, ...]:
         chosen = pixels == grey
         if not chosen.any():
             raise MapError(f"{where}: no pixel of {picture.image.name} has this value")
-        try:
+        with naming(picture.image, MapError):
             area = area_of_cells(chosen, cell_size_m=picture.resolution, origin=picture.origin)
-        except ValueError as err:
-            raise MapError(f"{picture.image}: {err}") from err
         zones.append(Zone(area, zone_noise(where, noise)))
     return tuple(zones)

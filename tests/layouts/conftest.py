@@ -1,6 +1,6 @@
 """Small placement instances, and what brute force says about each of their layouts."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
 
@@ -21,6 +21,16 @@ COMPASS = BeaconKind.heading(2.0, 0.02)
 SHY_TAG = BeaconKind.rfid(2.0, 0.1, detection_probability=0.8)
 SHY_SIGN = BeaconKind.landmark(2.0, 0.1, 0.05, detection_probability=0.7, line_of_sight=False)
 
+RANGES = BeaconKind.range_only(4.0, 0.1, std_per_m=0.02)
+SHY_RANGES = BeaconKind.range_only(3.0, 0.05, detection_probability=0.8)
+LIGHT = BeaconKind.bearing(3.0, 0.03, line_of_sight=False, sensor_view_deg=200.0)
+SHELF_TAG = replace(TAG, view_angle_deg=120.0)
+
+FUSED_KINDS = {
+    "ranges": (RANGES, SHY_RANGES),
+    "lights": (LIGHT, TAG),
+    "seen from in front": (SHELF_TAG, replace(FINE, view_angle_deg=180.0), RANGES),
+}
 KINDS = {
     "tags": (TAG,),
     "perfect": (PERFECT,),
@@ -126,7 +136,9 @@ def random_instance(seed: int, kinds, *, sites=(4, 7), existing=False, groups=Fa
         path = paths[rng.integers(len(paths))]
         k = rng.integers(len(path) - 1)
         xy = path[k] + rng.random() * (path[k + 1] - path[k]) + rng.normal(0, 0.5, 2)
-        beacons.append(Beacon(kinds[rng.integers(len(kinds))], *xy, id=f"b{len(beacons)}"))
+        kind = kinds[rng.integers(len(kinds))]
+        facing_deg = float(rng.uniform(0, 360)) if kind.view_angle_deg < 360 else None
+        beacons.append(Beacon(kind, *xy, id=f"b{len(beacons)}", facing_deg=facing_deg))
     n = len(beacons)
     cost = rng.integers(1, 4, n).astype(float) if rng.random() < 0.5 else np.ones(n)
     redundancy = int(rng.integers(1, 4)) if rng.random() < 0.4 else 1
@@ -148,7 +160,9 @@ def two_hundred():
 
 def instance_of(name, seed, *, sites=(4, 7)) -> Instance:
     """One of the 200, or one more like them."""
-    return random_instance(seed, KINDS[name], sites=sites, existing=seed % 3 == 0, groups=seed % 4 == 0)
+    return random_instance(
+        seed, {**KINDS, **FUSED_KINDS}[name], sites=sites, existing=seed % 3 == 0, groups=seed % 4 == 0
+    )
 
 
 @pytest.fixture

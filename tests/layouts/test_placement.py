@@ -23,6 +23,7 @@ from driftplan.model.simulation import simulate_drift
 from driftplan.model.worst import worst_rms
 
 NAMES = ["tags", "perfect", "coarse", "two full", "mixed", "with compass", "unsure", "everything"]
+FUSED_NAMES = ["ranges", "lights", "seen from in front"]
 NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
 TAG = BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
 SIGN = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01, line_of_sight=False)
@@ -82,6 +83,12 @@ def check_against_brute_force(instance, allowed=lambda subset: True, **options):
 @pytest.mark.parametrize("seed", [200, 201])
 def test_the_optimum_is_that_of_brute_force(name, seed, estimator, one_of_them):
     check_against_brute_force(replace(one_of_them(name, seed, sites=(4, 5)), estimator=estimator))
+
+
+@pytest.mark.parametrize("name", FUSED_NAMES)
+@pytest.mark.parametrize("seed", [200, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(201, 221))])
+def test_with_readings_only_for_a_filter_the_optimum_is_that_of_brute_force(name, seed, one_of_them):
+    check_against_brute_force(replace(one_of_them(name, seed), estimator="filter"))
 
 
 @pytest.mark.slow

@@ -13,7 +13,6 @@ from driftplan import Beacon, BeaconKind, Fix, OdometryNoise, Run, drift_with_be
 from driftplan.model import filter_state
 from driftplan.model.covariance import path_legs
 from driftplan.model.filter_state import FilterState, position_rows
-from driftplan.model.noise import SystematicSpread
 from driftplan.model.paths import read_path
 from driftplan.model.worst import worst_rms
 
@@ -22,7 +21,7 @@ NOISE = OdometryNoise(
 )
 PATH = [(0, 0), (14, 0), (14, 9), (2, 9), (2, 2)]
 TAGS = [Fix.position(s, position_std_m=0.1) for s in (6.0, 14.0, 21.5, 30.0)]
-SPREAD = SystematicSpread(heading_bias_per_m=0.002, distance_scale_error=0.01)
+SPREAD = replace(NOISE, heading_bias_std_per_m=0.002, distance_scale_std=0.01)
 BIASED = replace(NOISE, heading_bias_per_m=0.01, distance_scale_error=-0.02, heading_bias_per_rad=0.01)
 
 
@@ -52,7 +51,7 @@ def test_with_little_noise_and_no_fixes_it_is_the_exact_drift():
     np.testing.assert_allclose(linear.at([2.0, 7.0]).moments.a, exact.at([2.0, 7.0]).moments.a, atol=1e-11)
 
 
-@pytest.mark.parametrize("options", [{}, {"noise": BIASED}, {"spread": SPREAD}], ids=["white", "biased", "spread"])
+@pytest.mark.parametrize("options", [{}, {"noise": BIASED}, {"noise": SPREAD}], ids=["white", "biased", "spread"])
 def test_everywhere_it_is_as_if_the_path_ended_there(options):
     drift = filtered(**options)
     for s in (3.0, 8.5, 14.0, 17.0, 26.0, 34.0):
@@ -89,7 +88,7 @@ def test_the_greatest_drift_is_that_of_a_dense_look(seed):
     path = np.cumsum(rng.normal(size=(5, 2)) * 6, axis=0)
     length = np.hypot(*np.diff(path, axis=0).T).sum()
     fixes = [Fix.position(s, position_std_m=0.1) for s in rng.uniform(0, length, 3)]
-    options = [{}, {"noise": BIASED}, {"spread": SystematicSpread(heading_bias_per_m=0.05, distance_scale_error=0.1)}]
+    options = [{}, {"noise": BIASED}, {"noise": replace(NOISE, heading_bias_std_per_m=0.05, distance_scale_std=0.1)}]
     drift = filtered(path, **{"fixes": fixes, **options[rng.integers(3)]})
     dense = drift.profile(length / 3000).rms.max()
     assert dense <= worst_rms(drift) * (1 + 1e-9)
@@ -129,11 +128,9 @@ def test_ranges_and_bearings_alone_keep_a_robot_found():
     assert filtered(fixes=[*ranges, *bearings]).end.rms < min(filtered(fixes=f).end.rms for f in (ranges, bearings))
 
 
-def test_ranges_are_refused_without_a_filter_and_so_is_a_spread():
+def test_ranges_are_refused_without_a_filter():
     with pytest.raises(ValueError, match="estimator='filter'"):
         predict_drift(PATH, NOISE, fixes=[Fix.range(5.0, anchor=(1.0, 1.0), range_std_m=0.1)])
-    with pytest.raises(ValueError, match="estimator='filter'"):
-        predict_drift(PATH, NOISE, spread=SPREAD)
     with pytest.raises(ValueError, match="estimator"):
         predict_drift(PATH, NOISE, estimator="kalman")
 
@@ -163,7 +160,7 @@ def test_a_start_known_with_an_error_and_missed_fixes():
     assert chances[0] > chances[1] > chances[2] == pytest.approx(filtered().end.rms)
 
 
-@pytest.mark.parametrize("options", [{}, {"noise": BIASED}, {"spread": SPREAD}], ids=["white", "biased", "spread"])
+@pytest.mark.parametrize("options", [{}, {"noise": BIASED}, {"noise": SPREAD}], ids=["white", "biased", "spread"])
 def test_many_paths_at_once(options):
     paths = np.random.default_rng(4).normal(size=(6, 5, 2)) * 5
     together = filtered(paths, fixes=(), **options)

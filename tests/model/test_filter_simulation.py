@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from driftplan import Fix, OdometryNoise, Run, predict_drift, simulate_drift
-from driftplan.model.noise import NO_SPREAD, SystematicSpread
 
 DRIVES = 4000
 EVERYTHING = OdometryNoise(
@@ -21,8 +20,8 @@ EVERYTHING = OdometryNoise(
 )
 
 
-def predicted_rms(path, noise, fixes, spread=NO_SPREAD):
-    drift = predict_drift(path, noise, fixes=fixes, estimator="filter", spread=spread)
+def predicted_rms(path, noise, fixes):
+    drift = predict_drift(path, noise, fixes=fixes, estimator="filter")
     assert drift.profile().heading_std.max() < 0.1
     return drift.rms
 
@@ -35,9 +34,9 @@ def simulated_rms(path, noise, fixes, **options):
     return rms, square.std(axis=0) / np.sqrt(DRIVES) / np.maximum(2 * rms, 1e-12)
 
 
-def assert_agrees(path, noise, fixes, spread=NO_SPREAD, **options):
-    expected = predicted_rms(path, noise, fixes, spread)
-    rms, error = simulated_rms(path, noise, fixes, spread=spread, **options)
+def assert_agrees(path, noise, fixes, **options):
+    expected = predicted_rms(path, noise, fixes)
+    rms, error = simulated_rms(path, noise, fixes, **options)
     assert (np.abs(rms - expected) <= 0.03 * expected + 4 * error).all(), (rms, expected, error)
 
 
@@ -110,12 +109,12 @@ def test_in_the_step_model():
 
 
 def test_constants_are_estimated_on_the_way():
-    spread = SystematicSpread(heading_bias_per_m=0.003, heading_bias_per_rad=0.01, distance_scale_error=0.02)
+    noise = replace(EVERYTHING, heading_bias_std_per_m=0.003, heading_bias_std_per_rad=0.01, distance_scale_std=0.02)
     path = [(0, 0), (12, 0), (12, 8), (0, 8), (0, 0), (12, 0), (12, 8)]
     fixes = [Fix.position(s, position_std_m=0.05) for s in np.arange(4.0, 60.0, 6.0)]
-    assert_agrees(path, EVERYTHING, fixes, spread)
-    unlearnt = np.sqrt((simulate_drift(path, EVERYTHING, fixes=fixes, spread=spread, runs=2000) ** 2).sum(-1).mean(0))
-    learnt, _ = simulated_rms(path, EVERYTHING, fixes, spread=spread)
+    assert_agrees(path, noise, fixes)
+    unlearnt = np.sqrt((simulate_drift(path, noise, fixes=fixes, runs=2000) ** 2).sum(-1).mean(0))
+    learnt, _ = simulated_rms(path, noise, fixes)
     assert learnt[-1] < 0.7 * unlearnt[-1]
 
 

@@ -95,7 +95,7 @@ def test_what_a_format_cannot_hold_is_refused_and_nothing_is_written(tmp_path):
         save_world(elsewhere, tmp_path / "a.map")
     with pytest.raises(ValueError, match="cell_size_m is for maps made of cells"):
         save_world(ROOM, tmp_path / "a.geojson", cell_size_m=0.1)
-    with pytest.raises(ValueError, match="cell_size_m finite and > 0 m, got -1"):
+    with pytest.raises(ValueError, match="cell_size_m > 0, got -1"):
         save_world(ROOM, tmp_path / "a.yaml", cell_size_m=-1)
     with pytest.raises(ValueError, match="use a larger cell_size_m"):
         save_world(ROOM, tmp_path / "a.yaml", cell_size_m=1e-4)
@@ -130,9 +130,9 @@ def test_options_that_mean_nothing_for_a_format_are_refused(tmp_path):
         load_world(tmp_path / "room.yaml", robot_radius=0.1, cell_size_m=1.0)
     with pytest.raises(ValueError, match="unknown_is_free is for ROS maps: MovingAI maps have no unknown cells"):
         load_world(tmp_path / "room.map", robot_radius=0.1, unknown_is_free=True)
-    with pytest.raises(ValueError, match="cell_size_m finite and > 0 m, got 0"):
+    with pytest.raises(ValueError, match="cell_size_m > 0, got 0"):
         load_world(tmp_path / "room.map", robot_radius=0.1, cell_size_m=0)
-    with pytest.raises(ValueError, match="robot_radius finite and >= 0 m, got -1"):
+    with pytest.raises(ValueError, match="robot_radius >= 0, got -1"):
         load_world(tmp_path / "room.yaml", robot_radius=-1)
 
 

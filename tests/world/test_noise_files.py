@@ -63,11 +63,11 @@ def test_a_fit_is_kept_with_its_intervals(tmp_path):
         ("heading_var_per_m: .nan\n", "expected heading_var_per_m finite"),
         ("- 1\n- 2\n", "expected keys of OdometryNoise"),
         ("", "expected keys of OdometryNoise"),
-        ("a: [1, 2\n", "not readable as YAML"),
-        ("a: !!python/object/apply:os.system ['true']\n", "not readable as YAML"),
-        ("\x00", "not readable as YAML"),
-        ("[" * 2000, "not readable as YAML"),
-        ("# " + "x" * (1 << 20), "more than 1 MB"),
+        ("a: [1, 2\n", "not plain YAML"),
+        ("a: !!python/object/apply:os.system ['true']\n", "not plain YAML"),
+        ("\x00", "not plain YAML"),
+        ("[" * 2000, "not plain YAML"),
+        ("# " + "x" * (1 << 20), "YAML of at most 1048576 bytes"),
     ],
 )
 def test_what_is_no_noise_is_refused_by_name(text, message, tmp_path):
@@ -79,7 +79,7 @@ def test_what_is_no_noise_is_refused_by_name(text, message, tmp_path):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(TrajectoryError, match=r"nowhere\.yaml: No such file"):
+    with pytest.raises(TrajectoryError, match=r"nowhere\.yaml: cannot be read: No such file"):
         load_noise(tmp_path / "nowhere.yaml")
 
 

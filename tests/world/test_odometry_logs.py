@@ -337,8 +337,8 @@ def test_ros_messages_are_read_by_their_field_names_from_whatever_wrote_them(tmp
     ends = [",".join(map(str, row)) for row in pose]
     covariance = ",".join(["0.1"] * 36)
     texts = {
-        "echo.csv": [",".join(echo), *(f"{s},odom,{e},0.6" for s, e in zip(stamps, ends, strict=True))],
-        "juggler.csv": [",".join(juggler), *(f"{t},{e},0.6" for t, e in zip(times, ends, strict=True))],
+        "echo.csv": [echo, *(f"{s},odom,{e},0.6" for s, e in zip(stamps, ends, strict=True))],
+        "juggler.csv": [juggler, *(f"{t},{e},0.6" for t, e in zip(times, ends, strict=True))],
         "split.csv": [split, *(f"{s // 10**9},{s % 10**9},base,{e}" for s, e in zip(stamps, ends, strict=True))],
         "ros2.csv": [
             f"{s // 10**9},{s % 10**9},odom,base,{e},{covariance},0.6,0,0,0,0,0.1,{covariance}"

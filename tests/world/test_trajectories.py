@@ -100,7 +100,7 @@ def test_decimal_commas_are_refused(tmp_path):
 
 
 def test_a_missing_path_and_a_pipe_are_refused(tmp_path):
-    with pytest.raises(TrajectoryError, match=r"gone\.csv: No such file"):
+    with pytest.raises(TrajectoryError, match=r"gone\.csv: cannot be read: No such file"):
         read_path(tmp_path / "gone.csv")
     os.mkfifo(tmp_path / "pipe.csv")
     with pytest.raises(TrajectoryError, match="expected a file of numbers"):

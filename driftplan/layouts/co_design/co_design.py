@@ -94,12 +94,10 @@ def co_design(
 
     Raises
     ------
-    InfeasibleError
-        If a trip cannot be driven within the limit, wherever the beacons are: the message names it, and says why.
-    StartError, GoalError, NoPathError
-        For the same reasons as `driftplan.plan_route`, naming the trip.
-    ValueError
-        For input that makes no sense.
+    InfeasibleError : if a trip cannot be driven within the limit, wherever the beacons are: the message names it, and
+        says why
+    StartError, GoalError, NoPathError : for the same reasons as `driftplan.plan_route`, naming the trip
+    ValueError : for input that makes no sense
 
     Examples
     --------

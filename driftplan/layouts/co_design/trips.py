@@ -50,8 +50,7 @@ def load_trips(path: str | os.PathLike[str]) -> tuple[Trip, ...]:
 
     Raises
     ------
-    TrajectoryError
-        If the file cannot be read, has other columns or no trips: the message names it, and the line.
+    TrajectoryError : if the file cannot be read, has other columns or no trips: the message names it, and the line
 
     Examples
     --------

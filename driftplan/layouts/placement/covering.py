@@ -77,6 +77,7 @@ class Cover:
 
 
 Progress = Callable[[float, float, float], None]  # seconds, cost so far, lower bound
+Separator = Callable[[Floats], Sequence[Cut]]  # cuts that no acceptable layout violates but a fractional one may
 
 
 def cheapest_cover(
@@ -87,6 +88,7 @@ def cheapest_cover(
     caps: Sequence[Cut] = (),
     fixed: Bools | None = None,
     hint: Bools | None = None,
+    separate: Separator | None = None,
     stop_at_first: bool = False,
     time_limit: float = inf,
     progress: Progress | None = None,
@@ -102,6 +104,7 @@ def cheapest_cover(
         Sites that are there anyway.
     hint : bool array (n,)
         A layout to start from.
+    separate : gives cuts that every acceptable layout satisfies and a fractional y, (n,), perhaps not
     stop_at_first : stop at the first acceptable layout (`Outcome.GOOD_ENOUGH`) instead of looking for the cheapest
     time_limit : seconds
     progress : called with seconds, cost of the best layout and lower bound whenever one of them changes
@@ -118,8 +121,7 @@ def cheapest_cover(
     >>> found.chosen.tolist(), found.cost, found.outcome.name
     ([False, True, True], 3.0, 'OPTIMAL')
     """
-    search = _CoverSearch(cost, oracle, demands, caps, fixed, time_limit, progress)
-    return search.run(hint, stop_at_first)
+    return _CoverSearch(cost, oracle, demands, caps, fixed, separate, time_limit, progress).run(hint, stop_at_first)
 
 
 class _CoverSearch:
@@ -130,16 +132,17 @@ class _CoverSearch:
         demands: Sequence[Cut],
         caps: Sequence[Cut],
         fixed: Bools | None,
+        separate: Separator | None,
         time_limit: float,
         progress: Progress | None,
     ):
-        self.cost, self.oracle, self.progress = np.asarray(cost, dtype=float), oracle, progress
+        self.cost, self.oracle = np.asarray(cost, dtype=float), oracle
+        self.separate, self.progress = separate, progress
         self.n = len(self.cost)
         self.fixed = np.zeros(self.n, dtype=bool) if fixed is None else np.asarray(fixed, dtype=bool)
         self.rows, self.caps = CutPool(self.n, demands), CutPool(self.n, caps)
         self.began = time.monotonic()
-        self.deadline = self.began + time_limit
-        self.step = _common_step(self.cost)
+        self.deadline, self.step = self.began + time_limit, _common_step(self.cost)
         self.best: Bools | None = None
         self.best_cost, self.bound = inf, 0.0
         self.rounds = 0
@@ -153,9 +156,9 @@ class _CoverSearch:
     def run(self, hint: Bools | None, stop_at_first: bool) -> Cover:
         if self._impossible():
             return self._result(Outcome.INFEASIBLE)
-        for start in (hint, self.fixed):
-            if start is not None and self.best is None:
-                self._complete(start | self.fixed)
+        self._complete(self.fixed if hint is None else hint | self.fixed)
+        if hint is not None and self.best is None:
+            self._complete(self.fixed)
         if not (self._closed() or self._impossible() or (stop_at_first and self.best is not None)):
             self._tighten()
         while not self._impossible() and not self._closed():
@@ -182,7 +185,7 @@ class _CoverSearch:
                 break
             self._raise_bound(bound - LP_ROOM * max(1.0, abs(bound)))
             best, stale = (bound, 0) if bound > best * 1.001 else (best, stale + 1)
-            if not self.rows.activate(y):
+            if not (self.rows.activate(y) or self._separated(y)):
                 break
         if y is None or self._impossible():
             return
@@ -191,6 +194,12 @@ class _CoverSearch:
         if not self._closed():
             self._confine(self.fixed | (y > EPS), 0.25)
         self.core = self.relaxation.core(y, self.best_cost)
+
+    def _separated(self, y: Floats) -> bool:
+        """Take in cuts that a fractional solution violates, if there are any."""
+        fresh = [] if self.separate is None else self.separate(y)
+        self.rows.add(fresh, active=False)
+        return bool(fresh) and (self.rows.activate(y) or self._separated(y))
 
     def _look_closely(self, core: Bools) -> None:
         """Where the master is too hard: local search, and HiGHS, among the few sites that look best."""
@@ -306,10 +315,8 @@ class _CoverSearch:
         Sites that a fractional solution ``lean`` has more of are preferred.
         """
         chosen = start.copy()
-        if not self.caps.satisfied(chosen):
-            chosen = self.fixed.copy()
-            if not self.caps.satisfied(chosen):
-                return
+        if not self.caps.satisfied(chosen) and not self.caps.satisfied(chosen := self.fixed.copy()):
+            return
         for _ in range(4 * self.n + 100):
             if not self._cover_rows(chosen, lean):
                 return

@@ -6,9 +6,7 @@ the larger M is.
 
 * Known beforehand: from every place of a route, in the best state that all sites can give there, the farthest stretch
   that holds when nothing is read; k sites must be read inside it.
-* Weighted: on a longer stretch, from the best state at its beginning, some sites S keep the limit alone and the others
-  T do not. Whatever keeps it holds one of S or two of T: 2 Σ_S y + Σ_T y >= 2, and k + 1 on the right if k - 1 may be
-  dead.
+* For a fractional layout: on longer stretches, how many sites it takes (`weighted_cuts`).
 * For a layout that fails: of the sites read in the shortest stretch before the failure that fails even from the best
   state, as many are added one by one as leave it failing; the rest is the cut. Then one of the rest is added and the
   search goes on, so that a layout gives several cuts.
@@ -18,17 +16,21 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
 
-from driftplan.arrays import Bools
-from driftplan.layouts.placement.cut_pool import Cut
+from driftplan.arrays import Bools, Floats
+from driftplan.layouts.placement.cut_pool import EPS, Cut
 from driftplan.layouts.placement.fused_routes import NEVER, FusedRoute
+from driftplan.layouts.placement.weighted_cuts import Stretches, WeightedCuts
 from driftplan.model.filter_state import FilterState
 
 _CUTS_PER_ROUTE = 8  # at a time
-_WEIGHTED_STRETCHES = 600  # on all routes together, for which every site is tried alone
+_WEIGHTED_STRETCHES = 1000  # beginnings of stretches, on all routes together
+_PAIRS_AT_ONCE = 200_000  # of sites, that are tried for one fractional layout
+_MISSED = 1e-3  # of 1: what a cut is missed by to be worth making
 _ROUNDING = 1e-9  # relative, of tr P
 
 
@@ -64,24 +66,60 @@ class FusedRequirements:
             for mine, sites, (_, last) in zip(bits, sets, stretches, strict=True):
                 if not any(other != mine and other & mine == other for other in bits):
                     found.append(self._at_least(sites, (r, last)))
-            found += self._weighted(r, stretches[:: 1 + len(stretches) * len(self.routes) // _WEIGHTED_STRETCHES])
         return found
 
-    def _weighted(self, r: int, stretches: Sequence[tuple[int, int]]) -> list[Cut]:
-        """Cuts for stretches, begun as these and longer, on which hardly any site keeps the limit alone."""
-        route, found = self.routes[r], []
-        for first, last in stretches:
-            until = {}
-            for site in self._read_between(route, first, last):
-                if first:
-                    until[site] = route.breach_from(route.best[first - 1], first - 1, {site}, self.most[r])
-                else:
-                    until[site] = route.breach({site}, self.most[r])
-            ends = sorted({border for border in until.values() if border != NEVER})
-            for end in {ends[len(ends) // 2], ends[-1]} if ends else ():
-                here = np.array(sorted(self._read_between(route, first, end)), dtype=np.intp)
-                alone = np.array([until.get(site, last) > end or until.get(site) == NEVER for site in here.tolist()])
-                found.append(Cut(here, 1.0 + alone, self.redundancy + 1.0, (r, end)))
+    @cached_property
+    def _stretches(self) -> list[tuple[WeightedCuts, Stretches]]:
+        """Stretches whose weighted cuts have not been made."""
+        found = []
+        for r, route in enumerate(self.routes):
+            known = route.unread(self.most[r])
+            weighted = WeightedCuts(r, route, self.most[r], self.redundancy)
+            for first, last in known[:: 1 + len(known) * len(self.routes) // _WEIGHTED_STRETCHES]:
+                found.append((weighted, weighted.stretches(first, last)))
+        return found
+
+    def cuts_beyond(self, y: Floats) -> list[Cut]:
+        """Cuts that a fractional layout violates, of failing sets, and weighted ones that it may violate."""
+        failing = (self._failing(r, y) for r in range(len(self.routes)))
+        return [*(cut for cut in failing if cut is not None), *self._weighted(y)]
+
+    def _failing(self, r: int, y: Floats) -> Cut | None:
+        """A cut of the largest set that fails of the sites that ``y`` has most of, on a route, if ``y`` violates it."""
+        route = self.routes[r]
+        some = sorted((site for site in route.sites if y[site] > EPS), key=lambda site: -y[site])
+        low, high = 0, len(some) + 1  # of these the first ``low`` fail, ``high`` not
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if self._fails(r, some[:middle]) else (low, middle)
+        if low == 0 and not self._fails(r, []):
+            return None
+        border = self._breach(r, frozenset(some[:low]))
+        cut = self._at_least(self._outside(r, set(some[:low]), border), (r, border))
+        return cut if y[cut.columns].sum() < cut.least - _MISSED else None
+
+    def _fails(self, r: int, alive: Sequence[int]) -> bool:
+        return self._breach(r, frozenset(alive)) != NEVER
+
+    def _weighted(self, y: Floats) -> list[Cut]:
+        """Weighted cuts on stretches for which ``y`` may be least enough, the worst of every route before others."""
+        sums = [stretches.least(y) for _, stretches in self._stretches]
+        ranks: dict[int, int] = {}
+        order = []
+        for k in np.argsort(sums, kind="stable").tolist():
+            if sums[k] < 1 - _MISSED:
+                r = self._stretches[k][0].r
+                ranks[r] = ranks.get(r, -1) + 1
+                order.append((ranks[r], sums[k], k))
+        work, taken, found = 0, set(), []
+        for _, _, k in sorted(order):
+            weighted, stretches = self._stretches[k]
+            found += weighted.of(stretches)
+            taken.add(k)
+            work += len(stretches.sites) ** 2
+            if work > _PAIRS_AT_ONCE:
+                break
+        self._stretches = [stretches for k, stretches in enumerate(self._stretches) if k not in taken]
         return found
 
     def cuts(self, chosen: Bools, near: int | None = None) -> list[Cut]:

@@ -68,7 +68,7 @@ class FusedRoute:
         return len(self.readings) - 1
 
     @cached_property
-    def _lever(self) -> Floats:
+    def lever(self) -> Floats:
         """Transition of position by heading from the start to every border, (m + 1, 2)."""
         return np.concatenate([np.zeros((1, 2)), np.cumsum(self.legs.A[:, :2, 2], axis=0)])
 
@@ -82,12 +82,17 @@ class FusedRoute:
         return [*found, state.P]
 
     @cached_property
+    def unaided(self) -> Floats:
+        """The same as upper triangles, (m + 1, 6)."""
+        return np.array(self._unaided)
+
+    @cached_property
     def _unaided_trace(self) -> Floats:
-        return np.array([P[0] + P[3] for P in self._unaided])
+        return np.asarray(self.unaided[:, 0] + self.unaided[:, 3])
 
     @cached_property
     def _levers(self) -> list[tuple[float, float]]:
-        return [(x, y) for x, y in self._lever.tolist()]
+        return [(x, y) for x, y in self.lever.tolist()]
 
     def driven(self, state: FilterState, first: int, last: int) -> FilterState:
         """On arrival at border ``last``, from ``state`` after the readings at ``first``, with none in between.
@@ -152,7 +157,7 @@ class FusedRoute:
     def _traces(self, state: FilterState, first: int, last: int) -> Floats:
         """tr P at the borders after ``first`` up to ``last`` when nothing is read between, (last - first,)."""
         Dxx, Dxt, Dyy, Dyt, Dtt = (state.P[k] - self._unaided[first][k] for k in (0, 2, 3, 4, 5))
-        x, y = (self._lever[first + 1 : last + 1] - self._lever[first]).T
+        x, y = (self.lever[first + 1 : last + 1] - self.lever[first]).T
         turned = 2 * (Dxt * x + Dyt * y) + Dtt * (x * x + y * y)
         return np.asarray(self._unaided_trace[first + 1 : last + 1] + (Dxx + Dyy) + turned)
 

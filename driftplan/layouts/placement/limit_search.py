@@ -78,6 +78,7 @@ class LimitSearch:
             caps=problem.caps if ruled else (),
             fixed=problem.fixed,
             hint=hint,
+            separate=requirements.cuts_beyond if isinstance(requirements, FusedRequirements) else None,
             stop_at_first=stop_at_first,
             time_limit=max(self.deadline - time.monotonic(), 0.01),
             progress=self.progress,

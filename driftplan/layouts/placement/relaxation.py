@@ -34,10 +34,8 @@ class Relaxation:
 
     Attributes
     ----------
-    dearness : (n,)
-        No layout with a site costs less than this.
-    reduced : (n,)
-        Reduced costs in the latest fractional optimum.
+    dearness : (n,), no layout with a site costs less than this
+    reduced : (n,), reduced costs in the latest fractional optimum
     """
 
     def __init__(self, cost: Floats, rows: CutPool, caps: CutPool, fixed: Bools, step: float):

@@ -22,17 +22,12 @@ from driftplan.model.calibration.quasi_likelihood import (
 )
 from driftplan.model.calibration.segment_sets import SegmentSet
 from driftplan.model.calibration.segments import TruthNoise
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import BETWEEN_DRIVES, OdometryNoise
 
 _MOST_LOG = 50.0  # of a mean square over its prediction: beyond, nothing is known, and exp would overflow
 _THREE_ERRORS = 0.00135  # chance of a normal value above three standard deviations
 _BLOCK_SPANS = 2  # length of a bootstrap block, in longest segments
 _BLOCK_STARTS = 8  # blocks begin every 1/8 of their length
-_STD_OF = {
-    "distance_scale_error": "distance_scale_std",
-    "heading_bias_per_m": "heading_bias_std_per_m",
-    "heading_bias_per_rad": "heading_bias_std_per_rad",
-}
 
 
 def bootstrap(segments: SegmentSet, solution: Solution, resamples: int, rng: np.random.Generator) -> tuple[Floats, int]:
@@ -148,20 +143,13 @@ def between_drives(segments: SegmentSet, solution: Solution, std_errors: dict[st
     """Standard deviations, by the names of `OdometryNoise`, by which another drive's systematic errors differ from the
     fitted ones: the fit's own error, and the spread from drive to drive beyond what each drive leaves open. Of one
     drive that spread is unknown, and taken for as large as the fit's own error."""
-    drives = np.unique(segments.drive_of)
-    chosen = [k for k, name in enumerate(solution.names) if name in SYSTEMATIC]
-    own = drive_deviations(segments, solution)
-    found = {}
-    for k, values in zip(chosen, own.T, strict=True):
-        name = solution.names[k]
-        error = std_errors[name] ** 2
-        if drives.size < 2:
-            variance = 2 * error
-        else:
-            spread = float(np.var(values, ddof=1))  # of which each drive's own error is no part of the next drive's
-            variance = max(spread - drives.size * error, 0.0) + max(error, spread / drives.size)
-        found[_STD_OF[name]] = sqrt(variance)
-    return found
+    own, names = drive_deviations(segments, solution), [name for name in solution.names if name in SYSTEMATIC]
+    error = np.array([std_errors[name] for name in names]) ** 2
+    drives, variances = len(own), 2 * error
+    if drives > 1:
+        spread = np.var(own, axis=0, ddof=1)  # of which each drive's own error is no part of the next drive's
+        variances = np.maximum(spread - drives * error, 0.0) + np.maximum(error, spread / drives)
+    return {BETWEEN_DRIVES[name]: sqrt(variance) for name, variance in zip(names, variances.tolist(), strict=True)}
 
 
 def _widened(blocks: int) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import degrees, sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -136,7 +136,7 @@ class NoiseFit:
         there = elsewhere(segments, self._solution)
         spread = rms_spread(segments, there, self._replicates, self.confidence, segments.position)
         noise, truth = models(there.names, there.theta)
-        return checked(segments, _varying(noise, self.between_drives), truth, None, spread)
+        return checked(segments, _varying(noise, self.between_drives), truth, spread)
 
     def __str__(self) -> str:
         names, intervals = list(self.intervals), self.intervals.values()
@@ -260,11 +260,8 @@ def fit_noise(
             f"expected drives with at least as many segments as there are rates to fit, {len(names)}, got "
             f"{len(segments.values)}: record longer drives, or fit fewer parameters"
         )
-    solution, notes = _solved(segments, names)
-    replicates, blocks = bootstrap(segments, solution, resamples, np.random.default_rng(seed))
-    error = standard_errors(replicates, blocks)
-    replicates = spread_out(solution, replicates, blocks, confidence)
-    low, high = intervals(solution, replicates, confidence)
+    found, notes = estimated(segments, names, confidence, resamples, seed)
+    solution, replicates, std_errors = found.solution, found.replicates, found.std_errors
     noise, truth = models(solution.names, solution.theta)
     spread = rms_spread(segments, solution, replicates, confidence, segments.position)
     check = judged(check_segments(segments, noise, truth, rms_intervals_m=spread.intervals))
@@ -273,13 +270,11 @@ def fit_noise(
         relative = segment_errors(segments, drives, matches, max_gap_s)
         heading_rms = rms_spread(segments, solution, replicates, confidence, slice(2, 3)).intervals
     faults = fault_notes(segments, solution, check)
-    fitted = [k for k, name in enumerate(solution.names) if name not in TRUTH]
-    std_errors = {solution.names[k]: float(error[k]) for k in fitted}
     between = between_drives(segments, solution, std_errors)
     return NoiseFit(
         noise=_varying(noise, between),
         between_drives=between,
-        intervals={solution.names[k]: (float(low[k]), float(high[k])) for k in fitted},
+        intervals=found.intervals,
         std_errors=std_errors,
         confidence=confidence,
         truth_position_std_m=sqrt(truth.position_var),
@@ -300,12 +295,36 @@ def fit_noise(
             *swap_notes(drives),
             *mounting_notes(matches),
             *reference_notes(segments, truth, check),
-            *drive_notes(segments, solution, error),
+            *drive_notes(segments, solution, std_errors),
             *check.notes,
         ),
         _solution=solution.estimate_only(),
         _replicates=replicates,
     )
+
+
+class Estimated(NamedTuple):
+    """The estimate, its bootstrap `spread_out`, and by the names of the rates what it says of them."""
+
+    solution: Solution
+    replicates: Floats
+    std_errors: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
+
+
+def estimated(
+    segments: SegmentSet, names: tuple[str, ...], confidence: float, resamples: int, seed: int
+) -> tuple[Estimated, list[str]]:
+    """The rates and how well they are known, and what there is to say of those left out."""
+    solution, notes = _solved(segments, names)
+    replicates, blocks = bootstrap(segments, solution, resamples, np.random.default_rng(seed))
+    error = standard_errors(replicates, blocks)
+    replicates = spread_out(solution, replicates, blocks, confidence)
+    low, high = intervals(solution, replicates, confidence)
+    rates = [k for k, name in enumerate(solution.names) if name not in TRUTH]
+    std_errors = {solution.names[k]: float(error[k]) for k in rates}
+    held = {solution.names[k]: (float(low[k]), float(high[k])) for k in rates}
+    return Estimated(solution, replicates, std_errors, held), notes
 
 
 def _varying(noise: OdometryNoise, stds: dict[str, Any]) -> OdometryNoise:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from math import hypot
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +15,7 @@ from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_check import SegmentCheck, check_segments
 from driftplan.model.calibration.segment_sets import SegmentSet, drives_of, segment_set
 from driftplan.model.calibration.segments import TruthNoise
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import BETWEEN_DRIVES, OdometryNoise
 
 Estimate = OdometryLog | ArrayLike
 Truth = Trajectory | ArrayLike
@@ -61,19 +60,16 @@ def checked(
     segments: SegmentSet,
     noise: OdometryNoise,
     truth: TruthNoise,
-    std_errors: Mapping[str, float] | None = None,
     spread: RmsSpread | None = None,
 ) -> SegmentCheck:
-    """The check of a noise, and what it says of systematic errors; for a fitted one within its standard errors."""
+    """The check of a noise, and what it says of systematic errors; for a fit within what it knows."""
     mean, cov = segments.expected(segments.windows(noise), truth)
     values, slopes = systematic_errors(segments, noise.on_drive((0, 0, 0)), truth)
-    between = {"distance_scale_error": noise.distance_scale_std, "heading_bias_per_m": noise.heading_bias_std_per_m}
-    between["heading_bias_per_rad"] = noise.heading_bias_std_per_rad
+    between = {name: getattr(noise, std) for name, std in BETWEEN_DRIVES.items()}
     variances = np.array([between[name] for name in SYSTEMATIC]) ** 2
     cov = cov + np.einsum("nki,k,nkj->nij", slopes, variances, slopes)
     found = check_segments(
         segments, noise, truth, moments=(mean, cov), rms_intervals_m=None if spread is None else spread.intervals
     )
-    errors = {name: hypot((std_errors or {}).get(name, 0.0), std) for name, std in between.items()}
-    shifts = systematic_notes(noise, values, errors)
+    shifts = systematic_notes(noise, values, between)
     return judged(replace(found, notes=tuple(shifts)), None if spread is None else spread.std_errors)

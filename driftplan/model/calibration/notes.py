@@ -93,26 +93,23 @@ def swap_notes(drives: Sequence[tuple[OdometryLog, Trajectory]]) -> list[str]:
     return []
 
 
-def drive_notes(segments: SegmentSet, solution: Solution, error: Floats) -> list[str]:
+def drive_notes(segments: SegmentSet, solution: Solution, std_errors: Mapping[str, float]) -> list[str]:
     """Whether systematic errors differ from drive to drive by more than the fit's standard errors explain."""
     from scipy.special import chdtri
 
-    drives = np.unique(segments.drive_of)
-    if drives.size < 2:
+    own, names = drive_deviations(segments, solution), [name for name in solution.names if name in SYSTEMATIC]
+    drives = len(own)
+    if drives < 2:
         return []
-    systematic = [k for k, name in enumerate(solution.names) if name in SYSTEMATIC]
-    own = drive_deviations(segments, solution)
-    notes = []
-    for k, values in zip(systematic, own.T, strict=True):
-        spread = float(np.std(values, ddof=1))
-        chance = float(error[k]) * sqrt(drives.size)  # standard error of one drive's value
-        if spread**2 * (drives.size - 1) > chance**2 * float(chdtri(drives.size - 1, _CHANCE)):
-            notes.append(
-                f"The drives differ: {solution.names[k]} varies by {spread:.2g} (standard deviation) from one to the "
-                "next, more than chance explains. Another drive or robot may be as far off as that from the fitted "
-                f"{solution.theta[k]:.2g}."
-            )
-    return notes
+    spread = own.std(axis=0, ddof=1)
+    limit = sqrt(drives * float(chdtri(drives - 1, _CHANCE)) / (drives - 1))  # in the standard errors of all drives
+    return [
+        f"The drives differ: {name} varies by {value:.2g} (standard deviation) from one to the next, more than chance "
+        "explains. Another drive or robot may be as far off as that from the fitted "
+        f"{solution.theta[solution.names.index(name)]:.2g}."
+        for name, value in zip(names, spread.tolist(), strict=True)
+        if value > limit * std_errors[name]
+    ]
 
 
 def systematic_notes(
@@ -150,10 +147,15 @@ def judged(check: SegmentCheck, rms_errors_m: Floats | None = None) -> SegmentCh
 def _growth_note(check: SegmentCheck, rms_errors_m: Floats | None) -> str:
     """How the rms grows with length, measured over predicted."""
     rows = check.lengths
-    ratio = np.array([row.measured_rms_m / row.predicted_rms_m for row in rows])
-    error = np.hypot([row.measured_rms_error_m for row in rows], 0.0 if rms_errors_m is None else rms_errors_m)
-    error = error / [row.predicted_rms_m for row in rows]
-    if len(rows) < 2 or not (np.abs(ratio - 1) > np.maximum(check.clear_errors[0] * error, _CLEAR_RATIO)).any():
+    measured, predicted, error = (
+        np.array([getattr(row, name) for row in rows])
+        for name in ("measured_rms_m", "predicted_rms_m", "measured_rms_error_m")
+    )
+    ratio, error = np.maximum(measured, 1e-300) / predicted, error / np.maximum(measured, 1e-300)
+    # as chance was measured, of logarithms: theirs is a mean too low by the error squared, where the square's is right
+    shift = np.abs(np.log(ratio) + error**2)
+    clear = shift > check.clear_errors[0] * np.hypot(error, 0.0 if rms_errors_m is None else rms_errors_m / predicted)
+    if len(rows) < 2 or not (clear & (np.abs(ratio - 1) > _CLEAR_RATIO)).any():
         return ""
     if ratio[-1] > ratio[0] * (1 + _CLEAR_RATIO):
         why = "errors grow faster with length than a random walk's: they are correlated over longer stretches"

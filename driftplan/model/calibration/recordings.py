@@ -48,12 +48,7 @@ class OdometryLog:
 
     @classmethod
     def from_increments(
-        cls,
-        distances_m: ArrayLike,
-        turns_rad: ArrayLike,
-        times_s: ArrayLike | None = None,
-        *,
-        notes: tuple[str, ...] = (),
+        cls, distances_m: ArrayLike, turns_rad: ArrayLike, times_s: ArrayLike | None = None
     ) -> OdometryLog:
         """Distance and turn per step; each step is taken for an arc.
 
@@ -86,16 +81,11 @@ class OdometryLog:
             times = np.concatenate([[times[0] - max(step, 1e-9)], times])
         if times.size != n + 1:
             raise ValueError(f"expected times_s of shape ({n + 1},) or ({n},) for {n} steps, got {times.shape}")
-        return replace(_merged(times, distances * _chord(turns), turns), notes=notes)
+        return _merged(times, distances * _chord(turns), turns)
 
     @classmethod
     def from_velocities(
-        cls,
-        times_s: ArrayLike,
-        speeds_m_per_s: ArrayLike,
-        turn_rates_rad_per_s: ArrayLike,
-        *,
-        notes: tuple[str, ...] = (),
+        cls, times_s: ArrayLike, speeds_m_per_s: ArrayLike, turn_rates_rad_per_s: ArrayLike
     ) -> OdometryLog:
         """Forward speed and turn rate, each held until the next sample.
 
@@ -110,28 +100,19 @@ class OdometryLog:
         array([1., 1.])
         """
         times = _series("times_s", times_s)
-        speeds, rates = (
-            _series(name, x)
-            for name, x in (("speeds_m_per_s", speeds_m_per_s), ("turn_rates_rad_per_s", turn_rates_rad_per_s))
-        )
+        speeds, rates = _series("speeds_m_per_s", speeds_m_per_s), _series("turn_rates_rad_per_s", turn_rates_rad_per_s)
         if not times.shape == speeds.shape == rates.shape or times.size < 2:
             raise ValueError(
                 "expected times_s, speeds_m_per_s and turn_rates_rad_per_s of one shape (n,), n >= 2, got "
                 f"{times.shape}, {speeds.shape} and {rates.shape}"
             )
         keep = _later(times)
-        times, speeds, rates = times[keep], speeds[keep], rates[keep]
-        if times.size < 2:
-            raise ValueError("expected at least 2 different times_s, got one")
-        dt = np.diff(times)
-        turns = rates[:-1] * dt
-        repeated = int(keep.size - keep.sum())
-        return cls(times, speeds[:-1] * dt * _chord(turns), turns, True, repeated, notes=notes)
+        dt, speeds, rates = np.diff(times[keep]), speeds[keep][:-1], rates[keep][:-1]
+        moves = speeds * dt * _chord(rates * dt)
+        return cls(times[keep], moves, rates * dt, holds_velocity=True, repeated=int((~keep).sum()))
 
     @classmethod
-    def from_poses(
-        cls, poses: ArrayLike, times_s: ArrayLike | None = None, *, notes: tuple[str, ...] = ()
-    ) -> OdometryLog:
+    def from_poses(cls, poses: ArrayLike, times_s: ArrayLike | None = None) -> OdometryLog:
         """Poses of a dead reckoner or of a visual odometry, in any frame of its own.
 
         Parameters
@@ -152,19 +133,10 @@ class OdometryLog:
         if times.size != len(array):
             raise ValueError(f"expected times_s of shape ({len(array)},), one per pose, got {times.shape}")
         keep = _later(times)
-        array, times = array[keep], times[keep]
-        if times.size < 2:
-            raise ValueError("expected at least 2 different times_s, got one")
-        moves = np.diff(array[:, 0] + 1j * array[:, 1]) * np.exp(-1j * array[:-1, 2])
-        repeated = int(keep.size - keep.sum())
-        return cls(
-            times,
-            moves,
-            np.asarray(wrap(np.diff(array[:, 2]))),
-            repeated=repeated,
-            notes=notes,
-            start=complex(*array[0, :2]),
-        )
+        x, y, heading = array[keep].T
+        moves = np.diff(x + 1j * y) * np.exp(-1j * heading[:-1])
+        turns = np.asarray(wrap(np.diff(heading)))
+        return cls(times[keep], moves, turns, repeated=int((~keep).sum()), start=complex(x[0], y[0]))
 
     @property
     def headings(self) -> Floats:
@@ -263,8 +235,6 @@ class Trajectory:
                 f"expected xy of shape (n, 2) and times of shape (n,), n >= 2, got {xy.shape} and {times.shape}"
             )
         keep = _later(times)
-        if keep.sum() < 2:
-            raise ValueError("expected at least 2 different times, got one")
         if self.heading is not None:
             heading = _series("heading", self.heading)
             if heading.shape != times.shape:
@@ -272,7 +242,7 @@ class Trajectory:
             object.__setattr__(self, "heading", np.unwrap(heading[keep]))
         object.__setattr__(self, "times", times[keep])
         object.__setattr__(self, "xy", xy[keep])
-        object.__setattr__(self, "repeated", self.repeated + int(keep.size - keep.sum()))
+        object.__setattr__(self, "repeated", self.repeated + int((~keep).sum()))
 
     @property
     def positions(self) -> Complexes:
@@ -304,20 +274,21 @@ def _merged(times: Floats, moves: Complexes, turns: Floats) -> OdometryLog:
     keep = _later(times)
     if keep.all():
         return OdometryLog(times, moves, turns)
-    if keep.sum() < 2:
-        raise ValueError("expected at least 2 different times_s, got one")
     headings = np.concatenate([[0.0], np.cumsum(turns)])
     positions = np.concatenate([[0.0], np.cumsum(moves * np.exp(1j * headings[:-1]))])
     # the last sample of each group of repeated times holds all the motion reported up to that time
     last = np.append(np.flatnonzero(keep)[1:] - 1, len(times) - 1)
     headings, positions = headings[last], positions[last]
     moves = np.diff(positions) * np.exp(-1j * headings[:-1])
-    return OdometryLog(times[keep], moves, np.diff(headings), repeated=int(keep.size - keep.sum()))
+    return OdometryLog(times[keep], moves, np.diff(headings), repeated=int((~keep).sum()))
 
 
 def _later(times: Floats) -> Bools:
-    """Which samples are later than all before them."""
-    return np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
+    """Which samples are later than all before them: at least two."""
+    later = np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
+    if later.sum() < 2:
+        raise ValueError("expected at least 2 different times, got one")
+    return later
 
 
 def _series(name: str, values: object) -> Floats:

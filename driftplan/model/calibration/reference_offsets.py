@@ -26,29 +26,18 @@ def clock_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0)
         return 0.0
     at = np.linspace(first, last, min(int((last - first) / (0.5 * window)), 4000))
     at = at[at + window <= last]
+    turning, counted, true = False, odometry.positions, truth.positions
     if truth.heading is not None:
-        reference = truth.heading
-        said = np.interp(at + window, odometry.times, odometry.headings) - np.interp(
-            at, odometry.times, odometry.headings
-        )
-    else:
-        reference = None
-        positions = odometry.positions
-        said = np.abs(
-            interpolated(at + window, odometry.times, positions) - interpolated(at, odometry.times, positions)
-        )
+        turning, counted, true = True, odometry.headings.astype(complex), truth.heading.astype(complex)
+
+    def gained(begin: Floats, times: Floats, values: Complexes) -> Floats:
+        change = interpolated(begin + window, times, values) - interpolated(begin, times, values)
+        return np.asarray(change.real if turning else np.abs(change))
+
+    said: Floats = gained(at, odometry.times, counted)
 
     def disagreement(offset: float) -> float:
-        if reference is not None:
-            seen = np.interp(at + window + offset, truth.times, reference) - np.interp(
-                at + offset, truth.times, reference
-            )
-        else:
-            seen = np.abs(
-                interpolated(at + window + offset, truth.times, truth.positions)
-                - interpolated(at + offset, truth.times, truth.positions)
-            )
-        difference = said - seen
+        difference = said - gained(at + offset, truth.times, true)
         return float(np.mean(np.abs(difference - np.median(difference))))
 
     unshifted = disagreement(0.0)

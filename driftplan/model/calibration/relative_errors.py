@@ -115,7 +115,7 @@ def relative_errors(
         raise ValueError(f"expected lengths_m > 0, got {lengths_m!r}")
     path = true if pairs == "kitti" else estimated
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path[:, :3, 3], axis=0), axis=1))])
-    rows, translations, rotations = [], [], []
+    rows = []
     for length in lengths.tolist():
         first, last = _kitti_pairs(along, length, step) if pairs == "kitti" else _evo_pairs(along, length)
         if first.size == 0:
@@ -124,58 +124,30 @@ def relative_errors(
         translation = np.linalg.norm(off[:, :3, 3], axis=1)
         cosine = np.clip(0.5 * (np.trace(off[:, :3, :3], axis1=1, axis2=2) - 1), -1.0, 1.0)
         rotation = np.degrees(np.arccos(cosine))
-        translations.append(100 * translation / length)
-        rotations.append(rotation / length)
-        rows.append(
-            RelativeError(
-                length,
-                int(first.size),
-                float(translations[-1].mean()),
-                float(rotations[-1].mean()),
-                float(np.sqrt(np.mean(translation**2))),
-                float(np.sqrt(np.mean(rotation**2))),
-            )
-        )
+        means = 100 * translation.mean() / length, rotation.mean() / length
+        rms = (np.sqrt(np.mean(x**2)) for x in (translation, rotation))
+        rows.append(RelativeError(length, int(first.size), *map(float, (*means, *rms))))
     if not rows:
         raise ValueError(f"expected a path longer than {lengths.min():.4g} m, got {along[-1]:.4g} m")
+    return pooled(rows)
+
+
+def pooled(rows: Sequence[RelativeError]) -> RelativeErrors:
+    """Errors of segments of several drives and lengths, every segment counting the same."""
+    by_length = [[row for row in rows if row.length_m == length] for length in sorted({row.length_m for row in rows})]
+    every = _together(rows)
     return RelativeErrors(
-        lengths=tuple(rows),
-        translation_percent=float(np.concatenate(translations).mean()),
-        rotation_deg_per_m=float(np.concatenate(rotations).mean()),
+        lengths=tuple(map(_together, by_length)),
+        translation_percent=every.translation_percent,
+        rotation_deg_per_m=every.rotation_deg_per_m,
     )
 
 
-def pooled(several: Sequence[RelativeErrors]) -> RelativeErrors:
-    """Errors of several drives together, every segment counting the same.
-
-    Examples
-    --------
-    >>> truth = np.array([(0.0, 0, 0), (5, 0, 0), (11, 0, 0)])
-    >>> both = pooled([relative_errors(truth * scale, truth, [10.0], step=1) for scale in (1.0, [1.1, 1, 1])])
-    >>> both.lengths[0].segments, round(both.translation_percent, 6)
-    (2, 5.5)
-    """
-    rows = [row for errors in several for row in errors.lengths]
-    lengths = []
-    for length in sorted({row.length_m for row in rows}):
-        same = [row for row in rows if row.length_m == length]
-        weight = [row.segments for row in same]
-        lengths.append(
-            RelativeError(
-                length,
-                sum(weight),
-                float(np.average([row.translation_percent for row in same], weights=weight)),
-                float(np.average([row.rotation_deg_per_m for row in same], weights=weight)),
-                float(np.sqrt(np.average([row.translation_rms_m**2 for row in same], weights=weight))),
-                float(np.sqrt(np.average([row.rotation_rms_deg**2 for row in same], weights=weight))),
-            )
-        )
-    weight = [row.segments for row in lengths]
-    return RelativeErrors(
-        lengths=tuple(lengths),
-        translation_percent=float(np.average([row.translation_percent for row in lengths], weights=weight)),
-        rotation_deg_per_m=float(np.average([row.rotation_deg_per_m for row in lengths], weights=weight)),
-    )
+def _together(rows: Sequence[RelativeError]) -> RelativeError:
+    length, count, percent, per_m, rms_m, rms_deg = np.array(rows).T
+    means = (np.average(x, weights=count) for x in (percent, per_m))
+    rms = (np.sqrt(np.average(x**2, weights=count)) for x in (rms_m, rms_deg))
+    return RelativeError(float(length[0]), int(count.sum()), *map(float, (*means, *rms)))
 
 
 def segment_errors(
@@ -187,7 +159,7 @@ def segment_errors(
     """Errors of matched drives at the lengths of their segments; frames are the samples of the sparser recording, not
     the segments' knots. None where no part is long enough."""
     lengths = [length.length_m for length in segments.bins]
-    found = []
+    found: list[RelativeError] = []
     for (odometry, truth), m in zip(drives, matches, strict=True):
         frames = match(
             odometry,
@@ -201,7 +173,7 @@ def segment_errors(
             if part.truth_heading is not None and np.abs(np.diff(part.truth)).sum() > lengths[0]:
                 estimate = np.column_stack([part.estimate.real, part.estimate.imag, part.estimate_heading])
                 true = np.column_stack([part.truth.real, part.truth.imag, part.truth_heading])
-                found.append(relative_errors(estimate, true, lengths, step=_FRAMES // 4))
+                found += relative_errors(estimate, true, lengths, step=_FRAMES // 4).lengths
     return pooled(found) if found else None
 
 

@@ -94,14 +94,7 @@ def repeated(
     """The drive many times over, with Gaussian errors of the odometry as `pieces` has them, and of the truth: estimate
     and truth are (runs, K). ``deviations`` (3, runs) are those of the drives' systematic errors, in their stds."""
     runs = deviations.shape[1]
-    bias_per_m, bias_per_rad, scale = (
-        std * z[:, None]
-        for std, z in zip(
-            (noise.heading_bias_std_per_m, noise.heading_bias_std_per_rad, noise.distance_scale_std),
-            deviations,
-            strict=True,
-        )
-    )
+    bias_per_m, bias_per_rad, scale = np.array(noise.spread)[:, None, None] * deviations[..., None]
     random = _increments(part, noise)
     shape = (runs, len(part.turns))
     halves = np.sqrt(random.heading_var / 2) * rng.standard_normal((2, *shape)) + random.heading_mean / 2

@@ -50,6 +50,7 @@ def simulate_log(
         raise ValueError(f"expected a noise of the continuous model without heading_distance_corr, got {noise!r}")
     step_m, speed_m_per_s = positive("step_m", step_m), positive("speed_m_per_s", speed_m_per_s)
     rng = np.random.default_rng(rng)
+    noise = noise.on_drive(rng.standard_normal(3).tolist()) if noise.varies_between_drives else noise
     runs = read_path(path, start_heading)
     if runs.lengths.ndim != 1:
         raise ValueError(f"expected one path, got a batch of shape {runs.lengths.shape[:-1]}: simulate one by one")

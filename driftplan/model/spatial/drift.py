@@ -84,10 +84,9 @@ def predict_drift_3d(
 
     Parameters
     ----------
-    rotations : (n, 3, 3)
-        True attitude increments, body frame. Matrices orthonormal within 1e-6 are made so to rounding.
-    translations : (n, 3)
-        True displacements, metres, body frame.
+    rotations : (n, 3, 3), true attitude increments, body frame. Matrices orthonormal within 1e-6 are made so to
+        rounding.
+    translations : (n, 3), true displacements, metres, body frame
     rotation_noise : one for all steps, or with a leading axis of length n
     translation_cov : (3, 3) or (n, 3, 3), optional
         Covariance of the displacement error, m², body frame. Default: none.
@@ -104,8 +103,7 @@ def predict_drift_3d(
 
     Raises
     ------
-    ValueError
-        For wrong shapes, values that are not finite, matrices that are no rotations or no covariances.
+    ValueError : for wrong shapes, values that are not finite, matrices that are no rotations or no covariances
 
     Notes
     -----
@@ -145,8 +143,7 @@ def predict_flight_drift(
 
     Parameters
     ----------
-    waypoints : (n, 3)
-        Metres, world frame, n >= 2.
+    waypoints : (n, 3), metres, world frame, n >= 2
     rotation_var_per_m : float or (n - 1,)
         Variance of the attitude error about each axis gained per metre, rad²/m; one for all runs or one per run.
     distance_var_per_m, lateral_var_per_m : float or (n - 1,)
@@ -159,8 +156,7 @@ def predict_flight_drift(
 
     Raises
     ------
-    ValueError
-        For wrong shapes, values that are not finite, negative variances.
+    ValueError : for wrong shapes, values that are not finite, negative variances
 
     Notes
     -----

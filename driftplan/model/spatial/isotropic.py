@@ -48,12 +48,10 @@ class IsotropicMoments(NamedTuple):
 
         Parameters
         ----------
-        z : (..., 3)
-            Displacements, metres.
-        rotation_rate : (...)
-            Variance of the attitude error about each axis per metre, rad²/m.
-        along, across : (...)
-            Variance of the position per metre, m²/m, in the estimated direction of flight and in each across it.
+        z : (..., 3), displacements, metres
+        rotation_rate : (...), variance of the attitude error about each axis per metre, rad²/m
+        along, across : (...), variance of the position per metre, m²/m, in the estimated direction of flight and in
+            each across it
         """
         length = np.linalg.norm(z, axis=-1)
         u = z / np.where(length > 0, length, 1.0)[..., None]

@@ -104,8 +104,7 @@ class RotationNoise:
 
         Raises
         ------
-        ValueError
-            For wrong shapes, values that are not finite, not symmetric or with a negative eigenvalue.
+        ValueError : for wrong shapes, values that are not finite, not symmetric or with a negative eigenvalue
         """
         cov = checked_covariance("cov_rad2", cov_rad2)
         largest = float(np.linalg.eigvalsh(cov).max(initial=0.0))
@@ -151,8 +150,7 @@ class RotationNoise:
 
         Raises
         ------
-        ValueError
-            For an anisotropic law, which has no such numbers.
+        ValueError : for an anisotropic law, which has no such numbers
         """
         if not self.is_isotropic:
             raise ValueError("expected an isotropic law, got anisotropic_gaussian: use mean_offset and square_offset")

@@ -34,13 +34,11 @@ def simulate_drift_3d(
 
     Returns
     -------
-    array, shape (runs, n + 1, 3)
-        e = estimated minus true position, metres, world frame, after every step; zero at the start.
+    (runs, n + 1, 3), e = estimated minus true position, metres, world frame, after every step; zero at the start
 
     Raises
     ------
-    ValueError
-        As `predict_drift_3d`, and for runs < 1.
+    ValueError : as `predict_drift_3d`, and for runs < 1
 
     Examples
     --------

@@ -22,8 +22,7 @@ def flight_steps(waypoints: ArrayLike, step_m: float) -> tuple[Floats, Floats]:
 
     Parameters
     ----------
-    waypoints : (n, 3)
-        Metres, n >= 2. Runs of no length give no step.
+    waypoints : (n, 3), metres, n >= 2. Runs of no length give no step.
     step_m : greatest length of a step, metres
 
     Returns
@@ -33,8 +32,8 @@ def flight_steps(waypoints: ArrayLike, step_m: float) -> tuple[Floats, Floats]:
 
     Raises
     ------
-    ValueError
-        For wrong shapes, values that are not finite, a path of no length, a step so short that memory would not do.
+    ValueError : for wrong shapes, values that are not finite, a path of no length, a step so short that memory would
+        not do
 
     Examples
     --------

@@ -98,8 +98,7 @@ def use_world(si: Any, world: World) -> None:
 
     Raises
     ------
-    ValueError
-        If the space is none of these.
+    ValueError : if the space is none of these
 
     Examples
     --------

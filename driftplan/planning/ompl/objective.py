@@ -56,9 +56,8 @@ class DriftObjective(ob.OptimizationObjective):
 
     Raises
     ------
-    ValueError
-        For a space that cannot be priced, several goal positions or a goal region, a weight that is not >= 0, and a
-        world in three dimensions, which would be a floor plan there.
+    ValueError : for a space that cannot be priced, several goal positions or a goal region, a weight that is not >= 0,
+        and a world in three dimensions, which would be a floor plan there
 
     Examples
     --------
@@ -155,9 +154,8 @@ got [(3.0, 0.0)]: make the DriftObjective for that goal
 
         Raises
         ------
-        ValueError
-            If the cost does not bound the error: with systematic errors, correlated noise, noise per step, or a
-            ``length_weight``.
+        ValueError : if the cost does not bound the error: with systematic errors, correlated noise, noise per step, or
+            a ``length_weight``
         """
         if not (isfinite(rms_m) and rms_m > 0):
             raise ValueError(f"expected a threshold > 0 m, got {rms_m!r}")

@@ -55,9 +55,8 @@ def predict_ompl_path(path: Any, si: Any, noise: OdometryNoise, world: World | N
 
     Raises
     ------
-    ValueError
-        For a path of fewer than 2 states, a space that cannot be priced, and in three dimensions for zones and noise
-        that has no meaning there.
+    ValueError : for a path of fewer than 2 states, a space that cannot be priced, and in three dimensions for zones and
+        noise that has no meaning there
 
     Examples
     --------

@@ -41,10 +41,8 @@ def polish_ompl_path(path: Any, objective: Any, world: World) -> Any:
 
     Raises
     ------
-    PlannerError
-        For other objectives, and a world whose zones are not those of the objective.
-    ValueError
-        For a path of fewer than 2 states, and a space that is not of the plane.
+    PlannerError : for other objectives, and a world whose zones are not those of the objective
+    ValueError : for a path of fewer than 2 states, and a space that is not of the plane
 
     Examples
     --------

@@ -58,8 +58,7 @@ def space_kind(space: Any) -> SpaceKind:
 
     Raises
     ------
-    ValueError
-        For a space whose motions have no closed-form drift here.
+    ValueError : for a space whose motions have no closed-form drift here
 
     Examples
     --------
@@ -152,9 +151,8 @@ def goal_position(goal: Any, kind: SpaceKind) -> tuple[float, ...]:
 
     Raises
     ------
-    ValueError
-        For coordinates that are not finite, several goal positions, and goal regions. Drift is weighed by the distance
-        to the goal, so another goal position is another objective, and no single additive cost fits them all.
+    ValueError : for coordinates that are not finite, several goal positions, and goal regions. Drift is weighed by the
+        distance to the goal, so another goal position is another objective, and no single additive cost fits them all.
     """
     points = goal_points(goal, kind)
     if not points:

@@ -41,12 +41,9 @@ class ItineraryCheck:
 
     Parameters
     ----------
-    redundancy : int
-        2: with any one beacon dead too.
-    min_capture : float
-        Passes that happen less surely than this do not count; 0: all do.
-    estimator : {"reset", "filter"}
-        What the robot does with a reading.
+    redundancy : 2: with any one beacon dead too
+    min_capture : passes that happen less surely than this do not count; 0: all do
+    estimator : what the robot does with a reading
     """
 
     world: World | None

@@ -22,9 +22,8 @@ def error_ellipse(cov: ArrayLike, confidence: float = 0.95) -> tuple[Floats, Flo
 
     Returns
     -------
-    width_m, height_m, angle_deg : arrays, shape (...)
-        Full axes, the longer one first, and the angle from +x to it, counter-clockwise, in degrees, as matplotlib
-        has it.
+    width_m, height_m, angle_deg : (...), full axes, the longer one first, and the angle from +x to it,
+        counter-clockwise, in degrees, as matplotlib has it
 
     Examples
     --------

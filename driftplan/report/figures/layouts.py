@@ -56,10 +56,8 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
     Parameters
     ----------
     layout : Layout
-    ax : Axes, optional
-        Default: pyplot's current Axes.
-    colorbar : bool
-        Whether to add one beside the Axes.
+    ax : default: pyplot's current Axes
+    colorbar : whether to add one beside the Axes
     **line_kwargs
         Go to the routes' LineCollection untouched.
     """
@@ -110,11 +108,9 @@ def plot_sawtooth(
     Parameters
     ----------
     layout : Layout
-    routes : sequence of int, optional
-        Which to draw with a style and a label; default: the five that come nearest to their limits, the others thin
-        and grey.
-    ax : Axes, optional
-        Default: pyplot's current Axes.
+    routes : which to draw with a style and a label; default: the five that come nearest to their limits, the others
+        thin and grey
+    ax : default: pyplot's current Axes
     **line_kwargs
         Go to the lines of ``routes`` untouched.
 
@@ -148,8 +144,7 @@ def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwa
 
     Parameters
     ----------
-    curve : sequence of Layout
-        From `driftplan.layouts.place.beacon_tradeoff`.
+    curve : from `driftplan.layouts.place.beacon_tradeoff`
     """
     from matplotlib.ticker import MaxNLocator
 
@@ -228,8 +223,7 @@ def layouts_figure(layouts: Mapping[str, Layout], *, figure: Figure | None = Non
     Parameters
     ----------
     layouts : mapping of label to Layout
-    figure : Figure, optional
-        An empty one to draw into; default: a new one that knows nothing of pyplot.
+    figure : an empty one to draw into; default: a new one that knows nothing of pyplot
     """
     first, *_ = layouts.values()
     height = 6.0 * _map_shape(first)

@@ -48,8 +48,7 @@ def plot_world(world: World, *, ax: Axes | None = None, **obstacle_kwargs: Any) 
     Parameters
     ----------
     world : World
-    ax : Axes, optional
-        Default: pyplot's current Axes.
+    ax : default: pyplot's current Axes
     **obstacle_kwargs
         Go to the obstacles' patch untouched.
     """
@@ -88,15 +87,12 @@ def plot_route(
     Parameters
     ----------
     route : Route or Drift
-    ax : Axes, optional
-        Default: pyplot's current Axes.
-    label : str, optional
-        Of the line in a legend.
+    ax : default: pyplot's current Axes
+    label : of the line in a legend
     confidence : float
-    spacing_m : float, optional
-        Metres between ellipses; default: a round number that gives about 8. The end always has one.
-    magnify : float, optional
-        Enlargement of the ellipses, told in the legend; default: as much as it takes to see them (`magnification`).
+    spacing_m : metres between ellipses; default: a round number that gives about 8. The end always has one.
+    magnify : enlargement of the ellipses, told in the legend; default: as much as it takes to see them
+        (`magnification`)
     **line_kwargs
         Go to the line untouched; ellipses take its colour.
     """
@@ -161,13 +157,10 @@ def plot_beacons(
 
     Parameters
     ----------
-    beacons : sequence of Beacon
-        All there are; those ``used`` may be among them.
-    ax : Axes, optional
-        Default: pyplot's current Axes.
+    beacons : all there are; those ``used`` may be among them
+    ax : default: pyplot's current Axes
     used : sequence of Beacon
-    labels : (str, str)
-        In a legend: of the used ones, of the others.
+    labels : (str, str), in a legend: of the used ones, of the others
     """
     ax = style.current_axes(ax)
     counted = {id(beacon) for beacon in used}

@@ -1,0 +1,137 @@
+"""Cuts for fused routes that count how many sites a stretch needs: all sets of one or two sites of it, at once.
+
+From the best state at the beginning of a stretch, let m(v) be the least size of a set of sites with v that keeps the
+limit at the stretch's end and of which none can be spared: 1, 2 or more. A layout that holds contains such a set S, and
+m(v) <= |S| for each of its sites, so
+
+    Σ y_v / m(v) >= 1,
+
+with m(v) = 3 for all that is needed neither alone nor in a pair. With k - 1 dead the survivors satisfy it, hence all
+the dead add at least k - 1 times the least weight.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from driftplan.arrays import Bools, Floats, Ints
+from driftplan.layouts.placement.cut_pool import Cut
+from driftplan.layouts.placement.fused_routes import FusedRoute
+from driftplan.model.filter_state import FilterState, LegColumns, Row
+
+_ENDS = np.linspace(1.5, 4.0, 6)  # of a stretch, in lengths of the one that fails when nothing is read
+_ROUNDING = 1e-6  # relative, of tr P: a set that all but holds counts as one that does
+_SIX = 6.0  # which one, two and three divide
+
+
+class Stretches(NamedTuple):
+    """Stretches of a route that begin at one border, and what single sites do on them."""
+
+    first: int
+    ends: Ints
+    sites: Ints  # read before the last end
+    orders: Ints  # (sites, most readings of one), their readings in order
+    inside: Bools  # (sites, ends), whether read before an end
+    alone: Bools  # (sites, ends), whether a site keeps the limit without another
+
+    def least(self, y: Floats) -> float:
+        """What the left side of none of their cuts is below."""
+        weight = np.where(self.alone, 1.0, self.inside / 3)
+        return float((y[self.sites] @ weight).min())
+
+
+class WeightedCuts:
+    """Weighted cuts of route number ``r``; ``most`` is the limit on tr P, m²."""
+
+    def __init__(self, r: int, route: FusedRoute, most: float, redundancy: int):
+        self.r, self.route, self.most, self.redundancy = r, route, most * (1 + _ROUNDING), redundancy
+        flat = [(border, reading) for border, here in enumerate(route.readings) for reading in here]
+        self.border = np.array([border for border, _ in flat] + [0], dtype=np.intp)  # the last one: nothing is read
+        self.site = np.array([reading.site for _, reading in flat] + [-1], dtype=np.intp)
+        self.chance = np.array([1.0 if reading.chance is None else reading.chance for _, reading in flat] + [1.0])
+        self.coefficients, self.variance = np.zeros((len(flat) + 1, 3, 3)), np.full((len(flat) + 1, 3), np.inf)
+        for k, (_, reading) in enumerate(flat):
+            for j, row in enumerate(reading.rows):
+                self.coefficients[k, j], self.variance[k, j] = row.coefficients, row.variance
+
+    def stretches(self, first: int, last: int) -> Stretches:
+        """Those that begin at border ``first``, where the limit fails at ``last`` if nothing is read."""
+        distance = self.route.distance
+        farther = distance[first] + _ENDS * (distance[last] - distance[first])
+        farther = np.clip(np.searchsorted(distance, farther), last, self.route.end)
+        borders = np.arange(last, int(farther[-1]) + 1)
+        sites, orders = self._orders(first, int(borders[-1]))
+        holds = self._holds(first, borders, orders)
+        fails = borders[np.argmin(holds, axis=1)[~holds[:, -1]]]  # the border at which a site alone is not enough
+        where_they_fail = np.quantile(fails, (0.5, 1.0), method="lower") if len(fails) else fails
+        ends = np.unique(np.concatenate([farther, where_they_fail]).astype(np.intp))
+        return Stretches(first, ends, sites, orders, self.border[orders[:, :1]] < ends, holds[:, ends - last])
+
+    def of(self, stretches: Stretches) -> list[Cut]:
+        """A cut for every end."""
+        _, ends, sites, orders, inside, alone = stretches
+        able = np.flatnonzero(~alone[:, -1])
+        v, w = (able[some] for some in np.triu_indices(len(able), 1))
+        pairs = self._holds(stretches.first, ends, np.sort(np.concatenate([orders[v], orders[w]], axis=1), axis=1))
+        pairs &= ~alone[v] & ~alone[w]
+        found = []
+        for e, end in enumerate(ends.tolist()):
+            paired = np.zeros(len(sites), dtype=bool)
+            paired[v[pairs[:, e]]] = paired[w[pairs[:, e]]] = True
+            here = inside[:, e]
+            weights = np.where(alone[:, e], _SIX, np.where(paired, _SIX / 2, _SIX / 3))[here]
+            least = _SIX + (self.redundancy - 1) * float(weights.min(initial=_SIX))
+            found.append(Cut(sites[here], weights, least, (self.r, end)))
+        return found
+
+    def _orders(self, first: int, last: int) -> tuple[Ints, Ints]:
+        """Sites read between two borders, and the readings of each in order, (sites, most of one), filled up."""
+        low, high = np.searchsorted(self.border[:-1], (first, last))
+        sites, which = np.unique(self.site[low:high], return_inverse=True)
+        by_site = np.argsort(which, kind="stable")
+        nth = np.arange(len(which)) - np.searchsorted(which[by_site], which[by_site])
+        orders = np.full((len(sites), int(nth.max(initial=0)) + 1), len(self.border) - 1)
+        orders[which[by_site], nth] = low + by_site
+        return sites, orders
+
+    def _holds(self, first: int, ends: Ints, orders: Ints) -> Bools:
+        """Whether drives with these readings keep the limit at an end and at those before it, (drives, ends)."""
+        route = self.route
+        start, begin = (route.best[first - 1], first - 1) if first else (route.start, 0)
+        nothing = len(self.border) - 1
+        state = FilterState(tuple(np.full(len(orders), p) for p in start.P))
+        here, trace = np.full(len(orders), begin), np.empty((len(orders), len(ends)))
+        trace[:] = self._traces(FilterState(tuple(p[:1] for p in state.P)), here[:1], ends)
+        for column in orders.T:
+            some = np.flatnonzero(column != nothing)
+            readings = column[some]
+            stop = self.border[readings]
+            arriving = self._driven(FilterState(tuple(p[some] for p in state.P)), here[some], stop)
+            after = self._read(arriving, readings)
+            for p, fresh in zip(state.P, after.P, strict=True):
+                p[some] = fresh
+            here[some] = stop
+            trace[some] = np.where(ends > stop[:, None], self._traces(after, stop, ends), trace[some])
+        return np.logical_and.accumulate(trace <= self.most, axis=1)
+
+    def _driven(self, state: FilterState, here: Ints, stop: Ints) -> FilterState:
+        unaided, lever = self.route.unaided, self.route.lever
+        excess = tuple(p - u for p, u in zip(state.P, unaided[here].T, strict=True))
+        return FilterState(excess).driven(
+            LegColumns(tuple((lever[stop] - lever[here]).T), tuple(unaided[stop].T), None)
+        )
+
+    def _read(self, state: FilterState, readings: Ints) -> FilterState:
+        number = int((self.variance[readings] < np.inf).sum(axis=1).max(initial=0))
+        rows = [Row(tuple(self.coefficients[readings, j].T), self.variance[readings, j]) for j in range(number)]
+        chance = self.chance[readings]
+        return state.read(rows, None if (chance == 1).all() else chance)
+
+    def _traces(self, state: FilterState, here: Ints, ends: Ints) -> Floats:
+        """tr P at the ends when nothing more is read, (drives, ends)."""
+        unaided, lever = self.route.unaided, self.route.lever
+        xx, _, xt, yy, yt, tt = ((p - u)[:, None] for p, u in zip(state.P, unaided[here].T, strict=True))
+        x, y = (lever[ends][:, None] - lever[here]).T
+        return np.asarray(unaided[ends, 0] + unaided[ends, 3] + xx + yy + 2 * (xt * x + yt * y) + tt * (x * x + y * y))
