@@ -143,9 +143,9 @@ class PlanRequest:
             whole("iterations", iterations, least=1)
         if whole("seed", seed, least=0) >= _SEEDS:
             raise ValueError(f"expected seed a whole number >= 0 and < {_SEEDS}, got {seed!r}")
-        if minimise == "length" and reliance.max_detour is not None:
-            raise ValueError(f"expected no max_detour with minimise='length', got {reliance.max_detour!r}")
         needs_labels = bool(reliance.beacons) or reliance.max_drift < math.inf or minimise == "worst_drift"
+        if minimise == "length" and not needs_labels and reliance.max_detour is not None:
+            raise ValueError(f"expected no max_detour with minimise='length', got {reliance.max_detour!r}")
         if needs_labels:
             check_continuous((noise, *(zone.noise for zone in world.zones)))
         if planner != ROADMAP:

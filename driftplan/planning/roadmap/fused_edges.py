@@ -9,8 +9,8 @@ the distance, and a reading never adds to it: it is greatest on arrival at a rea
 *Dominance.* Driving, turning and reading, missed or not, are monotone: P₁ ⪯ P₂ (P₂ - P₁ positive semidefinite, the
 Loewner order) stays so whatever follows, and then tr P₁ <= tr P₂. So label 1 dominates when it is no longer and
 P₁ ⪯ P₂ + S in every scenario. S is the slack s that is granted: s/2 for either axis of the position and s/R² for the
-heading, R being how far the most accurate robot can drive before it breaks the limit. Of systematic errors, known or not,
-labels know nothing: with them the exact model may disagree with what was found.
+heading, R being how far the most accurate robot can drive before it breaks the limit. Of systematic errors,
+known or not, labels know nothing: with them the exact model may disagree with what was found.
 """
 
 from __future__ import annotations
