@@ -105,18 +105,39 @@ def passes_of(
 def _chords(path: Floats, steps: Floats, lengths: Floats, xy: Floats, range_m: Floats) -> _Chords:
     """Every leg's part within every beacon's range."""
     along = steps / np.where(lengths > 0, lengths, 1.0)[:, None]
-    offset = xy[:, None, :] - path[None, :-1, :]
-    foot = np.einsum("mlk,lk->ml", offset, along)  # where on the leg's line the beacon is abeam
-    off_line = np.abs(offset[..., 0] * along[:, 1] - offset[..., 1] * along[:, 0])
-    off_line = np.where(lengths > 0, off_line, np.hypot(offset[..., 0], offset[..., 1]))
-    half = np.sqrt(np.maximum(range_m[:, None] ** 2 - off_line**2, 0.0))
-    start, end = np.maximum(foot - half, 0.0), np.minimum(foot + half, lengths)
-    inside = (off_line <= range_m[:, None] + _TOUCH) & (start <= end + _TOUCH)
+    start, end, inside = chords_in_discs(xy[:, None, :] - path[None, :-1, :], along, lengths, range_m[:, None])
     beacon, leg = np.nonzero(inside)
-    start, end = start[beacon, leg], end[beacon, leg]
-    middle = 0.5 * (start + end)
-    touch = start > end  # by rounding only
-    return _Chords(beacon, leg, np.where(touch, middle, start), np.where(touch, middle, end))
+    return _Chords(beacon, leg, start[beacon, leg], end[beacon, leg])
+
+
+def chords_in_discs(
+    offset: Floats, along: Floats, lengths: Floats, radius: Floats
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Where straight legs are within closed discs.
+
+    Parameters
+    ----------
+    offset : (..., 2)
+        From where a leg begins to the centre of a disc, metres.
+    along : (..., 2)
+        Unit vectors; of legs of no length zero.
+    lengths, radius : (...)
+        Metres.
+
+    Returns
+    -------
+    start, end : (...)
+        Metres from where the leg begins.
+    inside : (...)
+        Whether there is such a part; a touch is one of no length.
+    """
+    foot = (offset * along).sum(axis=-1)  # where on the leg's line the centre is abeam
+    off_line = np.where(lengths > 0, np.abs(_cross(offset, along)), np.hypot(offset[..., 0], offset[..., 1]))
+    half = np.sqrt(np.maximum(radius**2 - off_line**2, 0.0))
+    start, end = np.maximum(foot - half, 0.0), np.minimum(foot + half, lengths)
+    inside = (off_line <= radius + _TOUCH) & (start <= end + _TOUCH)
+    middle, touch = 0.5 * (start + end), start > end  # by rounding only
+    return np.where(touch, middle, start), np.where(touch, middle, end), inside
 
 
 def _in_cone(chords: _Chords, path: Floats, steps: Floats, xy: Floats, axis: Floats, half_angle: Floats) -> _Chords:

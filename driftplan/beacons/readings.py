@@ -219,21 +219,27 @@ def readings_of_passes(path: Floats, passes: Passes, beacons: BeaconColumns) -> 
     step = np.arange(len(k)) - np.repeat(np.cumsum(count) - count, count)
     beacon = passes.beacon[k]
     s_m = passes.enter[k] + length[k] * step / np.maximum(count[k] - 1, 1)
-    looser = beacons.std_per_m[beacon] * _distances(path, s_m, beacons.xy[beacon])
+    distance = _distances(path, s_m, beacons.xy[beacon])
+    chance = 1 - (1 - beacons.detection_probability[beacon]) ** (1 / count[k])
+    return readings_from(beacons, beacon, distance, s_m, chance), k
+
+
+def readings_from(beacons: BeaconColumns, beacon: Ints, distance: Floats, s_m: Floats, chance: Floats) -> Readings:
+    """Readings (k,) of beacons from a distance, metres, taken at ``s_m`` along some path."""
+    looser = beacons.std_per_m[beacon] * distance
     ranging = ~np.isnan(beacons.range_std_m[beacon]) | ~np.isnan(beacons.bearing_std[beacon])
-    readings = Readings(
+    return Readings(
         s_m=s_m,
         square=2 * (beacons.position_std_m[beacon] + looser) ** 2,
-        skew=np.zeros(len(k), dtype=complex),
+        skew=np.zeros(len(beacon), dtype=complex),
         heading_var=beacons.heading_std[beacon] ** 2,
-        chance=1 - (1 - beacons.detection_probability[beacon]) ** (1 / count[k]),
+        chance=chance,
         rank=beacons.rank[beacon],
         source=beacon,
         anchor=np.where(ranging, beacons.xy[beacon] @ _PLANE, np.nan),
         range_var=(beacons.range_std_m[beacon] + looser) ** 2,
         bearing_var=beacons.bearing_std[beacon] ** 2,
     )
-    return readings, k
 
 
 def _distances(path: Floats, s_m: Floats, xy: Floats) -> Floats:

@@ -81,7 +81,7 @@ class CovarianceMap:
         A, C, J = self.A, self.C, self.J
         for row in rows:
             h = row.vector(A.shape[-1])
-            g, back = C @ h, np.squeeze(_T(A) @ h[..., None], -1)
+            g, back = (np.squeeze(x @ h[..., None], -1) for x in (C, _T(A)))
             s = np.maximum((h * g).sum(-1) + row.variance, _PERFECT_READING_VARIANCE * (h * h).sum(-1))[..., None, None]
             gain = g[..., :, None] / s
             A, C = A - gain * back[..., None, :], _symmetric(C - gain * g[..., None, :])

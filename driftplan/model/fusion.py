@@ -15,9 +15,9 @@ from driftplan.model.covariance import legs, path_legs
 from driftplan.model.drive import Driven, start_and_order
 from driftplan.model.filter_state import FilterState, states_along
 from driftplan.model.moments import Moments
-from driftplan.model.noise import OdometryNoise, SystematicSpread
+from driftplan.model.noise import NO_SPREAD, OdometryNoise, SystematicSpread
 from driftplan.model.paths import Runs
-from driftplan.model.readings import Readings
+from driftplan.model.readings import Fix, Readings, start_errors
 
 
 class Beliefs(NamedTuple):
@@ -59,6 +59,11 @@ def fuse(
             rows.setdefault(int(at[k]), []).append(readings.rows(k, complex(p[at[k]])))
     before, after = states_along(_of_moments(start, spread), path.columns(), rows)
     return Driven(_as_moments(u, p, before), _as_moments(u, p, after)), Beliefs(after, noises, spread)
+
+
+def belief_at_start(start_fix: Fix | None) -> FilterState:
+    """What a fusing robot knows at the start of a path: all of it, or what a fix says."""
+    return _of_moments(start_errors(start_fix), NO_SPREAD)
 
 
 def _as_moments(u: Array, p: Array, state: FilterState) -> Moments:

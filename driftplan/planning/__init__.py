@@ -7,5 +7,4 @@ cost, bounds                    the additive drift cost, its bracket; what no ro
 taut_strings                    what no route among the obstacles can do better, and a first route
 roadmap                         the roadmap: growing, pricing, searching, polishing, with beacons or without
 ompl                            OMPL, for scripts of one's own; RoadmapPlanner
-itinerary                       the exact model of drift among beacons
 """

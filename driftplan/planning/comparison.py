@@ -18,8 +18,9 @@ class Comparison(Rows):
 
     Attributes
     ----------
-    rows : one per route: name, length_m, rms_m, bias_m (its norm), radius95_m, all at the goal, and planner (None for
-        paths of your own); how many beacons each counts on, where one does; collision_free, where a world was given
+    rows : one per route: name, length_m, rms_m, bias_m (its norm), radius95_m, all at the goal, planner (None for
+        paths of your own), and estimator; how many beacons each counts on, where one does; collision_free, where
+        a world was given
     """
 
     def columns(self) -> dict[str, Iterable[object]]:
@@ -38,6 +39,8 @@ class Comparison(Rows):
             columns["above least %"] = [f"{100 * (row['rms_m'] / least - 1):+.1f}" for row in rows]
         if all("beacons" in row for row in rows):
             columns["beacons"] = [str(row["beacons"]) for row in rows]
+        if any(row["estimator"] == "filter" for row in rows):
+            columns["estimator"] = [row["estimator"] for row in rows]
         columns["planner"] = [row["planner"] or NONE for row in rows]
         if all("collision_free" in row for row in rows):
             columns["collision-free"] = yes_no(row["collision_free"] for row in rows)
@@ -96,6 +99,7 @@ def _row(route: Route | Drift, name: str | None, world: World | None) -> dict[st
         "bias_m": float(end.bias_norm),
         "radius95_m": float(end.radius(0.95)),
         "planner": planned.planner if planned else None,
+        "estimator": "filter" if drift.is_fused else "reset",
     }
     if world is not None:
         row["collision_free"] = bool(world.segments_free(drift.xy[:-1], drift.xy[1:]).all())

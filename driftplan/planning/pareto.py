@@ -14,7 +14,7 @@ from driftplan.arrays import Floats, keywords_checked
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import InfeasibleError
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.readings import Fix
+from driftplan.model.readings import Estimator, Fix
 from driftplan.planning.routes import Route, plan_route
 from driftplan.world.world import World
 
@@ -34,6 +34,7 @@ def pareto_routes(
     min_capture: float = 0.9,
     start_fix: Fix | None = None,
     start_heading: float | None = None,
+    estimator: Estimator = "reset",
     max_nodes: int = 1000,
     time_limit: float = 30.0,
     seed: int = 0,
@@ -51,7 +52,7 @@ def pareto_routes(
     difference : routes differ by at least this share in length, worst drift or end drift
     time_limit : seconds for all of them. Unless they run out (the `status` of a route says so) the same seed gives the
         same routes.
-    redundancy, min_capture, start_fix, start_heading, max_nodes, seed : as for `plan_route`
+    redundancy, min_capture, start_fix, start_heading, estimator, max_nodes, seed : as for `plan_route`
 
     Returns
     -------
@@ -93,6 +94,7 @@ def pareto_routes(
             min_capture=min_capture,
             start_fix=start_fix,
             start_heading=start_heading,
+            estimator=estimator,
             max_nodes=max_nodes,
             time_limit=share * left,
             seed=seed,
@@ -136,7 +138,7 @@ def knee(routes: Sequence[Route]) -> int:
     Examples
     --------
     >>> knee([])
-    Traceback (max_routes recent call last):
+    Traceback (most recent call last):
     ...
     ValueError: expected at least one route, got none
     """
@@ -162,7 +164,7 @@ def _thinned(routes: list[Route], difference: float, max_routes: int) -> tuple[R
         ratio = [np.abs(np.log(_scores(route) / np.maximum(_scores(other), 1e-300))).max() for other in kept]
         if route is steadiest or min(ratio, default=math.inf) >= difference:
             kept.append(route)
-    while len(kept) > max_routes:  # the two max_routes alike in worst drift become one
+    while len(kept) > max_routes:  # the two most alike in worst drift become one
         gaps = np.abs(np.diff(np.log([max(route.worst_guaranteed, 1e-300) for route in kept])))
         k = int(np.argmin(gaps[:-1])) if len(gaps) > 1 else 0
         del kept[k + 1 if kept[k + 1] is not steadiest else k]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -16,7 +16,7 @@ from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns
 from driftplan.errors import GoalError, NoPathError, PlannerError, StartError
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.readings import Fix
+from driftplan.model.readings import NEEDS_FILTER, Estimator, Fix, checked_estimator
 from driftplan.world.world import World
 
 Objective = Literal["drift", "length", "worst_drift"]
@@ -47,6 +47,8 @@ class Reliance:
         Uncertainty at the start.
     start_heading : float or None
         Heading at the start, rad: then the first turn counts too.
+    estimator : {"reset", "filter"}
+        What the robot does with a reading. Without beacons nothing is read: the exact moments of ``reset`` are taken.
     """
 
     beacons: tuple[Beacon, ...] = ()
@@ -56,9 +58,15 @@ class Reliance:
     min_capture: float = 0.9
     start_fix: Fix | None = None
     start_heading: float | None = None
+    estimator: Estimator = "reset"
 
     def __post_init__(self) -> None:
         BeaconColumns.of(self.beacons)
+        checked_estimator(self.estimator)
+        if self.estimator == "reset" and (beacons := [b for b in self.beacons if b.kind.needs_filter]):
+            raise ValueError(f"{NEEDS_FILTER}: expected estimator='filter' for beacons of kind {beacons[0].kind.name}")
+        if not self.beacons:
+            object.__setattr__(self, "estimator", "reset")
         if self.max_drift != math.inf:
             positive("max_drift", self.max_drift)
         if self.max_detour is not None and not (math.isfinite(self.max_detour) and self.max_detour >= 1):
@@ -73,6 +81,15 @@ class Reliance:
             raise ValueError(f"expected start_fix a Fix at s_m=0, got {self.start_fix!r}")
         if self.start_heading is not None and not math.isfinite(self.start_heading):
             raise ValueError(f"expected start_heading finite, in rad, got {self.start_heading!r}")
+
+    @property
+    def bounding(self) -> tuple[Beacon, ...]:
+        """The beacons as bounds see them: a filter may know more than any reading says, but nowhere else than here."""
+        if self.estimator == "reset":
+            return self.beacons
+        measures_place = [b.kind.needs_filter or b.kind.position_std_m is not None for b in self.beacons]
+        perfect = [replace(b, kind=replace(b.kind, position_std_m=0.0)) for b in self.beacons]
+        return tuple(x if here else b for here, x, b in zip(measures_place, perfect, self.beacons, strict=True))
 
     def detour(self, minimise: Objective) -> float:
         """Greatest length as a multiple of the shortest route's."""
@@ -126,9 +143,9 @@ class PlanRequest:
             whole("iterations", iterations, least=1)
         if whole("seed", seed, least=0) >= _SEEDS:
             raise ValueError(f"expected seed a whole number >= 0 and < {_SEEDS}, got {seed!r}")
-        if minimise == "length" and reliance.max_detour is not None:
-            raise ValueError(f"expected no max_detour with minimise='length', got {reliance.max_detour!r}")
         needs_labels = bool(reliance.beacons) or reliance.max_drift < math.inf or minimise == "worst_drift"
+        if minimise == "length" and not needs_labels and reliance.max_detour is not None:
+            raise ValueError(f"expected no max_detour with minimise='length', got {reliance.max_detour!r}")
         if needs_labels:
             check_continuous((noise, *(zone.noise for zone in world.zones)))
         if planner != ROADMAP:

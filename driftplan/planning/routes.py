@@ -14,7 +14,7 @@ from driftplan.beacons.readings import DetectionChance
 from driftplan.errors import InfeasibleError
 from driftplan.model.drift import Drift
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.readings import Fix
+from driftplan.model.readings import Estimator, Fix
 from driftplan.model.worst import worst_rms
 from driftplan.planning.bounds import least_end_drift, least_length, least_worst_drift
 from driftplan.planning.request import ROADMAP, Objective, PlanRequest, Reliance, check_connected
@@ -136,6 +136,7 @@ def plan_route(
     min_capture: float = 0.9,
     start_fix: Fix | None = None,
     start_heading: float | None = None,
+    estimator: Estimator = "reset",
     planner: str = ROADMAP,
     initial_paths: Iterable[ArrayLike] = (),
     max_nodes: int = 1000,
@@ -177,6 +178,9 @@ def plan_route(
         Uncertainty at the start; default: the start is known.
     start_heading : float, optional
         Heading at the start, rad: then the first turn counts too.
+    estimator : {"reset", "filter"}
+        What the robot does with a reading, as for `driftplan.predict_drift`. Only with ``filter`` may beacons be of
+        kinds that measure a range or a bearing.
     planner : str
         "roadmap", or without beacons and limits of OMPL "rrtstar", "informed_rrtstar", "sorrtstar", "bitstar".
     initial_paths : iterable of (n, 2)
@@ -227,6 +231,13 @@ def plan_route(
     >>> found = plan_route(hall, (2, 5), (58, 5), noise.scaled(3.0), beacons=[Beacon(sign, 30, 11)], **asked)
     >>> len(found.beacons), 56 < found.length < 62, found.worst_drift <= 1.8
     (1, True, True)
+
+    A robot with a filter makes something of radios that tell it how far away they are:
+
+    >>> radios = [Beacon(BeaconKind.range_only(range_m=15.0, range_std_m=0.1), x, 20) for x in (20, 40)]
+    >>> fused = plan_route(hall, (2, 5), (58, 5), noise.scaled(3.0), beacons=radios, estimator="filter", **asked)
+    >>> len(fused.beacons), fused.worst_drift < 1.8, fused.drift.is_fused
+    (2, True, True)
     """
     request = PlanRequest.of(
         world,
@@ -241,6 +252,7 @@ def plan_route(
             min_capture=min_capture,
             start_fix=start_fix,
             start_heading=start_heading,
+            estimator=estimator,
         ),
         minimise=minimise,
         planner=planner,
@@ -267,7 +279,7 @@ def plan_route(
 def search_for(search: BeaconSearch, minimise: Objective) -> Floats | None:
     """The best path that keeps the limit of the search's `Reliance`, or None."""
     limit, longest = search.reliance.max_drift, search.max_length(minimise)
-    if math.isfinite(limit) and least_length(search.ends, search.noises, search.beacons, limit) > longest:
+    if math.isfinite(limit) and least_length(search.ends, search.noises, search.reliance.bounding, limit) > longest:
         return None  # whatever the roadmap
     if minimise == "length":
         return search.shortest_within(limit, longest)
@@ -280,7 +292,7 @@ def route_along(search: BeaconSearch, path: Floats, minimise: Objective) -> Rout
     """The route along a path that ``search`` found, from the exact model, with its bound."""
     check, limit = search.check, search.reliance.max_drift
     drift, verdict = check.drift(path), check.verdict(path)
-    given = search.ends, search.noises, search.beacons
+    given = search.ends, search.noises, search.reliance.bounding
     if minimise == "length":
         score, bound = float(drift.length), least_length(*given, limit if math.isfinite(limit) else None)
     elif minimise == "drift":

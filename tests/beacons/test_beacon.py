@@ -14,7 +14,7 @@ from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
-from driftplan.planning.itinerary.check import ItineraryCheck
+from driftplan.planning.roadmap.itinerary_check import ItineraryCheck
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 

@@ -10,12 +10,17 @@ from hypothesis import strategies as st
 from driftplan import Beacon, BeaconKind, Fix, InfeasibleError, OdometryNoise, Sites, place_beacons
 from driftplan.beacons.readings import beacon_fixes, detection_chances, drift_with_beacons
 from driftplan.layouts.placement.drives import drives_of, worst_squares
+from driftplan.layouts.placement.fused_routes import fused_routes
 from driftplan.layouts.placement.interval_moments import IntervalMoments
 from driftplan.layouts.placement.route_table import route_table
+from driftplan.layouts.scenario import DriftLimit, Scenario
 from driftplan.model.drift import predict_drift
-from driftplan.model.readings import Resets
+from driftplan.model.filter_state import Row
+from driftplan.model.readings import Readings, Resets
 from driftplan.model.worst import worst_rms
-from driftplan.planning.itinerary.check import ItineraryCheck
+from driftplan.planning.roadmap.beacon_graph import BeaconGraph
+from driftplan.planning.roadmap.itinerary_check import ItineraryCheck
+from driftplan.world.world import World
 
 PLAIN = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
 TURNING = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0, heading_deg_per_full_turn=10.0)
@@ -75,6 +80,35 @@ def test_one_change_of_what_a_reading_does_changes_every_engine(monkeypatch):
     assert all(y > x + 0.5 for x, y in zip(before, after, strict=True))
     assert after == pytest.approx([after[0]] * 3, rel=1e-8)
     assert detection_chances(path, PLAIN, [tag, Beacon(KINDS[0], 38.0, 1.0)])[-1].probability < chance - 0.1
+
+
+def test_one_change_of_what_a_filter_makes_of_a_reading_changes_every_engine(monkeypatch):
+    path, kinds = np.array([(0.0, 0.0), (40.0, 0.0)]), [KINDS[0], BeaconKind.range_only(4.0, 0.1)]
+    tags = [Beacon(kinds[0], 20.0, 1.0), Beacon(kinds[1], 30.0, 1.0)]
+    world = World.from_polygons([], bounds=(-5, -5, 45, 5), robot_radius=0.1)
+
+    def worst_of_each():
+        scenario = Scenario.of(world, [path], PLAIN, DriftLimit(5.0), None, "filter")
+        graph = BeaconGraph.of(path, np.array([(0, 1)]), PLAIN, tags, None, "filter")
+        worst = graph.effects.driven(slice(0, 1), graph.at_start(0, None)[:, None])[1]
+        return (
+            worst_rms(drift_with_beacons(path, PLAIN, tags, estimator="filter")),
+            ItineraryCheck(None, PLAIN, tuple(tags), estimator="filter").verdict(path).worst,
+            fused_routes(scenario, tags)[0].worst(frozenset({0, 1})),
+            float(worst[0, 0] ** 0.5),
+        )
+
+    before, once = worst_of_each(), Readings.rows
+
+    def coarser(self, k, position):
+        rows, chance = once(self, k, position)
+        return tuple(Row(row.coefficients, row.variance + 0.05) for row in rows), chance
+
+    monkeypatch.setattr(Readings, "rows", coarser)
+    after = worst_of_each()
+    assert all(y > x * 1.02 for x, y in zip(before, after, strict=True))
+    assert before == pytest.approx([before[0]] * 4, rel=1e-6)
+    assert after == pytest.approx([after[0]] * 4, rel=1e-6)
 
 
 @pytest.mark.parametrize("length", [10.0, 10.0000003, 9.99999995, 10.0000001, 10.0000007, 9.9999997])

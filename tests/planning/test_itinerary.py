@@ -15,7 +15,7 @@ from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
 from driftplan.planning.bounds import least_length
 from driftplan.planning.comparison import compare_routes
-from driftplan.planning.itinerary.check import ItineraryCheck
+from driftplan.planning.roadmap.itinerary_check import ItineraryCheck
 from driftplan.planning.routes import Route, plan_route
 from driftplan.world.mapfiles import bundled_map, load_world
 from driftplan.world.world import World

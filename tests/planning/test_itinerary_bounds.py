@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.bounds import least_end_drift, least_length, least_worst_drift
-from driftplan.planning.itinerary.check import ItineraryCheck
 from driftplan.planning.request import Reliance
 from driftplan.planning.roadmap import beacon_walks
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.graph import Roadmap
+from driftplan.planning.roadmap.itinerary_check import ItineraryCheck
 from driftplan.planning.roadmap.prices import AdditiveCost, length_of
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -22,6 +22,7 @@ from driftplan.world.zones import Zone
 HALL = World.from_polygons([], bounds=(0, 0, 40, 40), robot_radius=0.1)
 TAG = BeaconKind.rfid(range_m=2.0, position_std_m=0.1)
 SIGN = BeaconKind.landmark(range_m=3.0, position_std_m=0.05, heading_std=0.01)
+RADIO = BeaconKind.range_only(range_m=5.0, range_std_m=0.1)
 KINDS = [
     TAG,
     SIGN,
@@ -44,16 +45,18 @@ point = st.tuples(coordinate, coordinate)
     st.lists(st.tuples(st.sampled_from(KINDS), point), max_size=5),
     st.sampled_from(NOISES),
     st.booleans(),
+    st.booleans(),
 )
-def test_no_path_is_better_than_the_bounds(path, placed, noise, zoned):
+def test_no_path_is_better_than_the_bounds(path, placed, noise, zoned, fuses):
     path = np.array(path)
     if np.linalg.norm(path[0] - path[-1]) < 1e-6:
         return
     zones = [Zone([(5, 5), (20, 5), (20, 20), (5, 20)], noise.scaled(0.5))] if zoned else []
     world = World.from_polygons([], bounds=(0, 0, 40, 40), robot_radius=0.1, zones=zones)
-    beacons = tuple(Beacon(kind, *xy) for kind, xy in placed)
-    verdict = ItineraryCheck(world, noise, beacons).verdict(path)
-    given_ = path[[0, -1]], (noise, *(zone.noise for zone in zones)), beacons
+    beacons = tuple(Beacon(RADIO if fuses and kind is SIGN else kind, *xy) for kind, xy in placed)
+    reliance = Reliance(beacons=beacons, estimator="filter" if fuses else "reset")
+    verdict = ItineraryCheck(world, noise, beacons, estimator=reliance.estimator).verdict(path)
+    given_ = path[[0, -1]], (noise, *(zone.noise for zone in zones)), reliance.bounding
     assert least_length(*given_, verdict.worst * (1 + 1e-9)) <= length_of(path) * (1 + 1e-9)
     # told of a worse one, so that this path and not the one found is what bounds it
     assert least_end_drift(*given_, 2 * verdict.end + 1.0) <= verdict.end * (1 + 1e-9)
@@ -117,13 +120,14 @@ def simple_paths(roadmap):
 
 
 @pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 8))])
-@pytest.mark.parametrize("kind", [TAG, SIGN], ids=["position", "full"])
-def test_every_objective_finds_what_enumeration_finds_or_better(small_roadmap, seed, kind):
+@pytest.mark.parametrize(("kind", "estimator"), [(TAG, "reset"), (SIGN, "reset"), (TAG, "filter"), (RADIO, "filter")])
+def test_every_objective_finds_what_enumeration_finds_or_better(small_roadmap, seed, kind, estimator):
     rng = np.random.default_rng(100 + seed)
     small_roadmap(7, seed)
     ends = np.array([(3.0, 3.0), (37.0, 37.0)])
     beacons = tuple(Beacon(kind, *xy) for xy in rng.uniform(8, 32, (3, 2)))
-    search = BeaconSearch(HALL, HALL, ends, NOISES[0], Reliance(beacons=tuple(beacons), min_capture=0.0), seed=seed)
+    reliance = Reliance(beacons=beacons, min_capture=0.0, estimator=estimator)
+    search = BeaconSearch(HALL, HALL, ends, NOISES[0], reliance, seed=seed)
     search.graph(0.0)
     check, longest = search.check, 2.0 * length_of(ends)
     scored = []
@@ -149,5 +153,5 @@ def test_every_objective_finds_what_enumeration_finds_or_better(small_roadmap, s
         assert length_of(found[0]) <= fitting[:, 0].min() * (1 + 1e-9)
         assert verdicts[1].end ** 2 <= fitting[:, 1].min() ** 2 * (1 + 1e-9) + slack
         assert verdicts[2].worst <= fitting[:, 2].min() * 1.02
-        bound = least_length(ends, search.noises, beacons, None if limit == math.inf else limit)
+        bound = least_length(ends, search.noises, reliance.bounding, None if limit == math.inf else limit)
         assert bound <= length_of(found[0])

@@ -7,6 +7,7 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
+from driftplan.planning.comparison import compare_routes
 from driftplan.planning.pareto import knee, non_dominated, pareto_routes
 from driftplan.planning.routes import plan_route
 from driftplan.world.world import World
@@ -97,3 +98,56 @@ def test_the_knee_is_where_little_length_buys_much():
 def test_settings_of_the_trade_off_that_make_no_sense_are_refused(change, said):
     with pytest.raises(ValueError, match=said):
         pareto_routes(HALL, START, GOAL, NOISE, beacons=SIGNS, **change)
+
+
+# Robots with a filter
+
+
+RADIO = BeaconKind.range_only(range_m=15.0, range_std_m=0.1)
+RADIOS = [Beacon(RADIO, 15, 25), Beacon(RADIO, 45, 25)]
+FUSING = {"estimator": "filter", "max_nodes": 20, "time_limit": 600.0}
+
+
+def test_ranges_are_for_robots_with_a_filter():
+    with pytest.raises(ValueError, match=r"cannot use it: expected estimator='filter' for beacons of kind range_only"):
+        plan_route(HALL, START, GOAL, NOISE, beacons=RADIOS)
+    with pytest.raises(ValueError, match="expected estimator one of"):
+        plan_route(HALL, START, GOAL, NOISE, beacons=SIGNS, estimator="kalman")
+
+
+@pytest.mark.parametrize("minimise", ["length", "drift", "worst_drift"])
+def test_the_drift_of_a_route_for_a_robot_with_a_filter_is_that_of_its_filter(minimise):
+    route = plan_route(HALL, START, GOAL, NOISE, beacons=RADIOS, minimise=minimise, max_drift=2.0, **FUSING)
+    drift = drift_with_beacons(route, NOISE, RADIOS, HALL, estimator="filter")
+    assert route.drift.is_fused
+    assert route.rms <= drift.end.rms * 1.2  # passes that are probably missed do not count
+    assert route.worst_drift <= 2.0
+    assert route.bound <= {"length": route.length, "drift": route.rms, "worst_drift": route.worst_drift}[minimise]
+
+
+def test_the_least_worst_drift_of_a_robot_with_a_filter_is_found_again_as_a_limit():
+    asked = {"beacons": RADIOS, **FUSING}
+    steady = plan_route(HALL, START, GOAL, NOISE, minimise="worst_drift", **asked)
+    limit = steady.worst_drift * (1 + 1e-9)
+    again = plan_route(HALL, START, GOAL, NOISE, minimise="length", max_drift=limit, **asked)
+    assert again.worst_drift <= limit
+
+
+def test_with_any_one_radio_dead_the_limit_of_a_robot_with_a_filter_still_holds():
+    radios = [*RADIOS, Beacon(RADIO, 30, 0.5)]
+    asked = {"minimise": "length", "max_drift": 2.2, **FUSING}
+    route = plan_route(HALL, START, GOAL, NOISE, beacons=radios, redundancy=2, min_capture=0.0, **asked)
+    for k in range(len(radios)):
+        alive = radios[:k] + radios[k + 1 :]
+        assert drift_with_beacons(route, NOISE, alive, HALL, estimator="filter").profile(0.5).rms.max() <= 2.2 + 1e-9
+
+
+def test_a_table_of_routes_says_which_robot_they_are_for():
+    fused, resets = (
+        plan_route(HALL, START, GOAL, NOISE, beacons=SIGNS, minimise="length", max_nodes=40, estimator=estimator)
+        for estimator in ("filter", "reset")
+    )
+    table = compare_routes([fused, resets])
+    assert [row["estimator"] for row in table.rows] == ["filter", "reset"]
+    assert "estimator" in str(table)
+    assert "estimator" not in str(compare_routes([resets]))

@@ -22,9 +22,10 @@ from driftplan.beacons.readings import BeaconColumns, floor_of, readings_on
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.covariance import Legs, legs
 from driftplan.model.filter_state import FilterState, LegColumns, Row
+from driftplan.model.fusion import belief_at_start
 from driftplan.model.noise import Noises, noise_of_legs
 from driftplan.model.paths import read_path
-from driftplan.model.readings import Fix, Readings
+from driftplan.model.readings import Readings
 
 NEVER = -1  # stands for a border at which a limit fails where none does
 
@@ -188,7 +189,7 @@ def fused_routes(scenario: Scenario, sites: Sequence[Beacon]) -> tuple[FusedRout
     ValueError
         For odometry with a known systematic error: a filter does not correct it, and then more beacons may be worse.
     """
-    columns, start = BeaconColumns.of(sites), _state_of(scenario.start_fix)
+    columns, start = BeaconColumns.of(sites), belief_at_start(scenario.start_fix)
     found = []
     for path in scenario.routes:
         readings = readings_on(path, columns, scenario.world)
@@ -221,14 +222,3 @@ def _route(path: Floats, noise: Noises, readings: Readings, start: FilterState) 
         here[border].append(FusedReading(int(readings.source[k]), *readings.rows(k, complex(positions[border]))))
     distance = np.concatenate([[0.0], np.cumsum(lengths)])
     return FusedRoute(start, driven, tuple(tuple(some) for some in here), distance)
-
-
-def _state_of(start_fix: Fix | None) -> FilterState:
-    pose = np.zeros((3, 3))
-    if start_fix is not None:
-        chance = start_fix.detection_probability
-        if start_fix.position_cov is not None:
-            pose[:2, :2] = chance * start_fix.position_cov
-        if start_fix.heading_std is not None:
-            pose[2, 2] = -2 * np.log1p(chance * np.expm1(-(start_fix.heading_std**2) / 2))
-    return FilterState.at_start(pose)

@@ -16,7 +16,7 @@ from driftplan.arrays import Floats, Ints, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.readings import Fix
+from driftplan.model.readings import Estimator, Fix
 from driftplan.planning.bounds import Bound
 from driftplan.planning.ompl.roadmap_spaces import ClippedWorld, OmplCheckedSpace, box_of
 from driftplan.planning.ompl.roadmap_targets import Target, target_of
@@ -57,8 +57,8 @@ class RoadmapPlanner(ob.Planner):
         DriftObjective was made for, which must be in it.
     world : collisions are then tested in bulk, and corners are known; the validity checkers of ``si`` are not asked.
         Without it every motion is put to ``si.checkMotion``. An objective with zones needs its world here.
-    beacons, max_drift, max_detour, redundancy, min_capture, start_fix : as for `driftplan.plan_route`. Without a
-        ``world`` nothing blocks the sight of beacons.
+    beacons, max_drift, max_detour, redundancy, min_capture, start_fix, estimator : as for `driftplan.plan_route`.
+        Without a ``world`` nothing blocks the sight of beacons.
     minimise : {"length", "drift", "worst_drift"}, optional
     noise : needed with beacons and a path length objective, which has none
     max_nodes : of the largest roadmap among beacons, about
@@ -92,7 +92,8 @@ class RoadmapPlanner(ob.Planner):
     >>> setup.setPlanner(planner)
     >>> from ompl import util as ou
     >>> ou.setLogLevel(ou.LOG_NONE)
-    >>> bool(setup.solve(0.2)), setup.getSolutionPath().check()
+    >>> enough = ob.PlannerTerminationCondition(lambda: len(planner.roadmap()[0]) > 100)
+    >>> bool(setup.solve(enough)), setup.getSolutionPath().check()
     (True, True)
     >>> nodes, edges = planner.roadmap()
     >>> nodes[:2].tolist(), edges.shape[1]
@@ -118,6 +119,7 @@ class RoadmapPlanner(ob.Planner):
         redundancy: int = 1,
         min_capture: float = 0.9,
         start_fix: Fix | None = None,
+        estimator: Estimator = "reset",
         noise: OdometryNoise | None = None,
         max_nodes: int = 2000,
         seed: int = 0,
@@ -150,6 +152,7 @@ class RoadmapPlanner(ob.Planner):
             redundancy=redundancy,
             min_capture=min_capture,
             start_fix=start_fix,
+            estimator=estimator,
         )
         self._queries: list[_Query] = []
         self._scale = 1.0

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 from driftplan.arrays import Floats
 from driftplan.planning.bounds import least_worst_drift
-from driftplan.planning.itinerary.check import ItineraryCheck
 from driftplan.planning.request import DEFAULT_DETOUR
 from driftplan.planning.roadmap.beacon_walks import FINE, ROUNDING, WORST_TOLERANCE, BeaconWalks, with_smaller_range
+from driftplan.planning.roadmap.itinerary_check import ItineraryCheck
 from driftplan.planning.roadmap.polish import shortened
 from driftplan.planning.roadmap.prices import length_of
 
@@ -135,7 +135,7 @@ class BeaconSearch(BeaconWalks):
 
     def _bisected(self, best: Floats, longest: float, margin: float | None) -> Floats:
         high = self.worst(best)
-        least = least_worst_drift(self.ends, self.noises, self.beacons, high)
+        least = least_worst_drift(self.ends, self.noises, self.reliance.bounding, high)
         for slack, step, tolerance in ((_COARSE, 0.5, 0.05), (_MEDIUM, _STEP_DOWN, WORST_TOLERANCE)):
             low, missed = least, False
             for _ in range(_MAX_BISECTIONS):

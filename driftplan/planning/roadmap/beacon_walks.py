@@ -3,8 +3,8 @@
 The shared roadmap (`driftplan.planning.roadmap.sampling`) is turned into a graph whose edges carry what driving and
 reading do to the drift (`driftplan.planning.roadmap.beacon_graph`); label searches
 (`driftplan.planning.roadmap.label_search`) look for the best walk, whose path is then put to the exact model
-(`driftplan.planning.itinerary.check`). Where that disagrees with the graph, the search is asked again, for a little
-more.
+(`driftplan.planning.roadmap.itinerary_check`). Where that disagrees with the graph, the search is asked again, for a
+little more.
 
 All work is counted in labels and trials, not in seconds: the same seed gives the same path unless `stop` interfered.
 """
@@ -18,17 +18,17 @@ from functools import cached_property
 
 import numpy as np
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Floats, Ints
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import NoPathError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.bounds import max_distance_within
 from driftplan.planning.cost import CostRates
-from driftplan.planning.itinerary.check import ALL_ALIVE, ItineraryCheck
 from driftplan.planning.request import Objective, Reliance, format_point
 from driftplan.planning.roadmap.beacon_graph import BeaconGraph
 from driftplan.planning.roadmap.graph import GOAL, START, Roadmap
 from driftplan.planning.roadmap.growth import BATCHES_TO_FIND_ONE, RoadmapSearch, roadmap_among_beacons
+from driftplan.planning.roadmap.itinerary_check import ALL_ALIVE, ItineraryCheck
 from driftplan.planning.roadmap.label_search import LabelProblem, Walk, least_drift_walk, shortest_walk
 from driftplan.planning.roadmap.prices import AdditiveCost, Space, length_of
 from driftplan.world.world import World
@@ -108,6 +108,7 @@ class BeaconWalks:
             reliance.start_heading,
             reliance.redundancy,
             reliance.min_capture,
+            reliance.estimator,
         )
         self.labels, self.max_labels = 0, MAX_LABELS
         self.timed_out = self.exhausted = False
@@ -161,8 +162,12 @@ class BeaconWalks:
         roadmap = self._roadmap[1]
         if margin not in self._graphs:
             nearer = [with_smaller_range(beacon, margin) for beacon in self.beacons]
-            self._graphs[margin] = BeaconGraph.of(roadmap.xy, roadmap.edges, self.noise, nearer, self.world)
+            self._graphs[margin] = self.graph_of(roadmap.xy, roadmap.edges, nearer)
         return self._graphs[margin]
+
+    def graph_of(self, xy: Floats, edges: Ints, beacons: Sequence[Beacon]) -> BeaconGraph:
+        """A graph of the robot's estimator."""
+        return BeaconGraph.of(xy, edges, self.noise, beacons, self.world, self.reliance.estimator)
 
     def walk(
         self,

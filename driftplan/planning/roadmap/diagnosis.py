@@ -11,7 +11,6 @@ import numpy as np
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.planning.request import format_point
-from driftplan.planning.roadmap.beacon_graph import BeaconGraph
 
 if TYPE_CHECKING:
     from driftplan.planning.roadmap.beacon_search import BeaconSearch
@@ -40,6 +39,8 @@ def why_infeasible(search: BeaconSearch, limit: float, longest: float) -> str:
     reasons = []
     if search.reliance.start_fix is not None and search.check.drift(search.shortest).moments.N[0].real > limit**2:
         reasons.append("the drift at the start is above it already")
+    elif search.reliance.estimator == "filter":  # knows more than any one reading says
+        pass
     elif not accuracy:
         reasons.append("no beacon gives a position")
     elif min(accuracy) > limit:
@@ -85,7 +86,7 @@ def _headings_would_help(search: BeaconSearch, limit: float, longest: float) -> 
     graph = search.graph(0.0, longest)
     full = [_full(b) for b in graph.beacons]
     edges = np.stack([graph.tail, graph.head], axis=1)[graph.tail < graph.head]
-    graph = BeaconGraph.of(graph.xy, edges, search.noise, full, search.world)
+    graph = search.graph_of(graph.xy, edges, full)
     return search.walk(graph, limit, longest, max_labels=_LABELS).nodes is not None
 
 

@@ -1,31 +1,20 @@
 r"""Label search: the shortest walk on which the drift stays under a limit, or the walk of least drift at its end.
 
 A label is a way from the start to a node: its length and its error states (see
-`driftplan.planning.roadmap.beacon_graph`), one for every scenario of dead beacons. Labels are grown in order of
+`driftplan.planning.roadmap.edge_errors`), one for every scenario of dead beacons. Labels are grown in order of
 length so far plus least length still to come. A walk may come back to a node, for instance from a beacon in a side
 aisle: it comes back with another error.
 
 *Dominance.* Label 1 makes label 2 at the same node superfluous when it is no longer and, whatever is driven and read
-from there, ends with no more drift. A motion of displacement P until the next position reading adds to E|e|² what does
-not depend on the label, and
-
-    E|e|² + E|δ|² |P|² + 2 Re(E[e conj δ] conj P),
-
-up to terms of the fourth order in the heading error gained on the way; a position reading keeps E|δ|² and wipes the
-rest. So label 1 dominates when, with Δ = label 2 - label 1 in every scenario,
-
-    ΔE|e|² >= 0,   ΔE|δ|² >= 0   and   ΔE|e|² + ΔE|δ|² r² - 2 |ΔE[e conj δ]| r >= 0 for every r <= R,
-
-R being how far the most accurate robot can drive before it breaks the limit: farther no label gets without a reading.
-Missed readings mix outcomes, which keeps the order. Where turning costs, label 1 is first turned to the heading of
+from there, ends with no more drift: what that takes depends on the estimator
+(`driftplan.planning.roadmap.edge_errors.Dominance`). Where turning costs, label 1 is first turned to the heading of
 label 2. ``slack_sq`` (m²) is granted in all of this; with zero no walk of the graph is better than the one found.
-Systematic errors are not in these terms: with them dominance is a rule of thumb.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from heapq import heappop, heappush
 
@@ -33,11 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driftplan.arrays import Floats
-from driftplan.planning.roadmap.beacon_graph import A_IM, A_RE, BeaconGraph, D, Effects, N
+from driftplan.planning.roadmap.beacon_graph import BeaconGraph
+from driftplan.planning.roadmap.edge_errors import Effects, Score
 
 _ASK_EVERY = 32  # labels expanded between two looks at the clock
-
-Score = tuple[float, float, complex]  # E|e|², E|δ|², E[e conj δ]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -83,48 +71,15 @@ def least_drift_walk(
     return _LabelSearch(task, slack_sq, stop, max_labels).run(least_drift=True)
 
 
-class ResetDominance:
-    """Which label makes which superfluous, for a robot whose readings replace what they measure; see above.
-
-    Another estimator has other label states, and another dominance.
-    """
-
-    def __init__(self, problem: LabelProblem, slack_sq: float) -> None:
-        self.max_gap_m = problem.max_gap_m
-        self.slack_N, self.slack_D = slack_sq, slack_sq / max(problem.max_gap_m, 1e-9) ** 2
-        graph = problem.graph
-        self.turn_rates = graph.worst_turn() if graph.turns_matter else (0.0, 0.0)
-
-    def scores(self, states: Floats) -> list[list[Score]]:
-        """What it looks at in every scenario of states (n, 9, scenarios)."""
-        columns = (*(states[:, k].tolist() for k in (N, D)), (states[:, A_RE] + 1j * states[:, A_IM]).tolist())
-        return [list(zip(*scenarios, strict=True)) for scenarios in zip(*columns, strict=True)]
-
-    def __call__(self, better: Sequence[Score], worse: Sequence[Score], turn_rad: float) -> bool:
-        """Whether a label that first turns by an angle drifts no more than another, whatever follows."""
-        slack_N = self.slack_N - self.turn_rates[1] * turn_rad
-        slack_D = self.slack_D - self.turn_rates[0] * turn_rad
-        max_gap_m = self.max_gap_m
-        for (N1, D1, a1), (N2, D2, a2) in zip(better, worse, strict=True):
-            dN, dD = N2 - N1 + slack_N, D2 - D1 + slack_D
-            if dN < 0 or dD < 0:
-                return False
-            lever = abs(a2 - a1)
-            r = max_gap_m if lever >= max_gap_m * dD else lever / dD
-            if dN + (dD * r - 2 * lever) * r < 0:
-                return False
-        return True
-
-
 class _LabelSearch:
     def __init__(self, task: LabelProblem, slack_sq: float, stop: Callable[[], bool], max_labels: int) -> None:
         self.task, self.stop, self.max_labels = task, stop, max_labels
         graph = task.graph
         self.scenarios = len(task.states)
-        self.dominates = ResetDominance(task, slack_sq)
+        self.square = graph.errors.square
+        self.dominates = graph.errors.dominance(task.max_gap_m, slack_sq, graph.worst_turn())
         self.limit_sq = task.limit**2
         self.first = graph.first.tolist()
-        self.row_first = graph.effects.first
         self.turning = graph.turns_matter
         self.slots = [_slots(effects, len(graph.tail)) for effects in task.dead]
         # one entry per label
@@ -143,8 +98,9 @@ class _LabelSearch:
         start = np.ascontiguousarray(task.states.T)
         best, end, finished, expanded = math.inf, -1, True, 0
         nearest, bound = (task.start, float(task.to_goal[task.start])), float(task.to_goal[task.start])
-        if float(start[N].max()) <= self.limit_sq:
-            self.add(task.start, 0.0, start, self.dominates.scores(start[None])[0], task.arriving, -1)
+        if float(self.square(start).max()) <= self.limit_sq:
+            facing = task.arriving if self.turning else None
+            self.add(task.start, 0.0, start, self.dominates.scores(start[None])[0], facing, -1)
         while self.heap:
             f, label = heappop(self.heap)
             if self.dropped[label]:
@@ -154,7 +110,7 @@ class _LabelSearch:
             if task.to_goal[node] < nearest[1]:
                 nearest = (node, float(task.to_goal[node]))
             if node == task.goal:
-                worst = float(self.state[label][N].max())
+                worst = float(self.square(self.state[label]).max())
                 if worst < best:
                     best, end = worst, label
                 if not least_drift:
@@ -181,25 +137,16 @@ class _LabelSearch:
         if lo == hi:
             return
         graph, x, facing = task.graph, self.state[label], self.facing[label]
-        turns = graph.turns(node, facing) if self.turning and facing is not None else None
-        begun = x if turns is None else turns @ x
-        rows = slice(int(self.row_first[lo]), int(self.row_first[hi]))
-        after = graph.effects.matrix[lo:hi] @ begun
-        starts = self.row_first[lo:hi] - rows.start
-        if turns is None:
-            drifts = graph.effects.row[rows] @ x
-        else:
-            of_edge = np.repeat(np.arange(hi - lo), np.diff(self.row_first[lo : hi + 1]))
-            drifts = np.einsum("kj,kjs->ks", graph.effects.row[rows], begun[of_edge])
-        worst = np.maximum.reduceat(drifts, starts, axis=0)
-        if turns is not None:
-            worst = np.maximum(worst, begun[:, N])
+        begun = x if facing is None else graph.turned(node, facing, x)
+        after, worst = graph.effects.driven(slice(lo, hi), begun)
+        if facing is not None:
+            worst = np.maximum(worst, self.square(begun))
         for s, (effects, slot) in enumerate(zip(task.dead, self.slots, strict=True), start=1):
             for k in np.flatnonzero(slot[lo:hi] >= 0).tolist():
                 e = int(slot[lo + k])
-                before = begun[:, s] if turns is None else begun[k, :, s]
-                after[k, :, s] = effects.matrix[e] @ before
-                worst[k, s] = (effects.row[effects.first[e] : effects.first[e + 1]] @ before).max()
+                before = begun[..., s : s + 1] if begun.ndim == 2 else begun[k : k + 1, :, s : s + 1]
+                one, most = effects.driven(slice(e, e + 1), before)
+                after[k, :, s], worst[k, s] = one[0, :, 0], most[0, 0]
         length = self.length[label] + graph.length[lo:hi]
         heads = graph.head[lo:hi]
         fits = np.flatnonzero((worst.max(axis=1) <= self.limit_sq) & (length + task.to_goal[heads] <= task.longest))
@@ -230,7 +177,7 @@ class _LabelSearch:
     def turn(self, other: int, facing: complex | None) -> float:
         """Angle between the heading of a label and another."""
         stands = self.facing[other]
-        if not self.turning or facing is None or stands is None:
+        if facing is None or stands is None:
             return 0.0
         return abs(math.atan2((facing * stands.conjugate()).imag, (facing * stands.conjugate()).real))
 

@@ -20,7 +20,7 @@ from driftplan.beacons.readings import (
 )
 from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.readings import NEEDS_FILTER, Fix, Readings
+from driftplan.model.readings import Estimator, Fix, Readings
 from driftplan.model.worst import worst_rms
 from driftplan.world.world import World
 
@@ -43,6 +43,7 @@ class ItineraryCheck:
     ----------
     redundancy : 2: with any one beacon dead too
     min_capture : passes that happen less surely than this do not count; 0: all do
+    estimator : what the robot does with a reading
     """
 
     world: World | None
@@ -52,11 +53,10 @@ class ItineraryCheck:
     start_heading: float | None = None
     redundancy: int = 1
     min_capture: float = 0.0
+    estimator: Estimator = "reset"
     _columns: BeaconColumns = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if any(beacon.kind.needs_filter for beacon in self.beacons):
-            raise ValueError(f"{NEEDS_FILTER}: routes are planned for robots that reset")
         object.__setattr__(self, "_columns", BeaconColumns.of(self.beacons))
 
     def met(self, path: Floats) -> list[int]:
@@ -114,4 +114,6 @@ class ItineraryCheck:
     def _drift(self, path: Floats, readings: Readings) -> Drift:
         start = Readings.of([] if self.initial is None else [self.initial])
         floor, noises = floor_of(path, self.noise, self.world)
-        return predict_drift(floor, noises, fixes=start + readings, start_heading=self.start_heading)
+        return predict_drift(
+            floor, noises, fixes=start + readings, start_heading=self.start_heading, estimator=self.estimator
+        )

@@ -1,0 +1,212 @@
+"""The errors of a robot that fuses its readings, on the edges of a roadmap, and which of its labels make which
+superfluous.
+
+The error state is the covariance P of position and heading (`driftplan.model.covariance`), nine numbers. A stretch of
+an edge, readings that are certain included, is one element P ↦ A (I + P J)⁻¹ P Aᵀ + C. A reading that may be missed
+is none: an edge is cut there into parts, and the bound of `FilterState.read` taken. Between readings tr P is convex in
+the distance, and a reading never adds to it: it is greatest on arrival at a reading, or at the end.
+
+*Dominance.* Driving, turning and reading, missed or not, are monotone: P₁ ⪯ P₂ (P₂ - P₁ positive semidefinite, the
+Loewner order) stays so whatever follows, and then tr P₁ <= tr P₂. So label 1 dominates when it is no longer and
+P₁ ⪯ P₂ + S in every scenario. S is the slack s that is granted: s/2 for either axis of the position and s/R² for the
+heading, R being how far the most accurate robot can drive before it breaks the limit. Of systematic errors,
+known or not, labels know nothing: with them the exact model may disagree with what was found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from driftplan.arrays import Bools, Complexes, Floats, Ints
+from driftplan.beacons.beacon import Beacon
+from driftplan.beacons.readings import BeaconColumns, readings_from
+from driftplan.model.covariance import CovarianceMap, compose, identity, legs
+from driftplan.model.filter_state import FilterState, Row, upper_triangle
+from driftplan.model.fusion import belief_at_start
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix, Readings
+from driftplan.planning.roadmap.edge_errors import SIZE, Dominance, Effects, Score
+from driftplan.planning.roadmap.edge_steps import NO_SITE, Steps
+
+_UPPER = [3 * i + j for i, j in upper_triangle(3)]  # of the nine numbers, those that say it all
+_ROUNDING = 1e-12  # of the diagonal: what is semidefinite but for rounding
+
+
+@dataclass(frozen=True, eq=False)
+class FusedEffects:
+    """What edges do to covariances: parts that end with a reading that may be missed, the last one with the edge."""
+
+    edge: Ints  # (m,) which edges; sorted
+    first_part: Ints  # (m + 1,) where the parts of each begin
+    first_map: Ints  # (parts + 1,) where the maps of each part begin
+    maps: CovarianceMap  # from where a part begins to where tr P may be greatest; the last one of a part to its end
+    missable: tuple[Row, ...]  # what may be read where a part ends: columns (parts, 1)
+    chance: Floats  # (parts,)
+
+    def driven(self, some: slice, begun: Floats) -> tuple[Floats, Floats]:
+        """See `Effects`."""
+        count = np.diff(self.first_part[some.start : some.stop + 1])
+        P = np.moveaxis(begun, -1, -2).reshape(*begun.shape[:-2], -1, 3, 3)
+        P = np.broadcast_to(P, (len(count), *P.shape[-3:])).copy()
+        worst = np.zeros(P.shape[:2])
+        for k in range(int(count.max())):
+            here = np.flatnonzero(count > k)
+            part = self.first_part[some][here] + k
+            begin, size = self.first_map[part], self.first_map[part + 1] - self.first_map[part]
+            last = np.cumsum(size) - 1
+            index = np.arange(last[-1] + 1) + np.repeat(begin - (last + 1 - size), size)
+            maps = CovarianceMap(*(x[index, None] for x in self.maps.arrays()))
+            found = maps(np.repeat(P[here], size, axis=0))
+            trace = found[..., 0, 0] + found[..., 1, 1]
+            worst[here] = np.maximum(worst[here], np.maximum.reduceat(trace, last + 1 - size, axis=0))
+            P[here] = found[last]
+            onward = count[here] > k + 1
+            if onward.any():
+                P[here[onward]] = self._read(P[here[onward]], part[onward])
+        return np.moveaxis(P.reshape(*P.shape[:2], SIZE), 1, 2), worst
+
+    def _read(self, P: Floats, part: Ints) -> Floats:
+        rows = [Row(tuple(c[part] for c in row.coefficients), row.variance[part]) for row in self.missable]
+        return FilterState.from_matrix(P).read(rows, self.chance[part, None]).matrix
+
+
+class FusedEdges:
+    """The errors of a robot with a filter; an `EdgeErrors`."""
+
+    def __init__(self, steps: Steps, noises: Sequence[OdometryNoise], beacons: Sequence[Beacon]) -> None:
+        self.steps, self.columns = steps, BeaconColumns.of(beacons)
+        zero = np.zeros(len(steps.edge))
+        self.run = legs(np.angle(steps.direction), zero, steps.length, zero, noises, steps.which).maps
+        self.coefficients, self.variance = self._columns_of_rows(steps)
+
+    def _columns_of_rows(self, steps: Steps) -> tuple[Floats, Floats]:
+        """What each step measures, (k, rows, 3), and its variance, (k, rows): infinite for what it does not.
+
+        Readings of one kind are alike, unless they have a direction or a distance has a say in them.
+        """
+        reads = np.flatnonzero(steps.site != NO_SITE)
+        site, place = steps.site[reads], steps.place[reads]
+        readings = self._readings(site, place)
+        alike = np.isnan(readings.anchor) & (self.columns.std_per_m[site] == 0)
+        measured = np.stack([readings.square, readings.heading_var], axis=-1)[alike]
+        kind = np.arange(len(reads))
+        first, of_first = np.unique(np.nan_to_num(measured, nan=-1.0), axis=0, return_index=True, return_inverse=True)[
+            1:
+        ]
+        kind[alike] = np.flatnonzero(alike)[first[of_first.ravel()]]
+        rows = {k: readings.rows(k, complex(place[k]))[0] for k in np.unique(kind).tolist()}
+        width = max(map(len, rows.values()), default=0)
+        coefficients, variance = np.zeros((len(reads), width, 3)), np.full((len(reads), width), np.inf)
+        for k, some in rows.items():
+            for i, row in enumerate(some):
+                coefficients[k, i], variance[k, i] = row
+        every = np.zeros((len(steps.edge), width, 3)), np.full((len(steps.edge), width), np.inf)
+        every[0][reads], every[1][reads] = coefficients[kind], variance[kind]
+        return every
+
+    def _readings(self, site: Ints, place: Complexes) -> Readings:
+        """Readings of beacons at places (k,), as if certain."""
+        distance = np.abs(place - self.columns.xy[site] @ np.array([1.0, 1j]))
+        return readings_from(self.columns, site, distance, np.zeros(len(site)), np.ones(len(site)))
+
+    def at_start(self, initial: Fix | None) -> Floats:
+        """See `EdgeErrors`, here and below."""
+        return belief_at_start(initial).matrix.ravel()
+
+    def read(self, state: Floats, site: int, place: complex) -> Floats:
+        rows, _ = self._readings(np.array([site]), np.array([place])).rows(0, place)
+        return FilterState.from_matrix(state.reshape(3, 3)).read(rows).matrix.ravel()
+
+    def square(self, states: Floats) -> Floats:
+        return np.asarray(states[..., 0, :] + states[..., 4, :])
+
+    def turns(self, turn_rad: Floats, arriving: complex, noise: OdometryNoise) -> Floats:
+        zero = np.zeros(len(turn_rad))
+        return legs(np.full(len(turn_rad), np.angle(arriving)), turn_rad, zero, zero, [noise]).C.reshape(-1, SIZE, 1)
+
+    def turned(self, state: Floats, turns: Floats) -> Floats:
+        return state + turns
+
+    def dominance(self, max_gap_m: float, slack_sq: float, turn_rates: tuple[float, float]) -> Dominance:
+        return LoewnerDominance(max_gap_m, slack_sq, turn_rates)
+
+    def effects(self, edges: Ints, dead: int = NO_SITE) -> Effects:
+        """Products along edges, one step of all of them at a time."""
+        steps = self.steps
+        reads = (steps.site != NO_SITE) & (steps.site != dead)
+        cut = reads & (steps.chance < 1)
+        begin, count = steps.of_edges(edges)
+        ends_reading = reads[begin + count - 1]  # then a map more, of what it leaves
+        first = np.concatenate([[0], np.cumsum(count + ends_reading)])
+        maps, now = _nothing(int(first[-1])), _nothing(len(edges))
+        step_of = np.zeros(first[-1], dtype=np.intp)
+        for k in range(int(count.max(initial=0))):
+            here = np.flatnonzero(count > k)
+            step = begin[here] + k
+            driven = compose(now[here], self.run[step])
+            _put(maps, first[here] + k, driven)
+            step_of[first[here] + k] = step
+            _put(now, here, driven.read(self._rows_of(step, reads[step] & ~cut[step])))
+            _put(now, here[cut[step]], _nothing(int(cut[step].sum())))
+        _put(maps, first[1:][ends_reading] - 1, now[ends_reading])
+        ends_part = cut[step_of]
+        ends_part[first[1:][ends_reading] - 1] = False
+        first_map = np.union1d(first, np.flatnonzero(ends_part) + 1)
+        last = first_map[1:] - 1
+        return FusedEffects(
+            edges,
+            np.searchsorted(first_map, first),
+            first_map,
+            maps,
+            self._rows_of(step_of[last], ends_part[last], 1),
+            steps.chance[step_of[last]],
+        )
+
+    def _rows_of(self, step: Ints, which: Bools, axes: int = 0) -> tuple[Row, ...]:
+        """The readings that end steps, as columns with so many further axes; those of ``which`` only."""
+        shape = (len(step), *(1,) * axes)
+        variance = np.where(which[:, None], self.variance[step], np.inf)
+        return tuple(
+            Row(tuple(c.reshape(shape) for c in self.coefficients[step, i].T), variance[:, i].reshape(shape))
+            for i in range(variance.shape[1])
+        )
+
+
+class LoewnerDominance:
+    """Which label makes which superfluous; see above. A score is the upper triangle of P."""
+
+    def __init__(self, max_gap_m: float, slack_sq: float, turn_rates: tuple[float, float]) -> None:
+        self.turn_rates = turn_rates
+        self.slack = slack_sq / 2, slack_sq / max(max_gap_m, 1e-9) ** 2
+
+    def scores(self, states: Floats) -> list[list[Score]]:
+        """See `Dominance`."""
+        return [[tuple(P) for P in label] for label in np.moveaxis(states[:, _UPPER], 1, 2).tolist()]
+
+    def __call__(self, better: Sequence[Score], worse: Sequence[Score], turn_rad: float) -> bool:
+        """See `Dominance`: all principal minors. The noise of a turn counts in all directions."""
+        axis, heading = self.slack[0] - self.turn_rates[1] * turn_rad, self.slack[1] - self.turn_rates[0] * turn_rad
+        for (xx, xy, xt, yy, yt, tt), (XX, XY, XT, YY, YT, TT) in zip(better, worse, strict=True):
+            a, d, f = (1 + _ROUNDING) * XX - xx + axis, (1 + _ROUNDING) * YY - yy + axis, (1 + _ROUNDING) * TT - tt
+            f += heading
+            if a < 0 or d < 0 or f < 0:
+                return False
+            b, c, e = XY - xy, XT - xt, YT - yt
+            if a * d < b * b or a * f < c * c or d * f < e * e:
+                return False
+            if a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d) < 0:
+                return False
+        return True
+
+
+def _nothing(count: int) -> CovarianceMap:
+    """Stretches in which nothing happens yet."""
+    return CovarianceMap(*(x.copy() for x in identity((count,)).arrays()))
+
+
+def _put(maps: CovarianceMap, index: Ints | Bools, some: CovarianceMap) -> None:
+    for all_, part in zip(maps.arrays(), some.arrays(), strict=True):
+        all_[index] = part

@@ -1,0 +1,225 @@
+"""The errors of a robot that resets, on the edges of a roadmap, and which of its labels make which superfluous.
+
+E|e|² at the end of a motion depends on what came before only through the error state
+
+    x = (E|e|², E|δ|², E δ, E e, E[e conj δ], 1)        (real and imaginary parts: nine numbers, world frame),
+
+and driving a straight run, reading a beacon and missing it with some probability all act on x by matrices. (The other
+second moments, E e² and E δ², never flow back into E|e|².) So an edge is one matrix, whatever is read on it, and the
+drift at every place where it could be greatest - before and after every reading, and at the end - is one row each.
+
+*Dominance.* A motion of displacement P until the next position reading adds to E|e|² what does not depend on the
+label, and
+
+    E|e|² + E|δ|² |P|² + 2 Re(E[e conj δ] conj P),
+
+up to terms of the fourth order in the heading error gained on the way; a position reading keeps E|δ|² and wipes the
+rest. So label 1 dominates when, with Δ = label 2 - label 1 in every scenario,
+
+    ΔE|e|² >= 0,   ΔE|δ|² >= 0   and   ΔE|e|² + ΔE|δ|² r² - 2 |ΔE[e conj δ]| r >= 0 for every r <= R,
+
+R being how far the most accurate robot can drive before it breaks the limit: farther no label gets without a reading.
+Missed readings mix outcomes, which keeps the order. Systematic errors are not in these terms: with them dominance is a
+rule of thumb.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from driftplan.arrays import Complexes, Floats, Ints
+from driftplan.beacons.beacon import Beacon
+from driftplan.model.elements import run_moments, turn_moments
+from driftplan.model.moments import Moments
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix, Readings, start_errors
+from driftplan.planning.roadmap.edge_errors import SIZE, Dominance, Effects, Score
+from driftplan.planning.roadmap.edge_steps import NO_SITE, Steps
+
+N, D, D1_RE, D1_IM, E1_RE, E1_IM, A_RE, A_IM, ONE = range(SIZE)
+
+
+class ResetEffects(NamedTuple):
+    """What edges do to the error state."""
+
+    edge: Ints  # (m,) which edges; sorted
+    matrix: Floats  # (m, 9, 9) state at the end = matrix @ state at the beginning
+    row: Floats  # (k, 9) row @ state = E|e|² somewhere on the edge
+    first: Ints  # (m + 1,) where the rows of each edge begin
+
+    def driven(self, some: slice, begun: Floats) -> tuple[Floats, Floats]:
+        """See `Effects`."""
+        first = self.first[some.start : some.stop + 1]
+        row = self.row[first[0] : first[-1]]
+        if begun.ndim == 2:
+            drifts = row @ begun
+        else:
+            of_edge = np.repeat(np.arange(len(begun)), np.diff(first))
+            drifts = np.einsum("kj,kjs->ks", row, begun[of_edge])
+        worst = np.maximum.reduceat(drifts, first[:-1] - first[0], axis=0)
+        return self.matrix[some] @ begun, worst
+
+
+class ResetEdges:
+    """The errors of a robot whose readings replace what they measure; an `EdgeErrors`."""
+
+    def __init__(self, steps: Steps, noises: Sequence[OdometryNoise], beacons: Sequence[Beacon]) -> None:
+        self.steps, self.readings = steps, _readings(beacons)
+        self.run = np.empty((len(steps.edge), SIZE, SIZE))
+        for index in np.unique(steps.which).tolist():
+            here = np.flatnonzero(steps.which == index)
+            moments = run_moments(steps.length[here], np.zeros(len(here)), noises[index])
+            self.run[here] = _matrices(moments, steps.direction[here])
+
+    def at_start(self, initial: Fix | None) -> Floats:
+        """See `EdgeErrors`, here and below."""
+        return state_of(start_errors(initial))
+
+    def read(self, state: Floats, site: int, place: complex) -> Floats:
+        return np.asarray(self.readings[site] @ state)
+
+    def square(self, states: Floats) -> Floats:
+        return states[..., N, :]
+
+    def turns(self, turn_rad: Floats, arriving: complex, noise: OdometryNoise) -> Floats:
+        return _matrices(turn_moments(turn_rad, noise), np.full(len(turn_rad), arriving))
+
+    def turned(self, state: Floats, turns: Floats) -> Floats:
+        return np.asarray(turns @ state)
+
+    def dominance(self, max_gap_m: float, slack_sq: float, turn_rates: tuple[float, float]) -> Dominance:
+        return ResetDominance(max_gap_m, slack_sq, turn_rates)
+
+    def effects(self, edges: Ints, dead: int = NO_SITE) -> Effects:
+        """Products along edges, one step of all of them at a time."""
+        steps, readings = self.steps, self.readings.copy()
+        readings[dead] = np.eye(SIZE)
+        begin, count = steps.of_edges(edges)
+        first = np.concatenate([[0], np.cumsum(2 * count)])
+        matrix = np.broadcast_to(np.eye(SIZE), (len(edges), SIZE, SIZE)).copy()
+        row = np.empty((int(first[-1]), SIZE))
+        for k in range(int(count.max(initial=0))):
+            here = np.flatnonzero(count > k)
+            step = begin[here] + k
+            driven = self.run[step] @ matrix[here]
+            chance = steps.chance[step, None, None]
+            read = driven + chance * ((readings[steps.site[step]] - np.eye(SIZE)) @ driven)
+            row[first[here] + 2 * k], row[first[here] + 2 * k + 1] = driven[:, N], read[:, N]
+            matrix[here] = read
+        return ResetEffects(edges, matrix, row, first)
+
+
+class ResetDominance:
+    """Which label makes which superfluous; see above. A score is E|e|², E|δ|², E[e conj δ]."""
+
+    def __init__(self, max_gap_m: float, slack_sq: float, turn_rates: tuple[float, float]) -> None:
+        self.max_gap_m, self.turn_rates = max_gap_m, turn_rates
+        self.slack_N, self.slack_D = slack_sq, slack_sq / max(max_gap_m, 1e-9) ** 2
+
+    def scores(self, states: Floats) -> list[list[Score]]:
+        """What it looks at in every scenario of states (n, 9, scenarios)."""
+        columns = (*(states[:, k].tolist() for k in (N, D)), (states[:, A_RE] + 1j * states[:, A_IM]).tolist())
+        return [list(zip(*scenarios, strict=True)) for scenarios in zip(*columns, strict=True)]
+
+    def __call__(self, better: Sequence[Score], worse: Sequence[Score], turn_rad: float) -> bool:
+        """Whether a label that first turns by an angle drifts no more than another, whatever follows."""
+        slack_N = self.slack_N - self.turn_rates[1] * turn_rad
+        slack_D = self.slack_D - self.turn_rates[0] * turn_rad
+        max_gap_m = self.max_gap_m
+        for (N1, D1, a1), (N2, D2, a2) in zip(better, worse, strict=True):
+            dN, dD = N2 - N1 + slack_N, D2 - D1 + slack_D
+            if dN < 0 or dD < 0:
+                return False
+            lever = abs(a2 - a1)
+            r = max_gap_m if lever >= max_gap_m * dD else lever / dD
+            if dN + (dD * r - 2 * lever) * r < 0:
+                return False
+        return True
+
+
+def state_of(moments: Moments) -> Floats:
+    """The error state of error moments in the world frame, shape (..., 9)."""
+    d1, e1, a = (np.asarray(x, dtype=complex) for x in (moments.d1, moments.e1, moments.a))
+    columns = (moments.N, moments.D, d1.real, d1.imag, e1.real, e1.imag, a.real, a.imag, np.ones(np.shape(moments.N)))
+    return np.stack([np.broadcast_to(np.real(c), np.shape(moments.N)) for c in columns], axis=-1)
+
+
+def fix_matrix(fix: Fix) -> Floats:
+    """What a fix does to the error state, (9, 9)."""
+    return _linear(Readings.of([fix]).resets()[0].apply, ())
+
+
+def _matrices(pieces: Moments, direction: Complexes) -> Floats:
+    """What pieces that begin in a direction do to the error state in the world frame, (n, 9, 9): the terms of
+    `driftplan.model.moments.compose` that flow into it, sorted by what they multiply."""
+    turned = pieces.rotated(direction)
+    p, d1, e1, a = (np.asarray(x, dtype=complex) for x in (turned.p, turned.d1, turned.e1, turned.a))
+    lever = p + e1
+    epsilon = np.conj(p) * e1 + turned.N
+    kappa = p * np.conj(d1) + a
+    matrix = np.zeros((*pieces.shape, SIZE, SIZE))
+    matrix[..., N, N] = matrix[..., ONE, ONE] = 1
+    matrix[..., N, D] = (np.conj(p) * lever).real + epsilon.real
+    for column, factor in ((D1_RE, epsilon), (E1_RE, e1), (A_RE, lever)):
+        matrix[..., N, column], matrix[..., N, column + 1] = 2 * factor.real, 2 * factor.imag
+    matrix[..., N, ONE] = turned.N.real
+    matrix[..., D, D] = 1 + 2 * d1.real + turned.D.real
+    gain = np.conj(d1) + turned.D
+    matrix[..., D, D1_RE], matrix[..., D, D1_IM], matrix[..., D, ONE] = 2 * gain.real, -2 * gain.imag, turned.D.real
+    for row, column, factor in (
+        (D1_RE, D1_RE, 1 + d1),
+        (E1_RE, E1_RE, np.ones(pieces.shape)),
+        (E1_RE, D1_RE, lever),
+        (A_RE, A_RE, 1 + np.conj(d1)),
+        (A_RE, E1_RE, np.conj(d1)),
+        (A_RE, D1_RE, kappa),
+    ):
+        matrix[..., row, column] += factor.real
+        matrix[..., row, column + 1] -= factor.imag
+        matrix[..., row + 1, column] += factor.imag
+        matrix[..., row + 1, column + 1] += factor.real
+    mirrored = e1 + a  # multiplies conj(E δ)
+    matrix[..., A_RE, D1_RE] += mirrored.real
+    matrix[..., A_RE, D1_IM] += mirrored.imag
+    matrix[..., A_IM, D1_RE] += mirrored.imag
+    matrix[..., A_IM, D1_IM] -= mirrored.real
+    for row, column, value in (
+        (A_RE, D, lever + kappa),
+        (D1_RE, ONE, d1),
+        (E1_RE, ONE, e1),
+        (A_RE, ONE, a),
+    ):
+        matrix[..., row, column] += value.real
+        matrix[..., row + 1, column] += value.imag
+    return matrix
+
+
+def _linear(act: Callable[[Moments], Moments], shape: tuple[int, ...]) -> Floats:
+    """The matrix of an action on error moments that is linear in the error state, from what it does to a basis."""
+    zero = np.zeros(shape)
+    columns = []
+    for k in range(SIZE):
+        x = np.zeros(SIZE)
+        x[k] = 1.0
+        d1, e1, a = complex(x[D1_RE], x[D1_IM]), complex(x[E1_RE], x[E1_IM]), complex(x[A_RE], x[A_IM])
+        state = Moments(zero + 1, zero, zero + d1, zero, zero + x[D], zero + e1, zero + x[N], zero, zero + a, zero)
+        columns.append(state_of(act(state)))
+    matrix = np.stack(columns, axis=-1)
+    matrix[..., :ONE] -= matrix[..., ONE:]  # an action is affine: its constant part belongs to the last column
+    matrix[..., ONE, :] = np.eye(SIZE)[ONE]
+    return matrix
+
+
+def _readings(beacons: Sequence[Beacon]) -> Floats:
+    """What a reading of each beacon does, (k, 9, 9), and last the identity for 'no beacon'."""
+    known: dict[object, Floats] = {}
+    for beacon in beacons:
+        kind = beacon.kind
+        if kind not in known:
+            farthest_m = kind.std_per_m * kind.range_m  # on the safe side; finished routes are checked
+            cov = None if kind.position_std_m is None else (kind.position_std_m + farthest_m) ** 2 * np.eye(2)
+            known[kind] = fix_matrix(Fix(s_m=0.0, position_cov=cov, heading_std=kind.heading_std))
+    return np.stack([*(known[beacon.kind] for beacon in beacons), np.eye(SIZE)])
