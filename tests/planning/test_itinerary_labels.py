@@ -55,15 +55,14 @@ def walk_states(graph, nodes, dead=None):
     return worst, x[:, 0]
 
 
-def all_walks(graph, longest, most_edges=WALK_EDGES):
-    """Every walk from node 0 that ends on its first arrival at node 1, no longer than ``longest``."""
+def all_walks(graph, longest, most_edges=WALK_EDGES, through_goal=False):
+    """Every walk from node 0 to node 1, on its first arrival or also on later ones, no longer than ``longest``."""
     stack = [((0,), 0.0)]
     while stack:
         nodes, length = stack.pop()
         if nodes[-1] == 1:
             yield nodes, length
-            continue
-        if len(nodes) > most_edges:
+        if (nodes[-1] == 1 and not through_goal) or len(nodes) > most_edges:
             continue
         for e in range(graph.first[nodes[-1]], graph.first[nodes[-1] + 1]):
             if length + graph.length[e] <= longest:
@@ -193,7 +192,7 @@ def test_the_shortest_walk_within_a_limit_is_that_of_enumeration(seed, noise, ki
 def test_the_walk_of_least_end_drift_is_that_of_enumeration(seed, kinds, estimator):
     graph = small_graph(seed, NOISE, kinds, estimator=estimator)
     longest = 45.0
-    walks = [(*walk_states(graph, nodes), nodes) for nodes, _ in all_walks(graph, longest)]
+    walks = [(*walk_states(graph, nodes), nodes) for nodes, _ in all_walks(graph, longest, through_goal=True)]
     for limit in (math.inf, sorted(w for w, _, _ in walks)[len(walks) // 2] ** 0.5 * 1.000001):
         best = min(graph.errors.square(x[:, None])[0] for w, x, _ in walks if w <= limit**2) ** 0.5
         found = least_drift_walk(task_of(graph, limit, longest))
