@@ -292,9 +292,7 @@ def test_plan_prints_a_summary_and_the_waypoints(run, map_file):
     assert lines[1].startswith("lowest drift")
     assert lines[2].startswith("shortest")
     assert lines[3].startswith(("Gained: ", "Nothing is gained"))
-    assert re.match(
-        r"roadmap: .*\. Of the paths on the graph that it searched.*, none has less than 0\.\d+ m of rms", lines[4]
-    )
+    assert re.match(r"roadmap: .*\. Proven for all routes: none has less than 0\.\d+ m of rms", lines[4])
     assert lines[7].split()[:3] == ["0.00", "-3.00", "-3.00"]
     assert lines[-1].split()[1:3] == ["2.00", "-3.00"]
 
