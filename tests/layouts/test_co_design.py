@@ -100,6 +100,18 @@ def test_the_same_seed_gives_the_same_design():
         np.testing.assert_array_equal(a, b)
 
 
+def test_a_robot_that_fuses_needs_no_more_and_keeps_the_limit():
+    tag = BeaconKind.rfid(range_m=2.0, position_std_m=0.05, cost=100.0)
+    reset, fused = (designed(kind=tag, rounds=0, estimator=estimator) for estimator in ("reset", "filter"))
+    assert fused.baseline.layout.proven
+    assert len(fused.baseline.beacons) <= len(reset.baseline.beacons)
+    assert fused.cost <= fused.baseline.cost
+    for path, route in zip(fused.paths, fused.routes, strict=True):
+        drift = drift_with_beacons(path, NOISE, fused.beacons, WORLD, estimator="filter")
+        assert drift.profile(0.1).rms.max() <= LIMIT * (1 + 1e-6)
+        np.testing.assert_allclose(route.drift.end.rms, drift.end.rms, rtol=1e-9)
+
+
 def test_beacons_that_are_there_already_are_used_for_nothing():
     there = [Beacon(SIGN, 20, 10, id="old")]
     found = designed(TRIPS[:2], existing=there)

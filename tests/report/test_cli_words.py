@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 import shapely
 
-from driftplan import OdometryNoise, World, plan_route, predict_drift, save_world
+from driftplan import Beacon, BeaconKind, OdometryNoise, World, plan_route, predict_drift, save_world
+from driftplan.layouts.layout_files import beacons_geojson
 from driftplan.report.cli import in_options
 from driftplan.report.commands import COMMANDS
 from driftplan.report.commands.answer import Progress
@@ -82,6 +83,7 @@ def test_noise_options_are_folded_into_a_pointer(run):
          "--position-std-m would have no effect"),
         (["place", "M", "P", "--candidates", "b.geojson", "--kind", "landmark"], "--kind would have no effect"),
         (["plan", "M", *ENDS, "--redundancy", 2], "--redundancy would have no effect: there are no --beacons"),
+        (["plan", "M", *ENDS, "--estimator", "filter"], "--estimator would have no effect: there are no --beacons"),
         (["compare", "M", "P", "--planner", "bitstar"], "--planner would have no effect: nothing is planned"),
     ],
 )  # fmt: skip
@@ -132,6 +134,14 @@ def test_the_shortest_route_stands_beside_the_answer(run, room, searched, route)
     answer = json.loads(run("plan", room, *ENDS, "--json").out)["route"]
     assert answer["shortest"]["rms_m"] == route.shortest.rms
     assert answer["rms_m"] == route.rms
+
+
+def test_what_the_robot_makes_of_a_reading_reaches_the_planner(run, room, searched, tmp_path):
+    tags = tmp_path / "tags.geojson"
+    tags.write_bytes(beacons_geojson([Beacon(BeaconKind.rfid(1.5, 0.1), 2.0, 1.0)]))
+    for words, estimator in (((), "reset"), (("--beacons", tags, "--estimator", "filter"), "filter")):
+        answer = json.loads(run("plan", room, *ENDS, *words, "--json").out)
+        assert searched[-1][1]["estimator"] == answer["estimator"] == estimator
 
 
 def test_what_was_gained_is_said_in_numbers_or_denied(route):

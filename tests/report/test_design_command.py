@@ -93,7 +93,18 @@ def test_json_says_the_same_as_the_files(design, found, tmp_path):
 
 def test_the_options_reach_the_search(design):
     code, _, err = design(
-        "--start-position-std-m", 0.3, "--start-heading-std-deg", 7, "--redundancy", 2, "--max-detour", 1.3, "--seed", 4
+        "--start-position-std-m",
+        0.3,
+        "--start-heading-std-deg",
+        7,
+        "--redundancy",
+        2,
+        "--max-detour",
+        1.3,
+        "--seed",
+        4,
+        "--estimator",
+        "filter",
     )
     assert code == 0, err
     ((world, trips, noise, limit, sites), options) = design.asked[0]
@@ -103,7 +114,14 @@ def test_the_options_reach_the_search(design):
     assert sites.kind == (BeaconKind.landmark(2.0, 0.05, math.radians(1.0), cost=100.0),)
     assert (sites.points, sites.spacing_m, sites.existing) == (None, 4.0, ())
     assert repr(options["start_fix"]) == repr(Fix.full(0.0, position_std_m=0.3, heading_std=math.radians(7)))
-    asked = {"max_detour": 1.3, "seed": 4, "price_per_m": 1.0, "min_capture": 0.9, "time_limit": 600.0}
+    asked = {
+        "max_detour": 1.3,
+        "seed": 4,
+        "price_per_m": 1.0,
+        "min_capture": 0.9,
+        "time_limit": 600.0,
+        "estimator": "filter",
+    }
     assert {name: options[name] for name in asked} == asked
 
 

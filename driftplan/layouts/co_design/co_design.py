@@ -33,7 +33,7 @@ from driftplan.layouts.co_design.trips import Trip, trips_of
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.readings import Fix
+from driftplan.model.readings import Estimator, Fix
 from driftplan.planning.request import DEFAULT_DETOUR, Reliance, check_continuous
 from driftplan.planning.roadmap.beacon_walks import ROUNDING
 from driftplan.planning.roadmap.prices import length_of
@@ -56,6 +56,7 @@ def co_design(
     price_per_m: float,
     max_detour: float = DEFAULT_DETOUR,
     min_capture: float = 0.9,
+    estimator: Estimator = "reset",
     start_fix: Fix | None = None,
     max_nodes: int = 500,
     rounds: int = 10,
@@ -84,6 +85,7 @@ def co_design(
     min_capture : float in [0, 1)
         The limit holds without readings that a robot that has drifted comes within range of less surely than this; the
         chances are in ``routes[k].captures``. 0: all count, as in `place_beacons`.
+    estimator : what the robots do with a reading, "reset" or "filter", as in `place_beacons`
     start_fix : Fix at 0
         Uncertainty at the start of every trip; default: the start is known.
     max_nodes : of every roadmap, about
@@ -126,6 +128,7 @@ def co_design(
         redundancy=asked.redundancy,
         min_capture=min_capture,
         start_fix=start_fix,
+        estimator=estimator,
     )
     check_continuous((noise, *(zone.noise for zone in world.zones)))
     whole("max_nodes", max_nodes, least=10)
@@ -140,6 +143,7 @@ def co_design(
         noise=noise,
         limits_m=limits_m,
         reliance=reliance,
+        estimator=estimator,
         sites=allowed,
         listed=listed,
         price_per_m=positive("price_per_m", price_per_m),

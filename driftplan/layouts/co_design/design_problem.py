@@ -20,6 +20,7 @@ from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.scenario import DriftLimit, beacons_in_range
 from driftplan.layouts.sites import ListedSites, SiteGroup, Sites
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Estimator
 from driftplan.planning.request import Reliance, check_connected, checked_ends
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.prices import length_of
@@ -37,6 +38,7 @@ class DesignProblem:
     trips: tuple[Trip, ...]
     noise: OdometryNoise
     limits_m: tuple[float, ...]  # of every trip
+    estimator: Estimator  # what robots do with a reading, also where there is none yet
     reliance: Reliance  # of a trip among the existing beacons, under the strictest limit
     sites: Sites  # where beacons may be, as given
     listed: ListedSites  # and one by one
@@ -97,7 +99,7 @@ class DesignProblem:
             self.world,
             np.array([self.trips[trip].start, self.trips[trip].goal]),
             self.noise,
-            replace(self.reliance, beacons=beacons, max_drift=self.limits_m[trip]),
+            replace(self.reliance, beacons=beacons, max_drift=self.limits_m[trip], estimator=self.estimator),
             max_nodes=self.max_nodes,
             seed=self.seed,
             stop=self.late,
@@ -150,6 +152,7 @@ class DesignProblem:
                 ],
                 min_spacing_m=self.sites.min_spacing_m,
             ),
+            estimator=self.estimator,
             start_fix=self.reliance.start_fix,
             time_limit=max(min(self.deadline - time.monotonic(), self.place_s), _MIN_PLACE_S),
         )

@@ -36,6 +36,7 @@ def run(args: argparse.Namespace) -> Answer:
         price_per_m=args.price_per_m,
         min_capture=args.min_capture,
         max_detour=args.max_detour,
+        estimator=args.estimator,
         start_fix=shared.start_fix_from(args),
         time_limit=args.time_limit,
         seed=args.seed,
@@ -72,7 +73,7 @@ def design_text(found: CoDesign) -> str:
     if found.baseline is not None:
         share = found.gain / found.baseline.cost
         gained = f"\nGained: {found.gain:.2f} ({100 * share:.1f} %), after {found.tried} restarts."
-    return f"{trips}\n\n{found}{gained}"
+    return f"{trips}\n\n{found}{gained}\n{shared.note_of(found.layout)}".rstrip()
 
 
 def design_as_json(found: CoDesign) -> dict[str, Any]:
@@ -92,6 +93,8 @@ def design_as_json(found: CoDesign) -> dict[str, Any]:
         "routes": routes,
         "baseline": None if found.baseline is None else _costs(found.baseline),
         **record(found, "gain", "status", "rounds", "seconds"),
+        "estimator": found.layout.scenario.estimator,
+        "note": found.layout.note,
         "restarts": found.tried,
     }
 
@@ -112,6 +115,7 @@ _WANTED = Group("what is wanted", (
     Option("max_detour", "TIMES", "greatest length of a route, as a multiple of that of the shortest", default=1.5),
     Option("min_capture", "P", "the limit holds without readings less sure than this probability (0: all in range "
            "count)", default=0.9),
+    shared.ESTIMATOR,
     *shared.START_SPREAD,
     Option("time_limit", "S", "seconds to search", default=120.0),
     Option("seed", "N", "seed of samples and restarts", int, 0),

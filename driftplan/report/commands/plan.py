@@ -22,7 +22,7 @@ def run(args: argparse.Namespace) -> Answer:
     """One route."""
     from driftplan.report.figures.comparison import plot_comparison
     from driftplan.report.figures.itinerary import plot_itinerary
-    from driftplan.report.records import drift_as_json, drift_geojson, drift_table, path_csv
+    from driftplan.report.records import beyond_linear_text, drift_as_json, drift_geojson, drift_table, path_csv
 
     noise, world = shared.noise_from(args), shared.world_from(args)
     talk(f"planning on {args.map} with {args.planner}{shared.search_effort(args)}")
@@ -43,13 +43,18 @@ def run(args: argparse.Namespace) -> Answer:
     def text() -> str:
         words = [str(compared(routes, world)), *gained_in_words(route), bound_in_words(route)]
         words += ["", itinerary_text(among_beacons)] if among_beacons else []
-        return "\n".join([*words, "", drift_table(route.drift)])
+        return "\n".join([*words, "", drift_table(route.drift)]) + beyond_linear_text(route.drift)
 
     return Answer(
         payload=lambda: {
             "map": args.map,
             "noise": shared.noise_as_json(noise),
-            "route": {**summary(), "waypoints": drift_as_json(route.drift)},
+            "estimator": args.estimator,
+            "route": {
+                **summary(),
+                "waypoints": drift_as_json(route.drift),
+                "beyond_linear_m": route.drift.beyond_linear.tolist(),
+            },
         },
         text=text,
         files={
@@ -78,6 +83,7 @@ def planned_route(args: argparse.Namespace, world: World, noise: OdometryNoise) 
         beacons=load_beacons(args.beacons) if args.beacons else (),
         minimise=args.minimise,
         max_drift=args.max_drift,
+        estimator=args.estimator,
         max_detour=args.max_detour,
         planner=args.planner,
         start_heading=shared.start_heading_from(args),
@@ -160,6 +166,7 @@ _GOALS = (
 _BEACONS = Group("beacons on the way", (
     Option("beacons", "FILE", "beacons to use, as GeoJSON (written by `driftplan place --geojson`); routes are then "
            "at most 1.5 times as long as the shortest, unless --max-detour or --minimise length says otherwise", str),
+    shared.ESTIMATOR,
     Option("max_drift", "M", "greatest rms drift anywhere on the way, metres (default: any)"),
     Option("redundancy", "", "2: the limit holds with any one beacon dead (default: 1, all are alive)", int,
            choices=(1, 2)),
@@ -184,7 +191,10 @@ COMMAND = Command(
         "geojson": "write the route and the drift along it as a GeoJSON LineString, coordinates in metres",
         "picture": "draw the map, the route, its error ellipses and its drift against distance",
     },
-    idle=(Idle(("redundancy", "min_capture"), lambda args: not args.beacons, "there are no --beacons on the way"),),
+    idle=(
+        Idle(("redundancy", "min_capture", "estimator"), lambda args: not args.beacons,
+             "there are no --beacons on the way"),
+    ),
     examples=("warehouse --start 51,33 --goal 23.5,18.7 --picture route.png",
               "site.yaml --start 2,3 --goal 40,12 --noise noise.yaml --beacons tags.geojson --max-drift 0.5"),
 )
