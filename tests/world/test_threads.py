@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from driftplan import BeaconKind, OdometryNoise, World, bundled_map, load_world, place_beacons, plan_route
+from driftplan import BeaconKind, OdometryNoise, Sites, World, bundled_map, load_world, place_beacons, plan_route
 
 PREAMBLE = """
 import multiprocessing, threading
@@ -68,7 +68,7 @@ def test_worlds_routes_layouts_and_noises_can_be_sent_to_another_process():
     noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
     world = load_world(bundled_map("office"), robot_radius=0.3)
     route = plan_route(world, world.nearest_free((2, 2)), world.nearest_free((20, 12)), noise, iterations=3)
-    layout = place_beacons(world, [route.path], noise, max_drift=0.5, kind=BeaconKind.rfid(3.0, 0.1), spacing_m=2.0)
+    layout = place_beacons(world, [route.path], noise, 0.5, Sites(BeaconKind.rfid(3.0, 0.1), spacing_m=2.0))
     for value in (noise, world, route, layout, World.from_polygons([], bounds=(0, 0, 4, 4), robot_radius=0.1)):
         copy = pickle.loads(pickle.dumps(value))
         assert type(copy) is type(value)
