@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Sequence
 from functools import wraps
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -21,14 +21,22 @@ Complexes = NDArray[np.complex128]
 Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 
+MAX_NUMBER = 1e13  # metres or anything: of greater ones products overflow
+_MIN_POSITIVE = 1e-50
+
 
 def number(name: str, value: object) -> float:
     """A finite number."""
     if isinstance(value, bool) or not hasattr(value, "__float__") or np.ndim(value) != 0:  # type: ignore[arg-type]
         raise ValueError(f"expected {name} to be a number, got {value!r}")
-    result = float(value)
+    try:
+        result = float(value)
+    except OverflowError:  # a whole number of 400 digits
+        result = inf
     if not isfinite(result):
         raise ValueError(f"expected {name} finite, got {result!r}")
+    if abs(result) > MAX_NUMBER:
+        raise ValueError(f"expected {name} no greater than {MAX_NUMBER:g}, got {result!r}")
     return result
 
 
@@ -41,10 +49,11 @@ def not_negative(name: str, value: object) -> float:
 
 
 def positive(name: str, value: object) -> float:
-    """A finite number > 0."""
+    """A finite number > 0, and not so small that dividing by it overflows."""
     result = number(name, value)
-    if result <= 0:
-        raise ValueError(f"expected {name} > 0, got {result!r}")
+    if result < _MIN_POSITIVE:
+        least = f", {_MIN_POSITIVE:g} at least" if result > 0 else ""
+        raise ValueError(f"expected {name} > 0{least}, got {result!r}")
     return result
 
 
@@ -55,15 +64,31 @@ def whole(name: str, value: object, *, least: int) -> int:
     return int(value)
 
 
+def bounded(what: str, count: float, most: float, remedy: str) -> float:
+    """A count of things derived from input, refused before anything is made of it.
+
+    Examples
+    --------
+    >>> bounded("sites", 1e7, 1e6, "use a larger spacing_m")
+    Traceback (most recent call last):
+    ValueError: expected at most 1e+06 sites, got 1e+07: use a larger spacing_m
+    """
+    if not count <= most:
+        raise ValueError(f"expected at most {most:g} {what}, got {count:g}: {remedy}")
+    return count
+
+
 def finite(name: str, values: Any, what: str = "numbers") -> Floats:
     """An array of finite numbers; ``what`` they are, for the message."""
     try:
         array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError) as err:
+    except (TypeError, ValueError, OverflowError) as err:
         raise ValueError(f"expected {name} to be {what}, got {type(values).__name__}: {err}") from None
     if not np.isfinite(array).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise ValueError(f"expected {name} finite, got {array[where]} at index {where}")
+    if array.size and np.abs(array).max() > MAX_NUMBER:
+        raise ValueError(f"expected {name} no greater than {MAX_NUMBER:g}, got {np.abs(array).max():g}")
     return array
 
 

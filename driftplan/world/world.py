@@ -44,6 +44,7 @@ class World:
     bounds : (xmin, ymin, xmax, ymax), the map's extent in metres. The outside is an obstacle to driving, not to seeing.
     robot_radius : metres, >= 0
     zones : where zones overlap, the later one holds
+    notes : what a person might not expect of the map's file
 
     Raises
     ------
@@ -62,6 +63,7 @@ class World:
     bounds: tuple[float, float, float, float]
     robot_radius: float
     zones: tuple[Zone, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         parts = shapely.get_parts(polygon_of("obstacles", self.obstacles)) if not self.obstacles.is_empty else []
@@ -307,7 +309,7 @@ class World:
         """What a person would want to know, not a page of coordinates."""
         return (
             f"World(bounds={self.bounds}, robot_radius={self.robot_radius}, {len(self.obstacles.geoms)} obstacles, "
-            f"{len(self.zones)} zones)"
+            f"{len(self.zones)} zones{''.join(f'; {note}' for note in self.notes)})"
         )
 
 

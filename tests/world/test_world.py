@@ -353,7 +353,7 @@ def test_a_pickled_world_gives_the_same_answers_and_carries_no_caches():
     answers = world.segments_free(a, b)
     world.segment_free(*a[0], *b[0])
     copy = pickle.loads(pickle.dumps(world))
-    assert set(vars(copy)) == {"obstacles", "bounds", "robot_radius", "zones"}
+    assert set(vars(copy)) == {"obstacles", "bounds", "robot_radius", "zones", "notes"}
     assert (copy.segments_free(a, b) == answers).all()
 
 
