@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import inspect
+import sys
 from collections.abc import Callable, Sequence
 from functools import wraps
 from math import inf, isfinite
-from typing import Any, TypeVar, cast
+from reprlib import repr as short
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -153,15 +155,17 @@ def bounds_of(value: Sequence[float]) -> tuple[float, float, float, float]:
     return bounds
 
 
-def keywords_checked(**values: type) -> Callable[[_Callable], _Callable]:
-    """A decorator of functions and dataclasses: an unknown keyword is answered with the nearest known one.
+def arguments_checked(**values: type) -> Callable[[_Callable], _Callable]:
+    """A decorator of public functions and dataclasses: an unknown keyword is answered with the nearest known one, and
+    what should be one of driftplan's own objects, or a sequence of them, by its annotation, and is not, with what was
+    expected.
 
     ``values`` are parameters that are frozen values: their fields are known names too, and the answer says where they
     go.
 
     Examples
     --------
-    >>> @keywords_checked()
+    >>> @arguments_checked()
     ... def wait(time_limit=1.0): ...
     >>> wait(timelimit=3.0)
     Traceback (most recent call last):
@@ -170,15 +174,23 @@ def keywords_checked(**values: type) -> Callable[[_Callable], _Callable]:
 
     def decorate(function: _Callable) -> _Callable:
         called = cast(Any, function).__init__ if isinstance(function, type) else function
-        known = tuple(inspect.signature(function).parameters)
+        signature = inspect.signature(function)
+        known = tuple(signature.parameters)
+        places = known if not isinstance(function, type) else ("self", *known)
+        objects: dict[str, _Object] = {}
 
         @wraps(called)
         def checked(*args: Any, **given: Any) -> Any:
+            if not objects:  # not before the module is complete
+                objects.update(_objects_of(signature, sys.modules[function.__module__]))
             for name in given:
                 if name not in known:
                     raise KeywordError(
                         f"{function.__name__}() has no keyword {name!r}: {_nearest(name, known, values)}"
                     )
+            for name, value in (*zip(places, args, strict=False), *given.items()):
+                if name in objects:
+                    objects[name].check(f"{function.__name__}(): {name}", value)
             return called(*args, **given)
 
         if isinstance(function, type):
@@ -187,6 +199,36 @@ def keywords_checked(**values: type) -> Callable[[_Callable], _Callable]:
         return cast(_Callable, checked)
 
     return decorate
+
+
+class _Object(NamedTuple):
+    """What an annotation asks for: one of some classes of driftplan's, or a sequence of them."""
+
+    classes: tuple[type, ...]
+    annotation: str
+
+    def check(self, name: str, value: object) -> None:
+        if not self.annotation.startswith("Sequence["):
+            wrong = [] if isinstance(value, self.classes) else [value]
+        elif isinstance(value, (list, tuple)):
+            wrong = [item for item in value if not isinstance(item, self.classes)]
+        else:
+            wrong = [] if isinstance(value, Sequence) and not isinstance(value, str) else [value]
+        if wrong:
+            raise TypeError(f"expected {name} to be {self.annotation}, got {type(wrong[0]).__name__} {short(wrong[0])}")
+
+
+def _objects_of(signature: inspect.Signature, module: Any) -> dict[str, _Object]:
+    """The parameters whose annotations name nothing but classes of driftplan's, and None."""
+    found = {}
+    for name, parameter in signature.parameters.items():
+        annotation = str(parameter.annotation)
+        parts = annotation.removeprefix("Sequence[").removesuffix("]").split(" | ")
+        named = [getattr(module, part, None) for part in parts]
+        own = [c for c in named if isinstance(c, type) and c.__module__.startswith("driftplan.")]
+        if own and len(own) + parts.count("None") == len(parts):
+            found[name] = _Object((*own, *[type(None)] * parts.count("None")), annotation)
+    return found
 
 
 def _nearest(name: str, known: Sequence[str], values: dict[str, type]) -> str:

@@ -7,7 +7,7 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 
-from driftplan.arrays import Floats, keywords_checked, not_negative, number, positive
+from driftplan.arrays import Floats, arguments_checked, not_negative, number, positive
 
 
 class KindOptions(TypedDict, total=False):
@@ -25,7 +25,7 @@ class KindOptions(TypedDict, total=False):
 _IN_SIGHT: KindOptions = {"line_of_sight": True}
 
 
-@keywords_checked()
+@arguments_checked()
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BeaconKind:
     """What a beacon measures, how well, and from how far. Made by `rfid`, `landmark`, `heading`, or in full.

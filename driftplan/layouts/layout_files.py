@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
+from driftplan.arrays import arguments_checked
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.errors import MapError
 from driftplan.layouts.layout import Layout
@@ -42,6 +43,7 @@ class InstallerRow(NamedTuple):
     worst_route_if_dead: int  # -1 if no route does
 
 
+@arguments_checked()
 def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
     """All beacons of a layout, the ones whose failure hurts most first."""
     world = layout.scenario.world
@@ -71,6 +73,7 @@ def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
     return tuple(sorted(rows, key=lambda row: -row.worst_drift_if_dead_m if row.routes else 0.0))
 
 
+@arguments_checked()
 def layout_csv(layout: Layout) -> bytes:
     """The installers' table as CSV, to a tenth of a millimetre, with a header that names units.
 
@@ -92,6 +95,7 @@ def _cell(value: Any) -> Any:
     return value
 
 
+@arguments_checked()
 def layout_geojson(layout: Layout) -> bytes:
     """Beacons as points with all that `load_beacons` needs, and what their failure does."""
     features = [

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Bools, keywords_checked, whole
+from driftplan.arrays import Bools, arguments_checked, whole
 from driftplan.beacons.beacon import BeaconKind
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.layout import Layout
@@ -31,7 +31,7 @@ _CHECK_S_PER_ROUTE = 0.03  # seconds kept for the final check, but at most a qua
 _MIN_LIMIT_SHARE = 0.02  # without a limit, perfect beacons: segments are cut for this share of the drift without any
 
 
-@keywords_checked(limit=DriftLimit, sites=Sites)
+@arguments_checked(limit=DriftLimit, sites=Sites)
 def place_beacons(
     world: World | None,
     routes: Any,
@@ -120,7 +120,7 @@ def place_beacons(
     return _least_drift(_search(problem, None, clock), drift_tolerance, clock)
 
 
-@keywords_checked(sites=Sites)
+@arguments_checked(sites=Sites)
 def beacon_tradeoff(
     world: World | None,
     routes: Any,

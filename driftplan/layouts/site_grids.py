@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import shapely
 
-from driftplan.arrays import Floats, positive
+from driftplan.arrays import Floats, arguments_checked, positive
 from driftplan.beacons.readings import waypoints_of
 from driftplan.world.world import World
 
 _PLACES = 9  # of metres: sums of spacings are printed as people write them, 9.6 and not 9.600000000000001
 
 
+@arguments_checked()
 def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
     """Points of a square grid, ``spacing_m`` apart, where the robot's centre may be: (n, 2), row by row from below.
 
@@ -34,6 +35,7 @@ def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ())
     return allowed(xy[world.is_free(xy)], forbidden)
 
 
+@arguments_checked()
 def wall_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
     """Points on the outlines of the obstacles, at most ``spacing_m`` apart: (n, 2), outline by outline."""
     found = [np.zeros((0, 2))]

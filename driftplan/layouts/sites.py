@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, Ints, finite, keywords_checked, not_negative
+from driftplan.arrays import Floats, Ints, arguments_checked, finite, not_negative
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.passes import passes_of
 from driftplan.layouts.site_grids import allowed, grid_sites, route_sites
@@ -41,7 +41,7 @@ class SiteGroup:
 _FACINGS_DEG = (0.0, 90.0, 180.0, 270.0)
 
 
-@keywords_checked()
+@arguments_checked()
 @dataclass(frozen=True, eq=False)
 class Sites:
     """Where beacons may go.

@@ -52,7 +52,7 @@ class CellPicture:
 def read_header(path: Path, required: Sequence[str], *, lenient: bool) -> CellPicture:
     """What a YAML file says about its picture.
 
-    ``lenient``, as map_server is: keys that are not ``required`` are passed over, and a picture that is no more where it
+    ``lenient``, as map_server is: keys that are not ``required`` are passed over, and a picture that is not where it
     was is looked for beside the file.
     """
     values = read_yaml(path, MapError, max_bytes=_MAX_YAML_BYTES)

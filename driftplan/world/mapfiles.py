@@ -12,7 +12,7 @@ from pathlib import Path
 
 import shapely
 
-from driftplan.arrays import positive
+from driftplan.arrays import arguments_checked, positive
 from driftplan.errors import MapError
 from driftplan.files import write_files
 from driftplan.world.geojson_map import geojson_map_files, read_geojson_map
@@ -75,6 +75,7 @@ def load_world(
     return replace(world, zones=(*world.zones, *added))
 
 
+@arguments_checked()
 def save_world(world: World, path: str | os.PathLike[str], *, cell_size_m: float | None = None) -> None:
     """Write a world's map to a file (and, for ROS, a picture ``.pgm`` beside it), in the format of the suffix.
 
