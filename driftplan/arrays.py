@@ -59,6 +59,13 @@ def positive(name: str, value: object) -> float:
     return result
 
 
+def instance(name: str, value: object, *classes: type) -> None:
+    """Refuse what is an object of none of these classes."""
+    if not isinstance(value, classes):
+        wanted = " or ".join(c.__name__ for c in classes)
+        raise TypeError(f"expected {name} to be a {wanted}, got {type(value).__name__} {short(value)}")
+
+
 def whole(name: str, value: object, *, least: int) -> int:
     """A whole number >= least."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
@@ -182,7 +189,7 @@ def arguments_checked(**values: type) -> Callable[[_Callable], _Callable]:
         @wraps(called)
         def checked(*args: Any, **given: Any) -> Any:
             if not objects:  # not before the module is complete
-                objects.update(_objects_of(signature, sys.modules[function.__module__]))
+                objects.update(_objects_of(signature))
             for name in given:
                 if name not in known:
                     raise KeywordError(
@@ -202,32 +209,34 @@ def arguments_checked(**values: type) -> Callable[[_Callable], _Callable]:
 
 
 class _Object(NamedTuple):
-    """What an annotation asks for: one of some classes of driftplan's, or a sequence of them."""
+    """What an annotation asks for: one of some classes of driftplan's, by their names, or a sequence of them."""
 
-    classes: tuple[type, ...]
+    classes: frozenset[str]
     annotation: str
 
     def check(self, name: str, value: object) -> None:
         if not self.annotation.startswith("Sequence["):
-            wrong = [] if isinstance(value, self.classes) else [value]
+            wrong = [] if self._holds(value) else [value]
         elif isinstance(value, (list, tuple)):
-            wrong = [item for item in value if not isinstance(item, self.classes)]
+            wrong = [item for item in value if not self._holds(item)]
         else:
             wrong = [] if isinstance(value, Sequence) and not isinstance(value, str) else [value]
         if wrong:
             raise TypeError(f"expected {name} to be {self.annotation}, got {type(wrong[0]).__name__} {short(wrong[0])}")
 
+    def _holds(self, value: object) -> bool:
+        return any(c.__name__ in self.classes for c in type(value).__mro__)
 
-def _objects_of(signature: inspect.Signature, module: Any) -> dict[str, _Object]:
-    """The parameters whose annotations name nothing but classes of driftplan's, and None."""
+
+def _objects_of(signature: inspect.Signature) -> dict[str, _Object]:
+    """The parameters whose annotations name nothing but public classes of driftplan's, and None."""
+    public = sys.modules["driftplan"].__all__
     found = {}
     for name, parameter in signature.parameters.items():
         annotation = str(parameter.annotation)
-        parts = annotation.removeprefix("Sequence[").removesuffix("]").split(" | ")
-        named = [getattr(module, part, None) for part in parts]
-        own = [c for c in named if isinstance(c, type) and c.__module__.startswith("driftplan.")]
-        if own and len(own) + parts.count("None") == len(parts):
-            found[name] = _Object((*own, *[type(None)] * parts.count("None")), annotation)
+        classes = {*annotation.removeprefix("Sequence[").removesuffix("]").split(" | ")}
+        if classes - {"None"} and classes <= {*public, "None"}:
+            found[name] = _Object(frozenset(c.replace("None", "NoneType") for c in classes), annotation)
     return found
 
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import shapely
 
-from driftplan.arrays import Floats, arguments_checked, positive
+from driftplan.arrays import Floats, arguments_checked, bounded, positive
 from driftplan.beacons.readings import waypoints_of
 from driftplan.world.world import World
 
+_MAX_SITES = 1e6  # far more than can be chosen from
 _PLACES = 9  # of metres: sums of spacings are printed as people write them, 9.6 and not 9.600000000000001
 
 
@@ -27,6 +28,7 @@ def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ())
     """
     spacing = positive("spacing_m", spacing_m)
     xmin, ymin, xmax, ymax = world.bounds
+    bounded("sites of a grid", (xmax - xmin) * (ymax - ymin) / spacing**2, _MAX_SITES, "use a larger spacing_m")
     x, y = (
         low + spacing / 2 + spacing * np.arange(int((high - low) / spacing))
         for low, high in ((xmin, xmax), (ymin, ymax))
@@ -68,6 +70,7 @@ def allowed(xy: Floats, forbidden: Sequence[Any]) -> Floats:
 
 def _along(line: Any, spacing: float) -> Floats:
     """Evenly spaced points of a line, both ends included."""
+    bounded("sites along a line", line.length / spacing, _MAX_SITES, "use a larger spacing_m")
     parts = max(1, int(np.ceil(line.length / spacing - 1e-9)))
     places = np.linspace(0.0, line.length, parts + 1)
     return np.asarray(np.round(shapely.get_coordinates(shapely.line_interpolate_point(line, places)), _PLACES))
