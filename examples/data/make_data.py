@@ -7,10 +7,12 @@ drive they spin for half a metre. Lengths are metres, angles radians, times seco
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 Points = list[tuple[float, float]]
 
@@ -23,7 +25,7 @@ SPEED_M_PER_S, TURN_RAD_PER_S, RATE_HZ = 0.8, 0.8, 4.0
 SLIP_M = 0.5
 
 
-def poses(waypoints: Points, rounds: int) -> np.ndarray:
+def poses(waypoints: Points, rounds: int) -> NDArray[np.float64]:
     """True (t, x, y, heading), of a robot that drives straight, turns on the spot, and goes there and back."""
     there_and_back = (waypoints + waypoints[-2::-1]) if rounds > 1 else waypoints
     points = [complex(*p) for p in there_and_back]
@@ -43,7 +45,7 @@ def poses(waypoints: Points, rounds: int) -> np.ndarray:
     return np.array([(t, p.real, p.imag, h) for t, p, h in rows])
 
 
-def odometry(truth: np.ndarray, rng: np.random.Generator, slip_after_m: float = np.inf) -> np.ndarray:
+def odometry(truth: NDArray[np.float64], rng: np.random.Generator, slip_after_m: float = np.inf) -> NDArray[np.float64]:
     """(t, x, y, heading) that wheels would tell of the drive, from (0, 0, 0)."""
     places = truth[:, 1] + 1j * truth[:, 2]
     steps, turns = np.abs(np.diff(places)), np.diff(truth[:, 3])
@@ -59,7 +61,7 @@ def odometry(truth: np.ndarray, rng: np.random.Generator, slip_after_m: float = 
     return np.column_stack([truth[:, 0], way.real, way.imag, headings])
 
 
-def text(header: str, rows: np.ndarray | list[tuple[float, ...]], decimals: int) -> str:
+def text(header: str, rows: Iterable[Iterable[float]], decimals: int) -> str:
     """CSV."""
     return "\n".join(
         [header, *(",".join(f"{v:.{decimals}f}".rstrip("0").rstrip(".") for v in row) for row in rows), ""]
