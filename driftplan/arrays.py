@@ -183,6 +183,7 @@ def arguments_checked(**values: type) -> Callable[[_Callable], _Callable]:
         called = cast(Any, function).__init__ if isinstance(function, type) else function
         signature = inspect.signature(function)
         known = tuple(signature.parameters)
+        any_keyword = any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values())
         places = known if not isinstance(function, type) else ("self", *known)
         objects: dict[str, _Object] = {}
 
@@ -191,10 +192,9 @@ def arguments_checked(**values: type) -> Callable[[_Callable], _Callable]:
             if not objects:  # not before the module is complete
                 objects.update(_objects_of(signature))
             for name in given:
-                if name not in known:
-                    raise KeywordError(
-                        f"{function.__name__}() has no keyword {name!r}: {_nearest(name, known, values)}"
-                    )
+                if name not in known and not any_keyword:
+                    nearest = _nearest(name, known, values)
+                    raise KeywordError(f"{function.__name__}() has no keyword {name!r}: {nearest}")
             for name, value in (*zip(places, args, strict=False), *given.items()):
                 if name in objects:
                     objects[name].check(f"{function.__name__}(): {name}", value)
