@@ -2,6 +2,7 @@
 
 from .beacons.beacon import Beacon as Beacon
 from .beacons.beacon import BeaconKind as BeaconKind
+from .beacons.beacon_files import load_beacons as load_beacons
 from .beacons.readings import DetectionChance as DetectionChance
 from .beacons.readings import beacon_passes as beacon_passes
 from .beacons.readings import detection_chances as detection_chances
@@ -20,11 +21,10 @@ from .layouts.co_design.design import CoDesign as CoDesign
 from .layouts.co_design.trips import Trip as Trip
 from .layouts.co_design.trips import load_trips as load_trips
 from .layouts.layout import Layout as Layout
+from .layouts.layout import installer_table as installer_table
 from .layouts.layout_comparison import compare_layouts as compare_layouts
-from .layouts.layout_files import installer_table as installer_table
 from .layouts.layout_files import layout_csv as layout_csv
 from .layouts.layout_files import layout_geojson as layout_geojson
-from .layouts.layout_files import load_beacons as load_beacons
 from .layouts.place import beacon_tradeoff as beacon_tradeoff
 from .layouts.place import place_beacons as place_beacons
 from .layouts.scenario import DriftLimit as DriftLimit

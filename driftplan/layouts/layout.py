@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import hypot, nan
 from typing import Any, NamedTuple
 
+import numpy as np
+import shapely
+
 from driftplan.beacons.beacon import Beacon
-from driftplan.layouts.placement.covering import Outcome
-from driftplan.layouts.placement.failures import worst_without
+from driftplan.layouts.placement.failures import worst_drifts
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.drift import Drift
+from driftplan.planning.status import Status
 from driftplan.tables import Tabular, decimals
 
 _MAX_HTML_ROWS = 60
@@ -37,12 +41,9 @@ class Layout(Tabular):
     lower_bound : no layout that keeps the limit costs less
     proven : whether the layout is proven to be the best: for a limit, `cost` equals `lower_bound`; for a budget, the
         worst drift is within the tolerance of `drift_bound`
-    status : Outcome
-    max_drift : tuple of float, metres
-        The limit of every route.
+    max_drift : the limit of every route, metres
     drift_bound : for a budget: no layout within it has a smaller worst drift, metres. For a limit: 0.
     drifts : one per route, all beacons alive
-    seconds : float
     scenario : what it is for
     """
 
@@ -51,7 +52,7 @@ class Layout(Tabular):
     cost: float
     lower_bound: float
     proven: bool
-    status: Outcome
+    status: Status
     max_drift: tuple[float, ...]
     drift_bound: float
     drifts: tuple[Drift, ...]
@@ -69,20 +70,8 @@ class Layout(Tabular):
     __str__ = __repr__
 
     def to_dicts(self) -> list[dict[str, Any]]:
-        """One row per beacon, old and new, for JSON."""
-        return [
-            {
-                "id": beacon.id,
-                "kind": beacon.kind.name,
-                "x_m": beacon.x,
-                "y_m": beacon.y,
-                "new": beacon in self.beacons,
-                "routes": routes,
-                "worst_single_failure_m": worst,
-                "worst_route": worst_route,
-            }
-            for beacon, routes, worst, worst_route in self.importance
-        ]
+        """The rows of `installer_table`, in the order of the beacons, old ones first."""
+        return [row._asdict() for row in _rows(self)]
 
     def columns(self) -> dict[str, list[str]]:
         """What people read in a notebook: headings and cells."""
@@ -143,15 +132,49 @@ class Layout(Tabular):
     def importance(self) -> tuple[Importance, ...]:
         """For every beacon, old and new: the routes that come within its range and the worst drift without it."""
         everyone = (*self.existing, *self.beacons)
-        in_range = [set(self.scenario.beacons_in_range(r, everyone)) for r in range(len(self.drifts))]
-        cases = [(k, r) for k, beacon in enumerate(everyone) for r, here in enumerate(in_range) if beacon in here]
+        cases = [(r, (k,)) for r in range(len(self.drifts)) for k in self.scenario.beacons_in_range(r, everyone)]
         without: list[dict[int, float]] = [{} for _ in everyone]
-        for (k, r), worst in zip(
-            cases, worst_without(self.scenario, everyone, cases, min(self.max_drift)), strict=True
-        ):
+        for (r, (k,)), worst in zip(cases, worst_drifts(self.scenario, everyone, cases).tolist(), strict=True):
             without[k][r] = worst
-        found = []
-        for beacon, drifts in zip(everyone, without, strict=True):
-            worst_route = max(drifts, key=lambda r: drifts[r], default=-1)
-            found.append(Importance(beacon, tuple(drifts), drifts.get(worst_route, float("nan")), worst_route))
-        return tuple(found)
+        worst_route = [max(drifts, key=drifts.__getitem__, default=-1) for drifts in without]
+        return tuple(
+            Importance(beacon, tuple(drifts), drifts.get(r, nan), r)
+            for beacon, drifts, r in zip(everyone, without, worst_route, strict=True)
+        )
+
+
+class InstallerRow(NamedTuple):
+    """One beacon, for whoever puts it up."""
+
+    id: str
+    kind: str
+    x_m: float
+    y_m: float
+    facing_deg: float  # which way it looks, counter-clockwise from +x; nan where that does not matter
+    new: bool
+    nearest_wall_m: float  # nan without a map, or without walls
+    wall_x_m: float
+    wall_y_m: float
+    routes: tuple[int, ...]  # that come within range, by their place in the list, from 0
+    worst_drift_if_dead_m: float  # nan if no route does
+    worst_route_if_dead: int  # -1 if no route does
+
+
+def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
+    """All beacons of a layout, the ones whose failure hurts most first."""
+    return tuple(sorted(_rows(layout), key=lambda row: -row.worst_drift_if_dead_m if row.routes else 0.0))
+
+
+def _rows(layout: Layout) -> list[InstallerRow]:
+    world, everyone = layout.scenario.world, layout.importance
+    walls = np.full((len(everyone), 2), nan)
+    if world is not None and not world.obstacles.is_empty:
+        places = shapely.points(np.array([beacon.xy for beacon, *_ in everyone]).reshape(-1, 2))
+        walls = shapely.get_coordinates(shapely.shortest_line(world.obstacles.boundary, places))[::2]
+    rows = []
+    for (beacon, routes, worst, worst_route), (wall_x, wall_y) in zip(everyone, walls.tolist(), strict=True):
+        facing_deg = nan if beacon.facing_deg is None else beacon.facing_deg
+        wall = hypot(wall_x - beacon.x, wall_y - beacon.y), wall_x, wall_y
+        place = beacon.id, beacon.kind.name, beacon.x, beacon.y, facing_deg, beacon in layout.beacons
+        rows.append(InstallerRow(*place, *wall, routes, worst, worst_route))
+    return rows

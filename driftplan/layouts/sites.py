@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -22,10 +23,7 @@ class SiteGroup:
 
     Parameters
     ----------
-    members : sequence of int or str
-        Positions in the list of sites, or ids.
-    at_least : int
-    at_most : int or None
+    members : positions in the list of sites, or ids
 
     Examples
     --------
@@ -132,13 +130,11 @@ class Sites:
         numbered = np.array([[b.x, b.y, k] for k, b in enumerate(beacons)])
         kept = allowed(numbered, self.forbidden)[:, 2].astype(np.intp)
         new = [beacons[k] for k in kept.tolist()]
-        _check_ids([*new, *existing])
-        return ListedSites(
-            new=tuple(new),
-            costs=costs[kept],
-            existing=tuple(existing),
-            members=tuple(_members(f"group {g}", group, beacons, kept) for g, group in enumerate(self.groups)),
-        )
+        for name, count in Counter(b.id for b in (*new, *existing)).items():
+            if count > 1:
+                raise ValueError(f"expected every beacon to have its own id, got {name!r} twice")
+        members = tuple(_members(f"group {g}", group, beacons, kept) for g, group in enumerate(self.groups))
+        return ListedSites(tuple(new), costs[kept], tuple(existing), members)
 
     def _beacons(self, world: World | None, routes: Sequence[Floats]) -> list[Beacon]:
         points: Any = self.points
@@ -168,7 +164,7 @@ class Sites:
         return points[in_range]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ListedSites:
     """Sites one by one, each with an id of its own."""
 
@@ -200,11 +196,3 @@ def _named(beacons: Sequence[Beacon], letter: str, taken: set[str]) -> list[Beac
             name += "+"
         named.append(replace(beacon, id=name))
     return named
-
-
-def _check_ids(beacons: Sequence[Beacon]) -> None:
-    seen: set[str] = set()
-    for beacon in beacons:
-        if beacon.id in seen:
-            raise ValueError(f"expected every beacon to have its own id, got {beacon.id!r} twice")
-        seen.add(beacon.id)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum
 from typing import Any
 
 from driftplan.arrays import Floats
@@ -13,15 +12,8 @@ from driftplan.layouts.co_design.trips import Trip
 from driftplan.layouts.layout import Layout
 from driftplan.planning.roadmap.prices import length_of
 from driftplan.planning.routes import Route
+from driftplan.planning.status import Status
 from driftplan.tables import Tabular, decimals
-
-
-class DesignStatus(Enum):
-    """Why the search ended."""
-
-    LOCAL_OPTIMUM = "No neighbour leads to a cheaper design: neither other routes nor fewer beacons pay."
-    ROUNDS_DONE = "All rounds done: the best design so far."
-    TIME_LIMIT = "Time limit reached: the best design so far."
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -70,7 +62,7 @@ class CoDesign(Design, Tabular):
     trips : tuple of Trip
     routes : the same paths with their drift, the beacons they count on and the probability of every pass
     baseline : shortest routes, then beacons; None where no beacons hold the limit on the shortest routes.
-    status : DesignStatus
+    status : Status
     rounds : passes over all neighbours, the last one without a gain unless ``status`` says otherwise
     tried : neighbours looked at
     history : cost of the best design, after every improvement
@@ -80,7 +72,7 @@ class CoDesign(Design, Tabular):
     trips: tuple[Trip, ...]
     routes: tuple[Route, ...]
     baseline: Design | None
-    status: DesignStatus
+    status: Status
     rounds: int
     tried: int
     history: tuple[float, ...]

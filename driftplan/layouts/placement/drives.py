@@ -65,9 +65,8 @@ def drives_of(table: RouteTable, chosen: Bools, routes: Ints, redundancy: int = 
 
 def worst_squares(intervals: IntervalMoments, sets: ReadingSets) -> Floats:
     """Greatest E|e|² anywhere on each drive, as `driftplan.model.worst.worst_rms` means it, m²."""
-    return np.concatenate(
-        [np.zeros(0), *(_worst_squares(intervals, part) for part in sets.parts(intervals.table.slots))]
-    )
+    parts = sets.parts(intervals.table.slots)
+    return np.concatenate([np.zeros(0), *(_worst_squares(intervals, part) for part in parts)])
 
 
 def _worst_squares(intervals: IntervalMoments, sets: ReadingSets) -> Floats:
@@ -79,24 +78,16 @@ def _worst_squares(intervals: IntervalMoments, sets: ReadingSets) -> Floats:
     some = np.flatnonzero((driven.e < driven.j) & higher)
     if not len(some):
         return found
-    segment, begun = driven.segment[some], driven.begun(intervals, some)
-    return greatest_between(
-        begun,
-        table.length[segment],
-        table.noise_of[segment],
-        table.noises,
-        driven.square[some],
-        driven.drive[some],
-        found,
-    )
+    begun, segment, drive = driven.begun(intervals, some), driven.segment[some], driven.drive[some]
+    stretches = table.length[segment], table.noise_of[segment], table.noises, driven.square[some]
+    return greatest_between(begun, *stretches, drive, found)
 
 
 def first_breach(intervals: IntervalMoments, sets: ReadingSets, limit: Limit) -> tuple[Ints, Bools]:
     """The first slot of each drive in which the limit breaks (`HOLDS`: none), and whether at the slot's start."""
     found = [_first_breach(intervals, part, limit) for part in sets.parts(intervals.table.slots)]
-    if not found:
-        return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
-    slots, early = zip(*found, strict=True)
+    nothing = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
+    slots, early = zip(nothing, *found, strict=True)
     return np.concatenate(slots), np.concatenate(early)
 
 

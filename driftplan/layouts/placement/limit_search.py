@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from copy import copy
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from driftplan.arrays import Bools
-from driftplan.layouts.placement.covering import Cover, Outcome, cheapest_cover
-from driftplan.layouts.placement.cut_pool import Cut
-from driftplan.layouts.placement.drives import drives_of, worst_squares
+from driftplan.layouts.placement.covering import Cover, Progress, cheapest_cover
 from driftplan.layouts.placement.failures import worst_of_failures
+from driftplan.layouts.placement.fresh_fixes import Limit
 from driftplan.layouts.placement.fused_requirements import FusedRequirements
-from driftplan.layouts.placement.fused_routes import FusedRoute
-from driftplan.layouts.placement.interval_moments import IntervalMoments
+from driftplan.layouts.placement.fused_routes import FusedRoute, fused_routes
 from driftplan.layouts.placement.problem import PlacementProblem
 from driftplan.layouts.placement.requirements import DriftRequirements
-from driftplan.layouts.placement.route_table import RouteTable
+from driftplan.layouts.placement.route_table import RouteTable, route_table
+from driftplan.planning.status import Status
 
-Progress = Callable[[float, float, float], None]
+_MIN_LIMIT_SHARE = 0.02  # without a limit, perfect beacons: segments are cut for this share of the drift without any
 
 
 class LeastFactor(NamedTuple):
@@ -34,68 +32,67 @@ class LeastFactor(NamedTuple):
     proven: bool  # whether the two are as near as was asked for
 
 
+@dataclass(frozen=True, eq=False)
 class LimitSearch:
-    """Layouts of a problem that keep a limit, or come nearest to keeping it.
+    """Layouts of a problem that keep a limit, or come nearest to keeping it."""
 
-    Parameters
-    ----------
-    problem : PlacementProblem
-    table : the problem's, fine enough for the limits
-    deadline : when to stop, by the monotonic clock
-    progress : called with seconds, cost and lower bound of the cover that is being looked for
-    """
+    problem: PlacementProblem
+    routes: RouteTable | tuple[FusedRoute, ...]  # the latter for a robot that fuses its readings
+    deadline: float  # when to stop, by the monotonic clock
+    progress: Progress | None = None  # called with seconds, cost and lower bound of the cover that is being looked for
 
-    def __init__(self, problem: PlacementProblem, table: RouteTable, deadline: float, progress: Progress | None = None):
-        self.problem, self.table, self.deadline, self.progress = problem, table, deadline, progress
+    @classmethod
+    def of(
+        cls, problem: PlacementProblem, least_limit_m: float | None, deadline: float, progress: Progress | None = None
+    ) -> LimitSearch:
+        """On tables for the smallest limit that will be asked for (None: the smallest worth asking for)."""
+        if problem.scenario.estimator == "filter":
+            return cls(problem, fused_routes(problem.scenario, problem.sites), deadline, progress)
+        limit_m = _least_limit_m(problem) if least_limit_m is None else least_limit_m
+        return cls(problem, route_table(problem.scenario, problem.sites, limit_m), deadline, progress)
 
     def like(self, problem: PlacementProblem, deadline: float) -> LimitSearch:
         """The same tables for other rules."""
-        other = copy(self)
-        other.problem, other.deadline = problem, deadline
-        return other
-
-    @cached_property
-    def _intervals(self) -> IntervalMoments:
-        return IntervalMoments(self.table)
+        return replace(self, problem=problem, deadline=deadline)
 
     def cover(
         self,
-        limits: Sequence[float] | None,
+        limits: Sequence[float],
         *,
         ruled: bool = True,
         hint: Bools | None = None,
         stop_at_first: bool = False,
     ) -> Cover:
-        """The cheapest layout that keeps the limits (None: whatever its drift) and, if ``ruled``, the rules."""
-        problem = self.problem
-        requirements = None if limits is None else self.requirements(limits)
-        if hint is None and isinstance(requirements, FusedRequirements):
-            hint = requirements.driven_along(problem.fixed)
+        """The cheapest layout that keeps the limits and, if ``ruled``, the rules."""
+        problem, needs = self.problem, self.requirements(limits)
+        fused = needs if isinstance(needs, FusedRequirements) else None
+        if fused and hint is None:
+            hint = fused.driven_along(problem.fixed)
         return cheapest_cover(
             problem.cost,
-            requirements or _Anything(),
-            demands=[*problem.demands, *([] if requirements is None else requirements.rows())],
+            needs,
+            demands=[*problem.demands, *needs.rows()],
             caps=problem.caps if ruled else (),
             fixed=problem.fixed,
             hint=hint,
-            separate=requirements.cuts_beyond if isinstance(requirements, FusedRequirements) else None,
+            separate=fused.cuts_beyond if fused else None,
             stop_at_first=stop_at_first,
             time_limit=max(self.deadline - time.monotonic(), 0.01),
             progress=self.progress,
         )
 
     def requirements(self, limits: Sequence[float]) -> DriftRequirements | FusedRequirements:
-        """What the limits demand."""
-        return self.problem.requirements(self.table, limits)
+        """What the limits, one per route, demand."""
+        scenario, number = self.problem.scenario, len(self.problem.sites)
+        if not isinstance(self.routes, RouteTable):
+            return FusedRequirements(self.routes, limits, scenario.redundancy)
+        limit = Limit(np.array(limits, dtype=float), scenario.confidence)
+        return DriftRequirements(self.routes, number, limit, scenario.redundancy)
 
     def excess(self, limits: Sequence[float], chosen: Bools) -> float:
         """The greatest drift over its limit, on any route, with the beacons dead that may be."""
-        scenario = self.problem.scenario
-        if scenario.confidence is not None:
-            beacons = (*self.problem.existing, *self.problem.chosen(chosen))
-            return float((worst_of_failures(scenario, beacons, np.inf) / np.array(limits)).max())
-        drives = drives_of(self.table, chosen, np.arange(len(limits)), scenario.redundancy)
-        return float((np.sqrt(worst_squares(self._intervals, drives)) / np.array(limits)[drives.route]).max())
+        beacons = [self.problem.sites[i] for i in np.flatnonzero(chosen)]
+        return float((worst_of_failures(self.problem.scenario, beacons) / np.array(limits)).max())
 
     def least_factor(self, limits: Sequence[float], start: Bools, ruled_out: float, tolerance: float) -> LeastFactor:
         """By bisection: every step proves a factor out of reach or finds a layout below it."""
@@ -105,34 +102,16 @@ class LimitSearch:
             cover = self.cover([middle * limit for limit in limits], hint=best, stop_at_first=True)
             if cover.chosen is not None:
                 best, factor = cover.chosen, min(self.excess(limits, cover.chosen), middle)
-            elif cover.outcome is Outcome.INFEASIBLE:
+            elif cover.status is Status.INFEASIBLE:
                 ruled_out = middle
             else:
                 return LeastFactor(best, factor, ruled_out, False)
         return LeastFactor(best, factor, ruled_out, True)
 
 
-class FusedLimitSearch(LimitSearch):
-    """The same for a robot that fuses its readings."""
-
-    def __init__(
-        self,
-        problem: PlacementProblem,
-        routes: tuple[FusedRoute, ...],
-        deadline: float,
-        progress: Progress | None = None,
-    ):
-        self.problem, self.routes, self.deadline, self.progress = problem, routes, deadline, progress
-
-    def requirements(self, limits: Sequence[float]) -> FusedRequirements:
-        return FusedRequirements(self.routes, limits, self.problem.scenario.redundancy)
-
-    def excess(self, limits: Sequence[float], chosen: Bools) -> float:
-        return self.requirements(limits).excess(chosen)
-
-
-class _Anything:
-    """An oracle that accepts every layout."""
-
-    def cuts(self, chosen: Bools, near: int | None = None) -> list[Cut]:
-        return []
+def _least_limit_m(problem: PlacementProblem) -> float:
+    """The smallest limit worth asking for: no beacon is better than its own accuracy."""
+    scenario = problem.scenario
+    bare = max(scenario.worst(scenario.drift(r, problem.existing)) for r in range(len(scenario.routes)))
+    stds = [b.kind.position_std_m or 0.0 for b in problem.sites]
+    return max(min(stds) * 2**0.5, _MIN_LIMIT_SHARE * bare, 1e-6)

@@ -10,10 +10,6 @@ import numpy as np
 from driftplan.arrays import Bools, Floats, Ints, not_negative, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.layouts.placement.cut_pool import Cut
-from driftplan.layouts.placement.failures import table_of
-from driftplan.layouts.placement.fresh_fixes import Limit
-from driftplan.layouts.placement.requirements import DriftRequirements
-from driftplan.layouts.placement.route_table import RouteTable
 from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import SiteGroup, Sites
 
@@ -29,15 +25,6 @@ class PlacementProblem:
     demands: tuple[Cut, ...]  # as `covering.cheapest_cover` takes them
     caps: tuple[Cut, ...]  # likewise
     rules: tuple[str, ...]  # what the caps are, for messages
-
-    def table(self, least_limit_m: float) -> RouteTable:
-        """The routes and the readings of all sites on them."""
-        return table_of(self.scenario, self.sites, least_limit_m)
-
-    def requirements(self, table: RouteTable, limits_m: Sequence[float]) -> DriftRequirements:
-        """What the limits, one per route, demand."""
-        limit = Limit(np.array(limits_m, dtype=float), self.scenario.confidence)
-        return DriftRequirements(table, len(self.sites), limit, self.scenario.redundancy)
 
     def chosen(self, which: Bools) -> tuple[Beacon, ...]:
         """The new beacons of a layout."""
