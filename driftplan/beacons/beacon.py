@@ -29,7 +29,6 @@ class BeaconKind:
 
     Parameters
     ----------
-    name : str
     range_m : metres, > 0: a closed disc around the beacon
     position_std_m : standard deviation of a measured position per axis, metres; None: position is not measured.
     heading_std : standard deviation of a measured heading, rad; None: heading is not measured.

@@ -123,7 +123,7 @@ def chords_in_discs(
 
     Returns
     -------
-    start, end, inside : (...), metres from where the leg begins, and whether there is such a part (a touch: of no length)
+    start, end, inside : (...), metres from where the leg begins, and whether there is such a part; a touch is one
     """
     foot = (offset * along).sum(axis=-1)  # where on the leg's line the centre is abeam
     off_line = np.where(lengths > 0, np.abs(_cross(offset, along)), np.hypot(offset[..., 0], offset[..., 1]))
@@ -133,7 +133,7 @@ def chords_in_discs(
 
 
 def _proper(start: Floats, end: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Intervals, of which some end before they begin by rounding only: these are touches; and which of them there are."""
+    """Intervals, of which some end before they begin by rounding only: then a touch; and which there are."""
     middle, touch = 0.5 * (start + end), start > end
     return np.where(touch, middle, start), np.where(touch, middle, end), start <= end + _TOUCH
 

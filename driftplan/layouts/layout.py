@@ -1,21 +1,26 @@
-"""Layout: beacons, what they cost, what is proven about them, and how each of them matters."""
+"""Layout: beacons, what they cost, what is proven about them, how each of them matters; as files, and side by side."""
 
 from __future__ import annotations
 
+import csv
+import io
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import hypot, nan
+from math import hypot, isfinite, nan
 from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
 
 from driftplan.beacons.beacon import Beacon
-from driftplan.layouts.placement.failures import worst_drifts
+from driftplan.beacons.beacon_files import beacon_feature
+from driftplan.layouts.placement.drives import worst_drifts
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.drift import Drift
 from driftplan.planning.status import Status
-from driftplan.tables import Tabular, decimals
+from driftplan.tables import Rows, Tabular, decimals, digits, yes_no
+from driftplan.world.geojson_map import feature_collection
 
 _MAX_HTML_ROWS = 60
 
@@ -178,3 +183,95 @@ def _rows(layout: Layout) -> list[InstallerRow]:
         place = beacon.id, beacon.kind.name, beacon.x, beacon.y, facing_deg, beacon in layout.beacons
         rows.append(InstallerRow(*place, *wall, routes, worst, worst_route))
     return rows
+
+
+def layout_csv(layout: Layout) -> bytes:
+    """The installers' table as CSV, to a tenth of a millimetre, with a header that names units.
+
+    Numbers of routes are separated by spaces; a cell without a number is empty.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(InstallerRow._fields)
+    for row in installer_table(layout):
+        writer.writerow([_cell(value) for value in row])
+    return text.getvalue().encode()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return " ".join(map(str, value))
+    if isinstance(value, float):
+        return round(value, 4) if isfinite(value) else ""
+    return value
+
+
+def layout_geojson(layout: Layout) -> bytes:
+    """Beacons as points with all that `load_beacons` needs, and what their failure does."""
+    features = [
+        beacon_feature(beacon, new=beacon in layout.beacons, routes=routes, worst_drift_if_dead_m=said)
+        for beacon, routes, worst, _ in layout.importance
+        for said in [round(worst, 6) if routes else None]
+    ]
+    summary = {name: getattr(layout, name) for name in ("cost", "lower_bound", "proven")}
+    worst_m = round(layout.worst_drift, 6)
+    return feature_collection(features, driftplan={"version": 1, **summary, "worst_drift_m": worst_m})
+
+
+@dataclass(frozen=True, kw_only=True)
+class LayoutComparison(Rows):
+    """Layouts side by side, one row each: name, beacons (new ones), existing, cost, lower_bound, proven, routes, route_m
+    (of all together), max_drift_m (the strictest limit), worst_drift_m, and worst_single_failure_m, the greatest drift
+    with one beacon dead (nan without beacons). Printing it prints a table."""
+
+    def columns(self) -> dict[str, Iterable[object]]:
+        """What people read: headings and cells."""
+        rows = self.rows
+        worst, failure = digits(*([row[key] for row in rows] for key in ("worst_drift_m", "worst_single_failure_m")))
+        return {
+            "layout": [row["name"] for row in rows],
+            "beacons": [row["beacons"] for row in rows],
+            "cost": [f"{row['cost']:g}" for row in rows],
+            "at least": [f"{row['lower_bound']:g}" for row in rows],
+            "proven": yes_no(row["proven"] for row in rows),
+            "routes m": decimals([row["route_m"] for row in rows], 1),
+            "limit m": [f"{row['max_drift_m']:.4g}" for row in rows],
+            "worst drift m": worst,
+            "with one dead m": failure,
+        }
+
+
+def compare_layouts(layouts: Mapping[str, Layout]) -> LayoutComparison:
+    """What layouts, by name, cost and what they keep, side by side; their routes and limits need not be the same.
+
+    Examples
+    --------
+    >>> from driftplan import BeaconKind, OdometryNoise, Sites, place_beacons
+    >>> noise = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
+    >>> tag = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01)
+    >>> routes, sites = {"short": [(0, 0), (30, 0)], "long": [(0, 0), (60, 0)]}, Sites(tag, spacing_m=2.0)
+    >>> layouts = {name: place_beacons(None, route, noise, 0.8, sites) for name, route in routes.items()}
+    >>> print(compare_layouts(layouts))
+    layout  beacons  cost  at least  proven  routes m  limit m  worst drift m  with one dead m
+    short         1     1         1  yes         30.0      0.8          0.794            1.050
+    long          2     2         2  yes         60.0      0.8          0.794            2.448
+    """
+    if not isinstance(layouts, Mapping) or not layouts or not all(isinstance(x, Layout) for x in layouts.values()):
+        raise ValueError(f"expected layouts by name, as {{'narrow': place_beacons(...)}}, got {layouts!r}")
+    return LayoutComparison(rows=tuple(_row(name, layout) for name, layout in layouts.items()))
+
+
+def _row(name: str, layout: Layout) -> dict[str, Any]:
+    return {
+        "name": name,
+        "beacons": len(layout.beacons),
+        "existing": len(layout.existing),
+        "cost": layout.cost,
+        "lower_bound": layout.lower_bound,
+        "proven": layout.proven,
+        "routes": len(layout.drifts),
+        "route_m": sum(float(drift.length) for drift in layout.drifts),
+        "max_drift_m": min(layout.max_drift),
+        "worst_drift_m": layout.worst_drift,
+        "worst_single_failure_m": max((x.worst_single_failure for x in layout.importance if x.routes), default=nan),
+    }

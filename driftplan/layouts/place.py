@@ -14,10 +14,9 @@ from driftplan.beacons.beacon import BeaconKind
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.layout import Layout
 from driftplan.layouts.placement.covering import Progress
-from driftplan.layouts.placement.failures import worst_of_failures
-from driftplan.layouts.placement.limit_search import LimitSearch
+from driftplan.layouts.placement.drives import worst_of_failures
 from driftplan.layouts.placement.placement_diagnosis import explain
-from driftplan.layouts.placement.problem import PlacementProblem, placement_problem
+from driftplan.layouts.placement.problem import LimitSearch, PlacementProblem, placement_problem
 from driftplan.layouts.scenario import DriftLimit, Scenario
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
@@ -50,15 +49,14 @@ def place_beacons(
     limit, the layout within a budget whose worst drift is least.
 
     What the robot makes of a reading decides how many beacons it needs. Under ``estimator="reset"``, the default,
-    readings replace the error they measure: exact second moments, no fusion. A robot with a Kalman filter, "filter",
-    needs up to four times fewer. For it a further beacon never hurts, readings that may be missed count by an upper
-    bound, and the drift is that of the linear model (`Drift` says where that stops being right).
+    readings replace the error they measure: exact second moments, no fusion. A coarse or late reading may then be worse
+    than none, so a further beacon can break a layout that holds. A robot with a Kalman filter, "filter", needs up to
+    four times fewer. For it a further beacon never hurts, readings that may be missed count by an upper bound, and the
+    drift is that of the linear model (`Drift` says where that stops being right).
 
-    Under ``reset``, because a coarse or late reading may be worse than none, adding a beacon to a layout that
-    holds can break it; "holds" is decided for the whole layout, and so is the proof. "Everywhere" is meant: on arrival
-    and after every reading and every turn on the spot, and between the computed points, where the rms is bounded to a
-    ten-billionth (see `driftplan.model.worst`). With a ``confidence``, the radius is looked at closely wherever it
-    comes near the limit instead; it has no such bound.
+    "Everywhere" is meant: on arrival and after every reading and every turn on the spot, and between the computed
+    points, where the rms is bounded to a ten-billionth (see `driftplan.model.worst`); a radius, at a ``confidence``,
+    has no such bound and is looked at closely wherever it comes near the limit.
 
     Parameters
     ----------
@@ -68,14 +66,10 @@ def place_beacons(
     limit : metres (one number or one per route), DriftLimit or None
         None, or a `DriftLimit` without ``max_drift``: the least worst drift within ``max_beacons`` and ``budget`` is
         sought.
-    sites : BeaconKind or several, or Sites
-        Kinds alone: sites are generated, as `Sites` says.
-    max_beacons : at most so many new beacons
-    budget : new beacons cost at most this
-    estimator : {"reset", "filter"}
-        What the robot does with a reading. ``filter`` takes no ``confidence`` and no known systematic errors.
-    start_fix : Fix at 0
-        Uncertainty at the start of every route; default: the start is known.
+    sites : where beacons may go; kinds alone: sites are generated, as `Sites` says
+    max_beacons, budget : at most so many new beacons; they cost at most this
+    estimator : what the robot does with a reading; "filter" takes no ``confidence`` and no known systematic errors
+    start_fix : uncertainty at the start of every route, at 0; default: the start is known
     drift_tolerance : without a limit: the worst drift is within this share of the least
     time_limit : seconds. The best layout so far is returned when they are over, and ``status`` says so. The tables of
         the search are made and the layout is verified whatever the limit: a second for 60 routes and 1250 sites, a

@@ -25,15 +25,9 @@ class DriftLimit:
 
     Parameters
     ----------
-    max_drift : float, one per route, or None
-        Metres. None: there is no limit, the least drift is sought.
+    max_drift : metres, one number or one per route; None: there is no limit, the least drift is sought
     redundancy : the limit holds with any ``redundancy - 1`` beacons dead; 1: all live
-    confidence : float in [0.75, 1), optional
-        The limit is on the radius that holds the estimate with this confidence; None: on the rms.
-
-    Raises
-    ------
-    ValueError : for values out of range
+    confidence : in [0.75, 1), the limit is on the radius that holds the estimate so surely; None: on the rms
 
     Examples
     --------

@@ -17,12 +17,10 @@ import shapely
 
 from driftplan.beacons.beacon import BeaconKind
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.placement.limit_search import LimitSearch
-from driftplan.layouts.placement.problem import placement_problem
+from driftplan.layouts.placement.problem import LimitSearch, placement_problem
 from driftplan.layouts.placement.requirements import DriftRequirements
 from driftplan.layouts.scenario import DriftLimit, Scenario
-from driftplan.layouts.site_grids import grid_sites
-from driftplan.layouts.sites import Sites
+from driftplan.layouts.sites import Sites, grid_sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.world import World
 

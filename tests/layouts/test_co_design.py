@@ -11,7 +11,7 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import beacon_fixes, drift_with_beacons
 from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
 from driftplan.layouts.co_design.co_design import co_design
-from driftplan.layouts.co_design.trips import Trip
+from driftplan.layouts.co_design.design import Trip
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import SiteGroup, Sites

@@ -10,8 +10,7 @@ from driftplan.beacons.readings import drift_with_beacons
 from driftplan.layouts.placement.drives import HOLDS, drives_of, first_breach, worst_squares
 from driftplan.layouts.placement.fresh_fixes import Limit
 from driftplan.layouts.placement.interval_moments import IntervalMoments
-from driftplan.layouts.placement.limit_search import LimitSearch
-from driftplan.layouts.placement.problem import placement_problem
+from driftplan.layouts.placement.problem import LimitSearch, placement_problem
 from driftplan.layouts.scenario import DriftLimit, Scenario
 from driftplan.layouts.sites import Sites
 from driftplan.model.drift import predict_drift

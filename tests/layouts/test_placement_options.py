@@ -13,8 +13,7 @@ from driftplan.layouts.place import beacon_tradeoff, place_beacons
 from driftplan.layouts.placement import covering
 from driftplan.layouts.placement.relaxation import Solution
 from driftplan.layouts.scenario import DriftLimit
-from driftplan.layouts.site_grids import grid_sites, route_sites, wall_sites
-from driftplan.layouts.sites import SiteGroup, Sites
+from driftplan.layouts.sites import SiteGroup, Sites, grid_sites, route_sites, wall_sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.worst import worst_radius, worst_rms

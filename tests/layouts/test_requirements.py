@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from driftplan.layouts.placement.limit_search import LimitSearch
-from driftplan.layouts.placement.problem import placement_problem
+from driftplan.layouts.placement.problem import LimitSearch, placement_problem
 from driftplan.layouts.scenario import DriftLimit, Scenario
 from driftplan.layouts.sites import Sites
 

@@ -27,9 +27,8 @@ from numpy.typing import ArrayLike
 from driftplan.arrays import Floats, keywords_checked, positive, whole
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.errors import InfeasibleError
-from driftplan.layouts.co_design.design import CoDesign, Design
+from driftplan.layouts.co_design.design import CoDesign, Design, Trip, trips_of
 from driftplan.layouts.co_design.design_problem import DesignProblem
-from driftplan.layouts.co_design.trips import Trip, trips_of
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
@@ -74,21 +73,13 @@ def co_design(
 
     Parameters
     ----------
-    world : its walls block sight, its zones override ``noise``
+    world, noise, sites, estimator, start_fix : as for `place_beacons`
     trips : sequence of Trip, or of (start, goal) or (start, goal, weight)
-    noise : of the continuous kind (no ``step_m``)
-    limit : metres (one number or one per trip), or DriftLimit
-        On the rms drift anywhere on any route; with ``redundancy=2`` it holds with any one beacon dead.
-    sites : BeaconKind or several, or Sites
-        Kinds alone: sites are a grid over the free space, as `Sites` says.
+    limit : on the rms, metres (one number or one per trip); or DriftLimit, with a ``redundancy`` of 1 or 2
     price_per_m : of driving one metre once, in the unit of the beacons' cost, > 0
     max_detour : no route is longer than this multiple of the shortest, >= 1
-    min_capture : float in [0, 1)
-        The limit holds without readings that a robot that has drifted comes within range of less surely than this; the
+    min_capture : the limit holds without readings that a drifted robot gets less surely than this, in [0, 1); the
         chances are in ``routes[k].captures``. 0: all count, as in `place_beacons`.
-    estimator : what the robots do with a reading, "reset" or "filter", as in `place_beacons`
-    start_fix : Fix at 0
-        Uncertainty at the start of every trip; default: the start is known.
     max_nodes : of every roadmap, about
     rounds : passes over all neighbours, at most; 0: only the baseline, with its routes as short as its beacons allow
     time_limit : seconds; it only stops the search, and ``status`` then says so. The baseline is found in any case.

@@ -12,8 +12,7 @@ import numpy as np
 from driftplan.arrays import Bools, Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
-from driftplan.layouts.co_design.design import Design
-from driftplan.layouts.co_design.trips import Trip
+from driftplan.layouts.co_design.design import Design, Trip
 from driftplan.layouts.layout import Layout
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.scenario import DriftLimit, beacons_in_range

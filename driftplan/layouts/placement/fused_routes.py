@@ -163,13 +163,8 @@ class FusedRoute:
         return float(np.sqrt(max(square.max(initial=0.0) for square in squares)))
 
     def unread(self, limit: float) -> list[tuple[int, int]]:
-        """Stretches that fail in the best of cases when nothing is read inside them, as short as they come.
-
-        Returns
-        -------
-        list of first, last : int
-            Borders: something has to be read at one of first … last - 1, or the limit fails at last.
-        """
+        """Stretches that fail in the best of cases when nothing is read inside them, as short as they come: borders
+        (first, last), and something has to be read at one of first … last - 1, or the limit fails at last."""
         until = [self.first_over(self.start, 0, limit)]
         until += [self.first_over(state, border, limit) for border, state in enumerate(self.best[:-1])]
         later = [*until[1:], NEVER]
@@ -178,13 +173,8 @@ class FusedRoute:
 
 
 def fused_routes(scenario: Scenario, sites: Sequence[Beacon]) -> tuple[FusedRoute, ...]:
-    """The routes of a scenario with the readings of all ``sites``.
-
-    Raises
-    ------
-    ValueError
-        For odometry with a known systematic error: a filter does not correct it, and then more beacons may be worse.
-    """
+    """The routes of a scenario with the readings of all ``sites``; no odometry with a known systematic error, which a
+    filter does not correct: then more beacons may be worse."""
     columns, start = BeaconColumns.of(sites), belief_at_start(scenario.start_fix)
     found = []
     for path in scenario.routes:

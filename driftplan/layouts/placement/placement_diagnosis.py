@@ -10,11 +10,10 @@ import numpy as np
 from driftplan.arrays import Bools
 from driftplan.layouts.placement.covering import Cover
 from driftplan.layouts.placement.cut_pool import Cut
-from driftplan.layouts.placement.failures import failures, worst_drifts
+from driftplan.layouts.placement.drives import failures, worst_drifts
 from driftplan.layouts.placement.fused_requirements import FusedRequirements
 from driftplan.layouts.placement.fused_routes import fused_routes
-from driftplan.layouts.placement.limit_search import LeastFactor, LimitSearch
-from driftplan.layouts.placement.problem import PlacementProblem
+from driftplan.layouts.placement.problem import LeastFactor, LimitSearch, PlacementProblem
 from driftplan.layouts.placement.requirements import DriftRequirements
 from driftplan.planning.status import Status
 
