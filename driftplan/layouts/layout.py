@@ -220,7 +220,7 @@ def layout_geojson(layout: Layout) -> bytes:
 
 @dataclass(frozen=True, kw_only=True)
 class LayoutComparison(Rows):
-    """Layouts side by side, one row each: name, beacons (new ones), existing, cost, lower_bound, proven, routes, route_m
+    """Layouts side by side, a row each: name, beacons (new ones), existing, cost, lower_bound, proven, routes, route_m
     (of all together), max_drift_m (the strictest limit), worst_drift_m, and worst_single_failure_m, the greatest drift
     with one beacon dead (nan without beacons). Printing it prints a table."""
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _MAX_ROUTES = 5  # sawtooth lines with a style of their own; others are grey
 _MAX_LABELS = 12  # routes that are named on the map
 _MAX_BARS = 25
+_NAME_SHARE = np.array([0.2, 0.06])  # of the map that the name of a route takes, about
 _SPACING_M = 0.25
 
 
@@ -74,14 +75,17 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
     routes.set_array(drift[order])
     routes.set_clim(0.0, max(layout.max_drift))
     ax.add_collection(routes)
-    right_edge = np.array([0.1, 0.9]) @ _map_box(layout)[:, 0]  # names of routes that start beyond do not cross it
     if len(layout.drifts) <= _MAX_LABELS:
-        for r, path in enumerate(drift.xy for drift in layout.drifts):
-            style.arrow_along(ax, path, "black")
+        box = _map_box(layout)
+        starts = np.array([drift.xy[0] for drift in layout.drifts])
+        right_edge, room = np.array([0.1, 0.9]) @ box[:, 0], _NAME_SHARE * (box[1] - box[0])
+        for r, (drift, start) in enumerate(zip(layout.drifts, starts, strict=True)):
+            style.arrow_along(ax, drift.xy, "black")
             name: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "weight": "bold", "zorder": 5}
-            side, offset = ("right", -5) if path[0, 0] > right_edge else ("left", 5)
-            ax.annotate(f"route {r}", path[0], (offset, -9), ha=side, **name)
-            ax.plot(*path[0], zorder=4, **{**style.START, "markersize": 6, "markeredgewidth": 1.5})
+            beside = (np.abs(starts[:r] - start) < room).all(axis=1).sum() % 2  # names of near starts take turns
+            side, offset = ("right", -5) if start[0] > right_edge else ("left", 5)
+            ax.annotate(f"route {r}", start, (offset, 4 if beside else -9), ha=side, **name)
+            ax.plot(*start, zorder=4, **{**style.START, "markersize": 6, "markeredgewidth": 1.5})
     everyone = (*layout.existing, *layout.beacons)
     beacons = plot_beacons(everyone, ax=ax, used=layout.beacons, labels=("new beacon", "existing beacon"))
     style.in_metres(ax)
@@ -157,17 +161,8 @@ def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwa
     for proven, face in ((True, line.get_color()), (False, "white")):
         some = np.array([x.proven == proven for x in curve])
         if some.any():
-            label = "proven" if proven else "best found"
-            ax.plot(
-                drift[some],
-                count[some],
-                "o",
-                color=line.get_color(),
-                markerfacecolor=face,
-                label=label,
-                zorder=3,
-                clip_on=False,
-            )
+            dots: dict[str, Any] = {"color": line.get_color(), "markerfacecolor": face, "zorder": 3, "clip_on": False}
+            ax.plot(drift[some], count[some], "o", label="proven" if proven else "best found", **dots)
     ax.set(xlabel=f"limit on the {_score_label(curve[0])}", ylabel="fewest beacons")
     ax.set_ylim(bottom=0.0)
     ax.yaxis.set_major_locator(MaxNLocator(integer=True))
