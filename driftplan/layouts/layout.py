@@ -65,7 +65,6 @@ class Layout(Tabular):
     scenario: Scenario
 
     def __repr__(self) -> str:
-        """What a person would want to know, not pages of moments."""
         return (
             f"Layout({len(self.beacons)} beacons of cost {self.cost:g}, at least {self.lower_bound:g}, "
             f"{'proven' if self.proven else 'not proven'}, {len(self.drifts)} routes, "
@@ -79,7 +78,6 @@ class Layout(Tabular):
         return [row._asdict() for row in _rows(self)]
 
     def columns(self) -> dict[str, list[str]]:
-        """What people read in a notebook: headings and cells."""
         shown = (*self.existing, *self.beacons)[:_MAX_HTML_ROWS]
         return {
             "id": [b.id for b in shown],
@@ -89,7 +87,6 @@ class Layout(Tabular):
         }
 
     def words(self) -> str:
-        """What is said above it."""
         left_out = len(self.existing) + len(self.beacons) - _MAX_HTML_ROWS
         return f"{self!r}{f'; {left_out} beacons not shown' if left_out > 0 else ''}"
 
@@ -225,7 +222,6 @@ class LayoutComparison(Rows):
     with one beacon dead (nan without beacons). Printing it prints a table."""
 
     def columns(self) -> dict[str, Iterable[object]]:
-        """What people read: headings and cells."""
         rows = self.rows
         worst, failure = digits(*([row[key] for row in rows] for key in ("worst_drift_m", "worst_single_failure_m")))
         return {

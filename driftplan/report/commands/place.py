@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -78,17 +79,10 @@ def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layou
     from driftplan.report.figures.layouts import layout_figure
 
     def payload() -> dict[str, Any]:
-        numbers = zip(map(label, args.paths), layout.drifts, layout.worst_drifts, layout.max_drift, free, strict=True)
-        routes = [
-            {
-                "file": file,
-                "length_m": float(drift.length),
-                "worst_drift_m": worst,
-                "limit_m": limit,
-                "collision_free": is_free,
-            }
-            for file, drift, worst, limit, is_free in numbers
-        ]
+        keys = ("file", "length_m", "worst_drift_m", "limit_m", "collision_free")
+        lengths_m = [float(drift.length) for drift in layout.drifts]
+        columns = (map(label, args.paths), lengths_m, layout.worst_drifts, layout.max_drift, free)
+        routes = [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)]
         found = {
             "beacons": installer_table(layout),
             "estimator": layout.scenario.estimator,
@@ -98,15 +92,9 @@ def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layou
         }
         return {"noise": shared.noise_as_json(noise), "layout": found}
 
-    return Answer(
-        payload=payload,
-        text=lambda: _layout_text(args, layout),
-        files={
-            "csv": lambda: layout_csv(layout),
-            "geojson": lambda: layout_geojson(layout),
-            "picture": lambda: layout_figure(layout),
-        },
-    )
+    written = {"csv": layout_csv, "geojson": layout_geojson, "picture": layout_figure}
+    files = {name: partial(write, layout) for name, write in written.items()}
+    return Answer(payload=payload, text=lambda: _layout_text(args, layout), files=files)
 
 
 def _layout_text(args: argparse.Namespace, layout: Layout) -> str:
@@ -159,14 +147,9 @@ def _proof(layout: Layout) -> str:
 def _tradeoff_answer(noise: OdometryNoise, curve: tuple[Layout, ...]) -> Answer:
     from driftplan.report.figures.layouts import tradeoff_figure
 
-    points = [
-        {
-            "beacons": len(layout.beacons),
-            **record(layout, "worst_drift_m", "drift_bound_m", "proven"),
-            "ids": [beacon.id for beacon in layout.beacons],
-        }
-        for layout in curve
-    ]
+    drifts = [record(layout, "worst_drift_m", "drift_bound_m", "proven") for layout in curve]
+    ids = [[beacon.id for beacon in layout.beacons] for layout in curve]
+    points = [{"beacons": len(some), **drift, "ids": some} for drift, some in zip(drifts, ids, strict=True)]
 
     def text() -> str:
         drifts = numbers(points, 3, "worst_drift_m", "drift_bound_m")

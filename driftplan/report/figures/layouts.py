@@ -52,15 +52,8 @@ def route_segments(layout: Layout) -> tuple[Floats, Floats]:
 def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True, **line_kwargs: Any) -> LayoutArtists:
     """Draw a layout on its map: beacons with their ranges and ids, routes coloured by their drift.
 
-    Up to twelve routes are named at their starts, with arrows the way they are driven.
-
-    Parameters
-    ----------
-    layout : Layout
-    ax : default: pyplot's current Axes
-    colorbar : whether to add one beside the Axes
-    **line_kwargs
-        Go to the routes' LineCollection untouched.
+    Up to twelve routes are named at their starts, with arrows the way they are driven. ``ax`` is pyplot's current Axes
+    unless given; ``line_kwargs`` go to the routes' LineCollection untouched.
     """
     from matplotlib.collections import LineCollection
 
@@ -111,17 +104,9 @@ def plot_sawtooth(
 
     Parameters
     ----------
-    layout : Layout
     routes : which to draw with a style and a label; default: the five that come nearest to their limits, the others
         thin and grey
-    ax : default: pyplot's current Axes
-    **line_kwargs
-        Go to the lines of ``routes`` untouched.
-
-    Returns
-    -------
-    list of Line2D
-        Those of ``routes``, in order.
+    **line_kwargs : go to the lines of ``routes`` untouched; these are returned, in order
     """
     ax = style.current_axes(ax)
     share = np.array(layout.worst_drifts) / np.array(layout.max_drift)
@@ -144,12 +129,8 @@ def plot_sawtooth(
 
 
 def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwargs: Any) -> Line2D:
-    """Draw the worst drift that a number of beacons can hold; points not proven to be the best are hollow.
-
-    Parameters
-    ----------
-    curve : from `driftplan.layouts.place.beacon_tradeoff`
-    """
+    """Draw the worst drift that a number of beacons can hold, as from `driftplan.layouts.place.beacon_tradeoff`; points
+    not proven to be the best are hollow."""
     from matplotlib.ticker import MaxNLocator
 
     ax = style.current_axes(ax)
@@ -213,13 +194,8 @@ def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
 
 
 def layouts_figure(layouts: Mapping[str, Layout], *, figure: Figure | None = None) -> Figure:
-    """Layouts for the same routes side by side, each on its map above its sawtooth.
-
-    Parameters
-    ----------
-    layouts : mapping of label to Layout
-    figure : an empty one to draw into; default: a new one that knows nothing of pyplot
-    """
+    """Layouts for the same routes side by side, each on its map above its sawtooth: in an empty figure, by default a
+    new one that knows nothing of pyplot."""
     first, *_ = layouts.values()
     height = 6.0 * _map_shape(first)
     figure = style.new_figure(figure, 6.3 * len(layouts) + 0.8, height + 3.8)
