@@ -28,7 +28,6 @@ from driftplan.world.world import World
 
 _UNAIDED_SHARE = 0.3  # of the time limit, for the route that would be best without a limit
 _SEARCH_SHARE = 0.75  # of it for all searches; the rest is for shortening what was found
-_HEADING_STD_FACTOR = 2.0  # times that of the route found: where a bound must be restricted, it is for up to that
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -364,8 +363,9 @@ def _dead_reckoned(request: PlanRequest, path: Floats, found: Unaided) -> Route:
     by_length = request.minimise == "length"
     score, bound, heading_std = float(drift.length), found.least.length, math.inf
     if not by_length:
-        most = _HEADING_STD_FACTOR * float(drift.end.heading_std)
-        mean_square, heading_std = found.least.bound(noises_of(request.world, request.noise), most)
+        mean_square, heading_std = found.least.bound(
+            noises_of(request.world, request.noise), float(drift.end.heading_std)
+        )
         score, bound = float(drift.end.rms), math.sqrt(mean_square)
     worst = worst_rms(drift)
     return Route(

@@ -42,6 +42,7 @@ _FIRST_MARGIN_RADII, _FIRST_MARGIN_SIZES = 1 / 6, 1e-4  # of the robot, and of t
 _MARGINS, _FINER = 4, 2.5  # margins tried at most, each so much finer than the one before
 _WORTH = 0.8  # of the gap left by a margin: then the next one does not pay
 _LENGTHS = 2000  # of routes, at which the bound of the mean square is evaluated
+_HEADING_STD_FACTOR = 2.0  # times that of the route found: where a bound must be restricted, it is for up to that
 
 Stop = Callable[[], bool]
 
@@ -67,8 +68,9 @@ class LeastRoute(NamedTuple):
         return min(r.heading for r in rates) * self.squared_levers + min(r.position for r in rates) * self.length
 
     def bound(self, noises: Sequence[OdometryNoise], heading_std: float) -> tuple[float, float]:
-        """`mean_square` of all routes (m², infinity), or, where that is less by 1 %, of those that gain a heading error
-        of at most ``heading_std`` (m², rad)."""
+        """`mean_square` of all routes (m², infinity), or, where that is less by 1 %, of those that gain up to twice the
+        heading error of the route found, ``heading_std`` (m², rad)."""
+        heading_std *= _HEADING_STD_FACTOR
         everywhere, restricted = self.mean_square(noises), self.mean_square(noises, heading_std)
         return (everywhere, math.inf) if everywhere >= 0.99 * restricted else (restricted, heading_std)
 

@@ -219,8 +219,10 @@ def _zoned_curve(finder: CurveFinder, goal: Point, zones: ZoneLookup[CostRates])
 
 
 def _arc(rates: CostRates, wx: float, wy: float, c: float, s: float, length: float, curvature: float) -> float:
-    """Cost of an arc of signed length that begins at lever (wx, wy) in direction (c, s); see
-    `driftplan.planning.cost.arc_cost`."""
+    """Cost of an arc of signed length that begins at lever w = (wx, wy) in direction u = (c, s).
+
+    With x = curvature * length, ``∫|w|² = L|w|² - 2L²(A w·u - xB w×u) + 2L³B``, A = (1 - cos x)/x², B = (x - sin x)/x³.
+    """
     t = curvature * length
     if abs(t) < 0.1:
         t2 = t * t

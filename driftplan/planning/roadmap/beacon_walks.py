@@ -29,7 +29,7 @@ from driftplan.planning.roadmap.beacon_graph import BeaconGraph
 from driftplan.planning.roadmap.graph import GOAL, START, Roadmap
 from driftplan.planning.roadmap.growth import BATCHES_TO_FIND_ONE, RoadmapSearch, roadmap_among_beacons
 from driftplan.planning.roadmap.itinerary_check import ALL_ALIVE, ItineraryCheck
-from driftplan.planning.roadmap.label_search import LabelProblem, Walk, least_drift_walk, shortest_walk
+from driftplan.planning.roadmap.label_search import LabelProblem, Walk, best_walk
 from driftplan.planning.roadmap.prices import AdditiveCost, Space, length_of
 from driftplan.world.world import World
 
@@ -197,8 +197,7 @@ class BeaconWalks:
             max_gap_m=self._max_gap_m(limit),
             arriving=None if heading is None else complex(math.cos(heading), math.sin(heading)),
         )
-        find = least_drift_walk if by_end else shortest_walk
-        found = find(task, slack_sq=slack * scale**2, stop=self.late, max_labels=max_labels)
+        found = best_walk(task, by_end=by_end, slack_sq=slack * scale**2, stop=self.late, max_labels=max_labels)
         self.labels += found.labels
         if limit <= _NEARLY * self.reliance.max_drift:  # searches with looser limits say nothing about this one
             self.exhausted |= not found.finished
