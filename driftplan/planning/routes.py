@@ -275,18 +275,6 @@ def plan_route(
     return _route_among_beacons(request, known)
 
 
-def search_for(search: BeaconSearch, minimise: Objective) -> Floats | None:
-    """The best path that keeps the limit of the search's `Reliance`, or None."""
-    limit, longest = search.reliance.max_drift, search.max_length(minimise)
-    if math.isfinite(limit) and least_length(search.ends, search.noises, search.reliance.bounding, limit) > longest:
-        return None  # whatever the roadmap
-    if minimise == "length":
-        return search.shortest_within(limit, longest)
-    if minimise == "drift":
-        return search.least_end_drift(limit, longest)
-    return search.least_worst_drift(limit, longest)
-
-
 def route_along(search: BeaconSearch, path: Floats, minimise: Objective) -> Route:
     """The route along a path that ``search`` found, from the exact model, with its bound."""
     check, limit = search.check, search.reliance.max_drift
@@ -319,7 +307,7 @@ def route_along(search: BeaconSearch, path: Floats, minimise: Objective) -> Rout
         beacons=tuple(search.beacons[i] for i in check.met(path)),
         captures=tuple(check.captures(path)),
         max_drift=limit if math.isfinite(limit) else None,
-        worst_drift=replace(check, redundancy=1).verdict(path).worst,
+        worst_drift=check.relying(redundancy=1).verdict(path).worst,
         worst_guaranteed=verdict.worst,
         labels=search.labels,
     )
@@ -341,7 +329,7 @@ def _route_among_beacons(request: PlanRequest, known: Sequence[Floats]) -> Route
         stop_shortening=lambda: late(1.0),
         known=known,
     )
-    path = search_for(search, request.minimise)
+    path = search.best(request.minimise)
     if path is None:
         search.stop = lambda: late(2.0)
         raise InfeasibleError(why_infeasible(search, request.reliance.max_drift, search.max_length(request.minimise)))

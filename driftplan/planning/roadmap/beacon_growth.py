@@ -15,7 +15,7 @@ from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.diagnosis import why_infeasible
 from driftplan.planning.roadmap.graph import Roadmap
 from driftplan.planning.roadmap.prices import AdditiveCost, length_of
-from driftplan.planning.routes import Route, route_along, search_for
+from driftplan.planning.routes import Route, route_along
 from driftplan.planning.status import Status
 from driftplan.world.world import World
 
@@ -86,7 +86,7 @@ class BeaconRouteGrowth:
             self._is_largest = True  # more nodes would help no more than the batches that were tried
             return
         self.search = search
-        path = search_for(search, self.minimise)
+        path = search.best(self.minimise)
         search.stop = search.stop_shortening = lambda: False  # a termination condition ends with its solve
         if path is not None:
             cost = self._cost_of(path, search)

@@ -107,6 +107,4 @@ class ItineraryCheck:
     def _drift(self, path: Floats, readings: Readings) -> Drift:
         given, (floor, noises) = self.reliance, floor_of(path, self.noise, self.world)
         fixes = Readings.of([] if given.start_fix is None else [given.start_fix]) + readings
-        return predict_drift(
-            floor, noises, fixes=fixes, start_heading=given.start_heading, estimator=given.estimator
-        )
+        return predict_drift(floor, noises, fixes=fixes, start_heading=given.start_heading, estimator=given.estimator)
