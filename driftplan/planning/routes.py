@@ -238,12 +238,11 @@ def plan_route(
     >>> len(fused.beacons), fused.worst_drift < 1.8, fused.drift.is_fused
     (2, True, True)
     """
-    request = PlanRequest.of(
-        world,
-        start,
-        goal,
-        noise,
-        Reliance(
+    request = PlanRequest(
+        world=world,
+        ends=(start, goal),  # type: ignore[arg-type]  # checked, and made an array, there
+        noise=noise,
+        reliance=Reliance(
             beacons=tuple(beacons),
             max_drift=math.inf if max_drift is None else max_drift,
             max_detour=max_detour,
@@ -255,7 +254,7 @@ def plan_route(
         ),
         minimise=minimise,
         planner=planner,
-        initial_paths=initial_paths,
+        initial_paths=tuple(initial_paths),  # type: ignore[arg-type]
         max_nodes=max_nodes,
         time_limit=time_limit,
         iterations=iterations,
@@ -268,7 +267,7 @@ def plan_route(
         raise ValueError(f"expected start and goal apart, got {request.ends[0].tolist()} for both")
     known = request.initial_paths
     if not request.reliance.beacons and minimise == "drift":  # a limit that does not bind changes nothing
-        free = _unaided_route(replace(request, time_limit=_UNAIDED_SHARE * request.time_limit))
+        free = _unaided_route(replace(request, share=_UNAIDED_SHARE))
         if free.worst_drift <= request.reliance.max_drift:
             return replace(free, max_drift=max_drift)
         known = (*known, free.path)

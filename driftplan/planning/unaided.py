@@ -60,7 +60,7 @@ def best_unaided(request: PlanRequest) -> Unaided:
     pool = [*request.initial_paths, *search.paths, *fitting]
     if not pool:
         counted = request.iterations
-        within = f"{request.time_limit:g} s" if counted is None else f"{counted} iterations"
+        within = f"{request.limit_s:g} s" if counted is None else f"{counted} iterations"
         start, goal = (format_point(end) for end in request.ends)
         raise NoPathError(
             f"{request.planner} found no path from {start} to {goal} within {within}, though free space connects "
