@@ -33,17 +33,10 @@ _HALVINGS = 40
 def least_length(
     ends: Floats, noises: Sequence[OdometryNoise], beacons: Sequence[Beacon], max_drift: float | None
 ) -> float:
-    """No route that keeps ``max_drift`` is shorter, metres; infinite where none can keep it.
+    """No route that keeps ``max_drift`` (metres, or None) is shorter, metres; infinite where none can keep it.
 
-    Parameters
-    ----------
-    ends : (2, 2) start and goal, metres
-    noises : noises that occur, of zones too
-    beacons : all there are
-    max_drift : metres, or None
+    ``noises`` are those that occur, of zones too; ``ends`` (2, 2) are start and goal, metres.
 
-    Examples
-    --------
     >>> noise = OdometryNoise(distance_var_per_m=0.1)
     >>> least_length(np.array([(0, 0), (50, 0)]), [noise], [], 1.0), least_length(np.eye(2), [noise], [], 1.0)
     (inf, 1.4142135623730951)

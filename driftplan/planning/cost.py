@@ -82,28 +82,11 @@ class CostRates:
 
 
 def edge_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNoise | CostRates) -> Floats:
-    """Cost of straight runs from ``a`` to ``b``, in m²: ``(q_h/3)(|w0|² + w0·w1 + |w1|²) L + q_p L``.
+    """Cost of straight runs from ``a`` to ``b`` (..., 2|3), in m²: ``(q_h/3)(|w0|² + w0·w1 + |w1|²) L + q_p L``.
 
-    Parameters
-    ----------
-    a, b : array_like (..., 2) or (..., 3)
-        Ends of the runs, metres; they broadcast.
-    goal : array_like (2,) or (3,), or broadcasting with ``a``
-        Where accuracy is wanted, metres.
-    noise : OdometryNoise or CostRates
-        CostRates save the conversion in loops.
+    Metres; points broadcast. Never negative, symmetric, additive under cutting. `CostRates` save the conversion in
+    loops.
 
-    Returns
-    -------
-    ndarray (...)
-        Never negative; symmetric in ``a`` and ``b``; additive under cutting.
-
-    Raises
-    ------
-    ValueError : if a coordinate is not finite or the shapes do not fit
-
-    Examples
-    --------
     >>> noise = OdometryNoise(heading_var_per_m=1e-3)
     >>> round(float(edge_cost([0, 0], [10, 0], [10, 0], noise)), 6)        # q L³/3
     0.333333
@@ -117,8 +100,6 @@ def edge_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNoise 
 def turn_cost(at: ArrayLike, turn_rad: ArrayLike, goal: ArrayLike, noise: OdometryNoise | CostRates) -> Floats:
     """Cost of turning on the spot by ``turn_rad`` (either sense) at ``at`` (..., 2|3), in m².
 
-    Examples
-    --------
     >>> noise = OdometryNoise(heading_var_per_rad=1e-3)
     >>> round(float(turn_cost([0, 0], -2.0, [10, 0], noise)), 6)
     0.2
@@ -133,16 +114,12 @@ def turn_cost(at: ArrayLike, turn_rad: ArrayLike, goal: ArrayLike, noise: Odomet
 def geodesic_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNoise | CostRates) -> Floats:
     """Lower bound in m² of the cost of any path from ``a`` to ``b``: no obstacles, no turn costs.
 
-    ``|w|²|dw| = |d(w³/3)|``: w -> w³/3 makes the heading metric flat (a cone of angle 6π). With φ the angle between
-    the two levers its geodesics have length ``|w0³ - w1³|/3`` for φ < π/3 and run through the goal beyond. Adding
-    ``q_p`` times the straight distance gives a sum of two metrics, each at most its part of the true cost: admissible
-    and consistent, symmetric, zero only for a = b. To the goal itself it is ``q_h r³/3 + q_p r``, which the straight
-    run attains. Geodesics in space stay in the plane of the goal and the two points, so the formula is the same.
+    ``|w|²|dw| = |d(w³/3)|``: w -> w³/3 makes the heading metric flat (a cone of angle 6π). With φ the angle between the
+    two levers its geodesics have length ``|w0³ - w1³|/3`` for φ < π/3 and run through the goal beyond. Adding ``q_p``
+    times the straight distance gives a sum of two metrics, each at most its part of the true cost: admissible and
+    consistent, symmetric, zero only for a = b. To the goal itself it is ``q_h r³/3 + q_p r``, which the straight run
+    attains. Geodesics in space stay in the plane of the goal and the two points, so the formula is the same.
 
-    Parameters and errors as in `edge_cost`.
-
-    Examples
-    --------
     >>> noise = OdometryNoise(heading_var_per_m=1.0)
     >>> round(float(geodesic_cost([1, 0], [0, 1], [0, 0], noise)), 9)      # shorter through the goal
     0.666666667
@@ -162,24 +139,11 @@ def geodesic_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNo
 def bracket(heading_std_end: ArrayLike) -> Floats:
     r"""The factor :math:`\Lambda` with ``Λ J <= E|e|² <= J`` for the heading part of the cost.
 
-    Parameters
-    ----------
-    heading_std_end : (...), standard deviation in rad of the heading error at the path's end. In space, the root of
-        twice the variance per axis.
+    ``cos² x`` where ``x tan x = heading_std_end²/4`` and ``0 <= x < π/2``, between ``exp(-std²/4)`` and 1;
+    ``heading_std_end`` (...) is the standard deviation in rad of the heading error at the path's end (in space, the
+    root of twice the variance per axis). The path of least J has at most 1/Λ times the least possible expected squared
+    error, Λ taken at the heading error of the truly best path.
 
-    Returns
-    -------
-    ndarray (...)
-        ``cos² x`` where ``x tan x = heading_std_end²/4`` and ``0 <= x < π/2``. It lies between ``exp(-std²/4)`` and 1.
-        The path of least J has at most 1/Λ times the least possible expected squared error, Λ taken at the heading
-        error of the truly best path.
-
-    Raises
-    ------
-    ValueError : if a standard deviation is negative or not finite
-
-    Examples
-    --------
     >>> bracket([0.0, 0.3, 1.0]).round(5)
     array([1.     , 0.97783, 0.78668])
     """

@@ -34,7 +34,7 @@ def motion_cost_of(
 ) -> Price:
     """The cost of an OMPL motion between two states of ``space``, m²."""
     if kind.is_curved:
-        return _curve(CurveFinder(space), goal, zones or ZoneLookup((), (), rates))
+        return _curve(CurveFinder(space), goal, rates, zones)
     if zones is not None:
         return _zoned(kind, goal, zones)
     if kind.dimensions == 3:
@@ -151,7 +151,37 @@ def attitude_step(p: Any, q: Any) -> float:
 # Curves
 
 
-def _curve(finder: CurveFinder, goal: Point, zones: ZoneLookup[CostRates]) -> Price:
+def _curve(finder: CurveFinder, goal: Point, rates: CostRates, zones: ZoneLookup[CostRates] | None) -> Price:
+    Cost = ob.Cost
+    radius = finder.turning_radius
+    if zones is not None:
+        return _zoned_curve(finder, goal, zones)
+
+    def motion(a: Any, b: Any) -> Any:
+        yaw = a.getYaw()
+        wx, wy, c, s = goal[0] - a.getX(), goal[1] - a.getY(), cos(yaw), sin(yaw)
+        total = 0.0
+        for turns, sense in finder(a, b):
+            if turns == 0.0:
+                continue
+            length = turns * radius
+            if sense == 0:
+                x, y = wx - length * c, wy - length * s
+                squares = abs(length) * (wx * wx + wx * x + x * x + wy * wy + wy * y + y * y) / 3
+                total += rates.heading * squares + rates.position * abs(length)
+                wx, wy = x, y
+            else:
+                yaw += turns * sense
+                total += _arc(rates, wx, wy, c, s, length, sense / radius)
+                c1, s1 = cos(yaw), sin(yaw)
+                wx, wy = wx - sense * radius * (s1 - s), wy - sense * radius * (c - c1)
+                c, s = c1, s1
+        return Cost(total)
+
+    return motion
+
+
+def _zoned_curve(finder: CurveFinder, goal: Point, zones: ZoneLookup[CostRates]) -> Price:
     Cost = ob.Cost
     gx, gy = goal
     radius = finder.turning_radius

@@ -164,13 +164,8 @@ def roadmap_among_beacons(
     seed: int,
 ) -> Roadmap:
     """A roadmap of about ``max_nodes`` nodes from ``ends[0]`` (node 0) to ``ends[1]`` (node 1), priced by length:
-    waypoints of known paths, corners, places within range of beacons, and even samples.
-
-    Parameters
-    ----------
-    known : paths (k, 2) whose waypoints become nodes
-    longest : longer routes are of no interest, metres
-    """
+    waypoints of ``known`` paths (k, 2), corners, places within range of beacons, and even samples; for routes up to
+    ``longest`` metres."""
 
     def useful(points: Floats) -> Floats:
         around = np.linalg.norm(points - ends[0], axis=-1) + np.linalg.norm(points - ends[1], axis=-1)
