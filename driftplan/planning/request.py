@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +27,7 @@ _USUAL_LIMIT_S = 5.0  # unless told otherwise
 _NO_LIMIT_S = 1e8  # three years
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class Reliance:
     """How far a route may count on beacons, and from what it starts.
 
@@ -82,17 +82,17 @@ class Reliance:
         return DEFAULT_DETOUR if self.beacons and minimise != "length" else math.inf
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class PlanRequest:
     """What `plan_route` is asked for, after every argument has been looked at."""
 
     world: World
-    ends: Floats  # (2, 2) start and goal, metres
+    ends: Any  # start and goal as given, then (2, 2), metres
     noise: OdometryNoise
     reliance: Reliance
     minimise: Objective
     planner: str
-    initial_paths: tuple[Floats, ...]  # collision-free paths from start to goal
+    initial_paths: tuple[Any, ...]  # as given, then (n, 2): collision-free paths from start to goal
     max_nodes: int
     time_limit: float | None  # seconds
     iterations: int | None

@@ -238,27 +238,19 @@ def plan_route(
     >>> len(fused.beacons), fused.worst_drift < 1.8, fused.drift.is_fused
     (2, True, True)
     """
+    limit = math.inf if max_drift is None else max_drift
     request = PlanRequest(
-        world=world,
-        ends=(start, goal),  # type: ignore[arg-type]  # checked, and made an array, there
-        noise=noise,
-        reliance=Reliance(
-            beacons=tuple(beacons),
-            max_drift=math.inf if max_drift is None else max_drift,
-            max_detour=max_detour,
-            redundancy=redundancy,
-            min_capture=min_capture,
-            start_fix=start_fix,
-            start_heading=start_heading,
-            estimator=estimator,
-        ),
-        minimise=minimise,
-        planner=planner,
-        initial_paths=tuple(initial_paths),  # type: ignore[arg-type]
-        max_nodes=max_nodes,
-        time_limit=time_limit,
-        iterations=iterations,
-        seed=seed,
+        world,
+        (start, goal),
+        noise,
+        Reliance(tuple(beacons), limit, max_detour, redundancy, min_capture, start_fix, start_heading, estimator),
+        minimise,
+        planner,
+        tuple(initial_paths),
+        max_nodes,
+        time_limit,
+        iterations,
+        seed,
     )
     check_connected(world, request.ends)
     if not request.needs_labels:

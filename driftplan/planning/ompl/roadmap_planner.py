@@ -17,8 +17,7 @@ from driftplan.beacons.beacon import Beacon
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator, Fix
-from driftplan.planning.ompl.roadmap_spaces import ClippedWorld, OmplCheckedSpace, box_of
-from driftplan.planning.ompl.roadmap_targets import Target, target_of
+from driftplan.planning.ompl.roadmap_problem import ClippedWorld, OmplCheckedSpace, Target, box_of, target_of
 from driftplan.planning.ompl.spaces import SpaceKind, space_kind
 from driftplan.planning.request import Objective, Reliance, check_continuous, check_objective
 from driftplan.planning.roadmap.beacon_growth import BeaconRouteGrowth
@@ -144,14 +143,9 @@ class RoadmapPlanner(ob.Planner):
         self._minimise, self._noise = minimise, noise
         self._max_nodes = whole("max_nodes", max_nodes, least=10)
         self._length_weight: float = getattr(objective, "length_weight", 0.0)
+        limit = inf if max_drift is None else max_drift
         self._reliance = Reliance(
-            beacons=tuple(beacons),
-            max_drift=inf if max_drift is None else max_drift,
-            max_detour=max_detour,
-            redundancy=redundancy,
-            min_capture=min_capture,
-            start_fix=start_fix,
-            estimator=estimator,
+            tuple(beacons), limit, max_detour, redundancy, min_capture, start_fix, estimator=estimator
         )
         self._queries: list[_Query] = []
         self._scale = 1.0
