@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -92,9 +91,15 @@ def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layou
         }
         return {"noise": shared.noise_as_json(noise), "layout": found}
 
-    written = {"csv": layout_csv, "geojson": layout_geojson, "picture": layout_figure}
-    files = {name: partial(write, layout) for name, write in written.items()}
-    return Answer(payload=payload, text=lambda: _layout_text(args, layout), files=files)
+    return Answer(
+        payload=payload,
+        text=lambda: _layout_text(args, layout),
+        files={
+            "csv": lambda: layout_csv(layout),
+            "geojson": lambda: layout_geojson(layout),
+            "picture": lambda: layout_figure(layout),
+        },
+    )
 
 
 def _layout_text(args: argparse.Namespace, layout: Layout) -> str:

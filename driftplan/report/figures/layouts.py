@@ -72,8 +72,8 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
         box = _map_box(layout)
         starts = np.array([drift.xy[0] for drift in layout.drifts])
         right_edge, room = np.array([0.1, 0.9]) @ box[:, 0], _NAME_SHARE * (box[1] - box[0])
-        for r, (drift, start) in enumerate(zip(layout.drifts, starts, strict=True)):
-            style.arrow_along(ax, drift.xy, "black")
+        for r, start in enumerate(starts):
+            style.arrow_along(ax, layout.drifts[r].xy, "black")
             name: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "weight": "bold", "zorder": 5}
             beside = (np.abs(starts[:r] - start) < room).all(axis=1).sum() % 2  # names of near starts take turns
             side, offset = ("right", -5) if start[0] > right_edge else ("left", 5)
