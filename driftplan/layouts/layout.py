@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import hypot, isfinite, nan
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,9 +17,12 @@ import shapely
 
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.beacon_files import beacon_feature
+from driftplan.files import write_files
 from driftplan.layouts.placement.drives import worst_drifts
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.drift import Drift
+from driftplan.page.document import page
+from driftplan.page.scene import scene_of
 from driftplan.planning.status import Status
 from driftplan.tables import Rows, Tabular, decimals, digits, yes_no
 from driftplan.world.geojson_map import feature_collection
@@ -129,6 +134,31 @@ class Layout(Tabular):
             f"On {len(beyond)} of {len(self.drifts)} routes, the first of them route {beyond[0]}, the heading is less "
             "certain between readings than a filter can be trusted with."
         )
+
+    def to_html(self, path: str | os.PathLike[str]) -> None:
+        """Write a page, one file, on which the layout can be looked at and changed, with what the drift would be then.
+
+        It needs a browser and nothing else, and asks nothing of any network.
+        """
+        scenario, limits = self.scenario, self.max_drift if self.scenario.confidence is None else None
+        notes = [f"{self.status.value} {self.note}"]
+        if scenario.confidence is not None:
+            notes.append(f"The limit was on the {100 * scenario.confidence:g} % radius; this page computes the rms.")
+        if scenario.redundancy > 1:
+            notes.append(f"It holds with any {scenario.redundancy - 1} of the beacons dead: kill some to see.")
+        scene = scene_of(
+            scenario.world,
+            scenario.routes,
+            scenario.noise,
+            beacons=self.beacons,
+            existing=self.existing,
+            limits=limits,
+            estimator=scenario.estimator,
+            start_fix=scenario.start_fix,
+            title="Beacon layout",
+            notes=notes,
+        )
+        write_files({Path(path): page(scene)})
 
     @cached_property
     def importance(self) -> tuple[Importance, ...]:
