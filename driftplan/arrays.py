@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from driftplan.errors import KeywordError
+from driftplan.errors import ArgumentError, KeywordError
 
 _Callable = TypeVar("_Callable", bound=Callable[..., Any])
 
@@ -63,7 +63,7 @@ def instance(name: str, value: object, *classes: type) -> None:
     """Refuse what is an object of none of these classes."""
     if not isinstance(value, classes):
         wanted = " or ".join(c.__name__ for c in classes)
-        raise TypeError(f"expected {name} to be a {wanted}, got {type(value).__name__} {short(value)}")
+        raise ArgumentError(f"expected {name} to be a{'n' * (wanted[0] in 'AEIOU')} {wanted}, got {short(value)}")
 
 
 def whole(name: str, value: object, *, least: int) -> int:
@@ -197,7 +197,7 @@ def arguments_checked(**values: type) -> Callable[[_Callable], _Callable]:
                     raise KeywordError(f"{function.__name__}() has no keyword {name!r}: {nearest}")
             for name, value in (*zip(places, args, strict=False), *given.items()):
                 if name in objects:
-                    objects[name].check(f"{function.__name__}(): {name}", value)
+                    objects[name].check(name, value)
             return called(*args, **given)
 
         if isinstance(function, type):
@@ -212,17 +212,19 @@ class _Object(NamedTuple):
     """What an annotation asks for: one of some classes of driftplan's, by their names, or a sequence of them."""
 
     classes: frozenset[str]
-    annotation: str
+    several: bool
 
     def check(self, name: str, value: object) -> None:
-        if not self.annotation.startswith("Sequence["):
-            wrong = [] if self._holds(value) else [value]
+        wanted = " or ".join(sorted(self.classes - {"NoneType"}))
+        if not self.several:
+            wanted, wrong = f"a{'n' * (wanted[0] in 'AEIOU')} {wanted}", [] if self._holds(value) else [value]
         elif isinstance(value, (list, tuple)):
-            wrong = [item for item in value if not self._holds(item)]
+            wanted, wrong = f"{wanted} objects", [item for item in value if not self._holds(item)]
         else:
+            wanted = f"a sequence of {wanted}"
             wrong = [] if isinstance(value, Sequence) and not isinstance(value, str) else [value]
         if wrong:
-            raise TypeError(f"expected {name} to be {self.annotation}, got {type(wrong[0]).__name__} {short(wrong[0])}")
+            raise ArgumentError(f"expected {name} to be {wanted}, got {short(wrong[0])}")
 
     def _holds(self, value: object) -> bool:
         return any(c.__name__ in self.classes for c in type(value).__mro__)
@@ -236,7 +238,7 @@ def _objects_of(signature: inspect.Signature) -> dict[str, _Object]:
         annotation = str(parameter.annotation)
         classes = {*annotation.removeprefix("Sequence[").removesuffix("]").split(" | ")}
         if classes - {"None"} and classes <= {*public, "None"}:
-            found[name] = _Object(frozenset(c.replace("None", "NoneType") for c in classes), annotation)
+            found[name] = _Object(frozenset(c.replace("None", "NoneType") for c in classes), "[" in annotation)
     return found
 
 

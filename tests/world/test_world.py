@@ -11,6 +11,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from driftplan.errors import ArgumentError
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.mapfiles import load_world
 from driftplan.world.world import World
@@ -368,12 +369,12 @@ def test_a_pickled_world_gives_the_same_answers_and_carries_no_caches():
         ({"obstacles": [[(0, 0), (2, 2), (2, 0), (0, 2)]]}, "obstacle 0 to be a valid polygon, got Self-intersection"),
         ({"obstacles": [[(0, 0), (2, 2), (float("nan"), 0)]]}, "obstacle 0 finite"),
         ({"obstacles": [shapely.Polygon()]}, "obstacle 0 to be finite and not empty"),
-        ({"zones": [shapely.box(0, 0, 1, 1)]}, "a zone to be a Zone, got Polygon"),
+        ({"zones": [shapely.box(0, 0, 1, 1)]}, "a zone to be a Zone, got <POLYGON"),
     ],
 )
 def test_bad_worlds_are_refused(change, message):
     good = {"obstacles": [], "bounds": (0, 0, 5, 5), "robot_radius": 0.1, "zones": []}
-    with pytest.raises((ValueError, TypeError), match=message):
+    with pytest.raises(ValueError, match=message):
         World.from_polygons(
             (good | change)["obstacles"], **{k: v for k, v in (good | change).items() if k != "obstacles"}
         )
@@ -395,7 +396,7 @@ def test_bad_arguments_are_refused():
         world.zone_pieces([1, 2], [3, 4])
     with pytest.raises(ValueError, match="tolerance_m > 0, got 0"):
         world.corners(0)
-    with pytest.raises(TypeError, match=r"noise of a zone to be a OdometryNoise, got float 0\.1"):
+    with pytest.raises(ArgumentError, match=r"noise of a zone to be an OdometryNoise, got 0\.1"):
         Zone(shapely.box(0, 0, 1, 1), 0.1)
 
 
