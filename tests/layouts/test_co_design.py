@@ -11,8 +11,7 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import beacon_fixes, drift_with_beacons
 from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
 from driftplan.layouts.co_design.co_design import co_design
-from driftplan.layouts.co_design.design import DesignStatus
-from driftplan.layouts.co_design.trips import Trip
+from driftplan.layouts.co_design.design import Trip
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import SiteGroup, Sites
@@ -21,6 +20,7 @@ from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
 from driftplan.planning.request import Reliance
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
+from driftplan.planning.status import Status
 from driftplan.world.world import World
 
 NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
@@ -66,7 +66,7 @@ def test_it_is_never_dearer_than_shortest_routes_and_then_beacons(price):
         100 * len(found.beacons) + price * sum(t.weight * n for t, n in zip(TRIPS, found.lengths, strict=True))
     )
     assert list(found.history) == sorted(found.history, reverse=True)
-    assert found.status is DesignStatus.LOCAL_OPTIMUM
+    assert found.status is Status.LOCAL_OPTIMUM
 
 
 def test_the_cheaper_driving_is_the_fewer_beacons_are_worth_their_price():
@@ -130,7 +130,7 @@ def test_no_rounds_are_the_baseline():
     found = designed(rounds=0)
     assert list(found.to_pandas()["length_m"]) == list(found.lengths)
     assert "chosen together" in found._repr_html_()
-    assert found.status is DesignStatus.ROUNDS_DONE
+    assert found.status is Status.ROUNDS_DONE
     assert found.cost == found.baseline.cost
     assert found.tried == 0
 
@@ -300,6 +300,6 @@ def test_input_that_makes_no_sense_is_refused(change, said):
 
 def test_a_clock_that_runs_out_is_said_and_the_design_still_holds():
     found = designed(time_limit=1e-3)
-    assert found.status is DesignStatus.TIME_LIMIT
+    assert found.status is Status.TIME_LIMIT
     assert found.cost == found.baseline.cost
     assert all(greatest(path, found.beacons) <= LIMIT * (1 + 1e-6) for path in found.paths)

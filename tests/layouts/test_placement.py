@@ -13,7 +13,6 @@ from driftplan.beacons.readings import beacon_fixes, beacon_passes, drift_with_b
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.placement import covering
-from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.placement.relaxation import Solution
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import SiteGroup, Sites
@@ -21,6 +20,7 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
 from driftplan.model.worst import worst_rms
+from driftplan.planning.status import Status
 
 NAMES = ["tags", "perfect", "coarse", "two full", "mixed", "with compass", "unsure", "everything"]
 FUSED_NAMES = ["ranges", "lights", "seen from in front"]
@@ -69,7 +69,7 @@ def check_against_brute_force(instance, allowed=lambda subset: True, **options):
         return
     assert layout is not None, f"brute force finds cost {best}"
     assert layout.proven
-    assert layout.status is Outcome.OPTIMAL
+    assert layout.status is Status.OPTIMAL
     assert layout.cost == layout.lower_bound == best
     subset = subset_of(instance, layout)
     assert instance.acceptable(subset)
@@ -180,7 +180,7 @@ def test_stopped_early_the_optimum_lies_between_the_bound_and_the_cost(name, see
     if layout is None:
         return
     assert layout.lower_bound <= best <= layout.cost
-    assert layout.proven == (layout.status is Outcome.OPTIMAL)
+    assert layout.proven == (layout.status is Status.OPTIMAL)
     if layout.proven:
         assert layout.cost == best
     assert instance.acceptable(subset_of(instance, layout))

@@ -35,15 +35,8 @@ _ROUNDING = 1e-9  # relative, of tr P
 
 
 class FusedRequirements:
-    """Oracle for `covering.cheapest_cover`: does a layout keep the limits of fused routes?
-
-    Parameters
-    ----------
-    routes : sequence of FusedRoute
-    limits_m : on the rms, one per route
-    redundancy : 1: all beacons live; k: any k - 1 of them may be dead
-    seed : int
-    """
+    """Oracle for `covering.cheapest_cover`: does a layout keep the limits, metres of rms, on every route, with any
+    ``redundancy`` - 1 beacons dead?"""
 
     def __init__(self, routes: Sequence[FusedRoute], limits_m: Sequence[float], redundancy: int = 1, seed: int = 0):
         self.routes, self.redundancy = tuple(routes), redundancy
@@ -150,18 +143,6 @@ class FusedRequirements:
                 alive.add(site)
                 chosen[site] = True
         return chosen
-
-    def holds(self, chosen: Bools) -> bool:
-        """Whether the layout keeps the limits."""
-        return not self.cuts(chosen)
-
-    def excess(self, chosen: Bools) -> float:
-        """The greatest drift over its limit, on any route, with the beacons dead that may be."""
-        everyone, worst = set(np.flatnonzero(chosen).tolist()), 0.0
-        for r, route in enumerate(self.routes):
-            drift = max(route.worst(alive) for alive in self._survivors(r, everyone))
-            worst = max(worst, drift / self.limits_m[r])
-        return worst
 
     def _survivors(self, r: int, everyone: set[int]) -> Iterator[frozenset[int]]:
         """Sites of a route that live, for every set that may be dead: as many as may, fewer fail only if these do."""
