@@ -69,12 +69,10 @@ def passes_of(
     world: World | None,
     views: Views | None = None,
 ) -> Passes:
-    """All passes of a path (n, 2) through the ranges of beacons at ``xy`` (m, 2).
+    """All passes of a path (n, 2) through the ranges ``range_m`` (m,) of beacons at ``xy`` (m, 2), metres.
 
     Parameters
     ----------
-    path : (n, 2), waypoints, metres
-    xy, range_m : (m, 2) and (m,), where the beacons are and how far they reach, metres
     must_see : (m,), whether a beacon works in line of sight only
     world : its obstacles block sight; None: nothing does.
     views : default: beacons are seen from everywhere, and so does the robot see

@@ -199,7 +199,9 @@ def readings_of_passes(path: Floats, passes: Passes, beacons: BeaconColumns) -> 
     step = np.arange(len(k)) - np.repeat(np.cumsum(count) - count, count)
     beacon = passes.beacon[k]
     s_m = passes.enter[k] + length[k] * step / np.maximum(count[k] - 1, 1)
-    distance = _distances(path, s_m, beacons.xy[beacon])
+    steps = np.diff(path, axis=0)
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
+    distance = np.hypot(*(np.interp(s_m, driven, path[:, axis]) - beacons.xy[beacon, axis] for axis in (0, 1)))
     chance = 1 - (1 - beacons.detection_probability[beacon]) ** (1 / count[k])
     return readings_from(beacons, beacon, distance, s_m, chance), k
 
@@ -220,13 +222,6 @@ def readings_from(beacons: BeaconColumns, beacon: Ints, distance: Floats, s_m: F
         range_var=(beacons.range_std_m[beacon] + looser) ** 2,
         bearing_var=beacons.bearing_std[beacon] ** 2,
     )
-
-
-def _distances(path: Floats, s_m: Floats, xy: Floats) -> Floats:
-    """From places along a path (k,) to points (k, 2), metres."""
-    steps = np.diff(path, axis=0)
-    driven = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
-    return np.hypot(*(np.interp(s_m, driven, path[:, axis]) - xy[:, axis] for axis in (0, 1)))
 
 
 class DetectionChance(NamedTuple):

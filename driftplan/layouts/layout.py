@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import hypot, isfinite, nan
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,9 +17,12 @@ import shapely
 
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.beacon_files import beacon_feature
+from driftplan.files import write_files
 from driftplan.layouts.placement.drives import worst_drifts
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.drift import Drift
+from driftplan.page.document import page
+from driftplan.page.scene import scene_of
 from driftplan.planning.status import Status
 from driftplan.tables import Rows, Tabular, decimals, digits, yes_no
 from driftplan.world.geojson_map import feature_collection
@@ -65,7 +70,6 @@ class Layout(Tabular):
     scenario: Scenario
 
     def __repr__(self) -> str:
-        """What a person would want to know, not pages of moments."""
         return (
             f"Layout({len(self.beacons)} beacons of cost {self.cost:g}, at least {self.lower_bound:g}, "
             f"{'proven' if self.proven else 'not proven'}, {len(self.drifts)} routes, "
@@ -79,7 +83,6 @@ class Layout(Tabular):
         return [row._asdict() for row in _rows(self)]
 
     def columns(self) -> dict[str, list[str]]:
-        """What people read in a notebook: headings and cells."""
         shown = (*self.existing, *self.beacons)[:_MAX_HTML_ROWS]
         return {
             "id": [b.id for b in shown],
@@ -89,7 +92,6 @@ class Layout(Tabular):
         }
 
     def words(self) -> str:
-        """What is said above it."""
         left_out = len(self.existing) + len(self.beacons) - _MAX_HTML_ROWS
         return f"{self!r}{f'; {left_out} beacons not shown' if left_out > 0 else ''}"
 
@@ -132,6 +134,31 @@ class Layout(Tabular):
             f"On {len(beyond)} of {len(self.drifts)} routes, the first of them route {beyond[0]}, the heading is less "
             "certain between readings than a filter can be trusted with."
         )
+
+    def to_html(self, path: str | os.PathLike[str]) -> None:
+        """Write a page, one file, on which the layout can be looked at and changed, with what the drift would be then.
+
+        It needs a browser and nothing else, and asks nothing of any network.
+        """
+        scenario, limits = self.scenario, self.max_drift if self.scenario.confidence is None else None
+        notes = [f"{self.status.value} {self.note}"]
+        if scenario.confidence is not None:
+            notes.append(f"The limit was on the {100 * scenario.confidence:g} % radius; this page computes the rms.")
+        if scenario.redundancy > 1:
+            notes.append(f"It holds with any {scenario.redundancy - 1} of the beacons dead: kill some to see.")
+        scene = scene_of(
+            scenario.world,
+            scenario.routes,
+            scenario.noise,
+            beacons=self.beacons,
+            existing=self.existing,
+            limits=limits,
+            estimator=scenario.estimator,
+            start_fix=scenario.start_fix,
+            title="Beacon layout",
+            notes=notes,
+        )
+        write_files({Path(path): page(scene)})
 
     @cached_property
     def importance(self) -> tuple[Importance, ...]:
@@ -220,12 +247,11 @@ def layout_geojson(layout: Layout) -> bytes:
 
 @dataclass(frozen=True, kw_only=True)
 class LayoutComparison(Rows):
-    """Layouts side by side, one row each: name, beacons (new ones), existing, cost, lower_bound, proven, routes, route_m
+    """Layouts side by side, a row each: name, beacons (new ones), existing, cost, lower_bound, proven, routes, route_m
     (of all together), max_drift_m (the strictest limit), worst_drift_m, and worst_single_failure_m, the greatest drift
     with one beacon dead (nan without beacons). Printing it prints a table."""
 
     def columns(self) -> dict[str, Iterable[object]]:
-        """What people read: headings and cells."""
         rows = self.rows
         worst, failure = digits(*([row[key] for row in rows] for key in ("worst_drift_m", "worst_single_failure_m")))
         return {

@@ -117,7 +117,7 @@ def cheapest_cover(
 class _CoverSearch:
     best: Bools | None = None
     best_cost, bound, rounds = inf, 0.0, 0
-    core: Bools | None = None  # sites to look at closely, once
+    core: Bools | None = None  # sites that look best: where the master is too hard they are looked at closely, once
 
     def __init__(
         self,
@@ -155,7 +155,10 @@ class _CoverSearch:
                 return self._result(Status.TIME_LIMIT)
             if not self._round() and self.core is not None:
                 core, self.core = self.core, None
-                self._look_closely(core)
+                self._improve_locally(core)
+                if 2 * np.count_nonzero(core) < self.n and not self._closed():
+                    self._confine(core, 0.6)
+                    self._improve_locally(core)
         if self.best is None:
             return self._result(Status.INFEASIBLE)
         if self.impossible:
@@ -187,13 +190,6 @@ class _CoverSearch:
         fresh = [] if self.separate is None else self.separate(y)
         self.rows.add(fresh, active=False)
         return bool(fresh) and (self.rows.activate(y) or self._separated(y))
-
-    def _look_closely(self, core: Bools) -> None:
-        """Where the master is too hard: local search, and HiGHS, among the few sites that look best."""
-        self._improve_locally(core)
-        if 2 * np.count_nonzero(core) < self.n and not self._closed():
-            self._confine(core, 0.6)
-            self._improve_locally(core)
 
     def _improve_locally(self, sites: Bools) -> None:
         """Cheaper layouts of these sites and those of the best, by local search, as long as it finds any."""
@@ -240,12 +236,9 @@ class _CoverSearch:
         if y is None:
             return solved
         chosen = y > 0.5
-        if self.rows.activate(chosen):
-            self._complete(chosen)
-        elif not self._judge(chosen):
+        if not self.rows.activate(chosen) and not self._judge(chosen):
             self._accept(chosen)
-            if solved:
-                self._raise_bound(float(self.cost @ chosen))
+            self._raise_bound(float(self.cost @ chosen) if solved else 0.0)
         elif not self._closed():
             self._complete(chosen)
         return solved

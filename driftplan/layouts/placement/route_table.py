@@ -149,9 +149,15 @@ def _joined(rows: list[SegmentedRoute], start_fix: Fix | None) -> RouteTable:
     which = np.concatenate([np.array([noises.index(n) for n in row.noises])[row.noise_of] for row in rows])
     turn, length = (np.concatenate([getattr(row, name) for row in rows]) for name in ("turn", "length"))
     bends = np.array([bend_rates(noise) for noise in noises])[which]
-    spreads = np.array([_translation(noise) for noise in noises])[which]
+    rates = ([noise.distance_var_per_m + noise.lateral_var_per_m, noise.distance_var_per_rad] for noise in noises)
+    free = [not noise.heading_distance_corr for noise in noises]  # of the heading
+    spreads = (np.array(list(rates)) * np.array(free)[:, None])[which]
     readings = sum((row.readings for row in rows), Readings.of([]))
-    law = law_moments("gaussian", readings.heading_var)
+    law, zero = law_moments("gaussian", readings.heading_var), np.zeros(len(rows))
+    u = np.exp(1j * np.array([row.heading for row in rows]))
+    start = Moments(u, zero, *([zero] * 8))  # no errors, or those of a fix, turned into the robot's own frame
+    if start_fix is not None:
+        start = Readings.of([start_fix]).resets()[0].apply(start)
     return RouteTable(
         first_segment=np.concatenate([[0], np.cumsum([len(row.length) for row in rows])]).astype(np.intp),
         segments=of_legs(turn, length, np.zeros(len(turn)), which, noises),
@@ -162,7 +168,7 @@ def _joined(rows: list[SegmentedRoute], start_fix: Fix | None) -> RouteTable:
         noises=tuple(noises),
         translation=spreads[:, 0] * length + spreads[:, 1] * np.abs(turn),
         distance=np.concatenate([row.distance for row in rows]),
-        start=_starts([row.heading for row in rows], start_fix),
+        start=start.rotated(np.conj(u)),
         first_reading=np.concatenate([[0], np.cumsum([len(row.breakpoint) for row in rows])]).astype(np.intp),
         breakpoint=np.concatenate([row.breakpoint for row in rows]),
         readings=readings,
@@ -170,20 +176,3 @@ def _joined(rows: list[SegmentedRoute], start_fix: Fix | None) -> RouteTable:
         heading_d1=law.d1,
         heading_d2=law.d2,
     )
-
-
-def _starts(headings: list[float], start_fix: Fix | None) -> Moments:
-    """Errors at the start: none, or those of a fix, turned into the robot's own frame."""
-    zero = np.zeros(len(headings))
-    u = np.exp(1j * np.array(headings))
-    start = Moments(u, zero, *([zero] * 8))
-    if start_fix is not None:
-        start = Readings.of([start_fix]).resets()[0].apply(start)
-    return start.rotated(np.conj(u))
-
-
-def _translation(noise: OdometryNoise) -> tuple[float, float]:
-    """Translation variance per metre and per radian that is independent of the heading."""
-    if noise.heading_distance_corr:
-        return 0.0, 0.0
-    return noise.distance_var_per_m + noise.lateral_var_per_m, noise.distance_var_per_rad
