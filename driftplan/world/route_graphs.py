@@ -104,10 +104,10 @@ def load_graph(path: str | os.PathLike[str]) -> RouteGraph:
     if not edges:
         raise MapError(f"{file}: expected a graph of nodes and edges, got {len(nodes)} nodes and no edges")
     ends = np.array([[index[start], index[end]] for _, start, end in edges])
-    text = read_bytes(file, MapError, max_bytes=_MAX_BYTES).decode()
-    return RouteGraph(
-        tuple(nodes), np.array([*nodes.values()]), tuple(e[0] for e in edges), ends, tuple(metadata), text
-    )
+    with naming(file, MapError):
+        text = read_bytes(file, MapError, max_bytes=_MAX_BYTES).decode()
+    ids, xy = tuple(number for number, *_ in edges), np.array([*nodes.values()])
+    return RouteGraph(tuple(nodes), xy, ids, ends, tuple(metadata), text)
 
 
 def graph_geojson(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = ()) -> bytes:
@@ -153,7 +153,7 @@ def _written(graph: RouteGraph) -> str:
 
 def _features(text: str) -> Iterator[tuple[int, int]]:
     """Where the properties of every feature stand."""
-    start, _ = dict(_members(text, _after(text, 0)))["features"]
+    start, _ = dict(_members(text, text.index("{")))["features"]
     at = _after(text, start + 1)
     while text[at] != "]":
         yield dict(_members(text, at))["properties"]
