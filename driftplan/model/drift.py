@@ -16,13 +16,7 @@ from driftplan.model.elements import of_legs
 from driftplan.model.filter_state import LINEAR_HEADING_STD_RAD
 from driftplan.model.fusion import Beliefs, fuse
 from driftplan.model.moments import Moments, compose
-from driftplan.model.noise import (
-    Noises,
-    OdometryNoise,
-    drives_to_average,
-    noise_of_legs,
-    spread_of,
-)
+from driftplan.model.noise import Noises, OdometryNoise, drives_to_average, noise_of_legs, spread_of
 from driftplan.model.paths import Runs, read_path, same_place_within
 from driftplan.model.readings import Estimator, Fix, Readings, checked_estimator
 

@@ -12,15 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.arrays import Complexes, Floats, positive, whole
-from driftplan.model.noise import (
-    BETWEEN_DRIVES,
-    SYSTEMATIC,
-    Noises,
-    OdometryNoise,
-    noise_of_legs,
-    spread_of,
-    steps_in,
-)
+from driftplan.model.noise import BETWEEN_DRIVES, SYSTEMATIC, Noises, OdometryNoise, noise_of_legs, spread_of, steps_in
 from driftplan.model.paths import Runs, read_path
 from driftplan.model.readings import Estimator, Fix, checked_estimator
 
@@ -95,12 +87,7 @@ class _Drives:
     """Many drives at once: heading error and estimated position of each, beside the one true pose."""
 
     def __init__(
-        self,
-        noises: list[OdometryNoise],
-        count: int,
-        rng: np.random.Generator,
-        legs: Runs,
-        substep_m: float | None,
+        self, noises: list[OdometryNoise], count: int, rng: np.random.Generator, legs: Runs, substep_m: float | None
     ) -> None:
         self.noises, self.rng, self.legs, self.count = noises, rng, legs, count
         self.learnt: dict[str, Floats] = {}  # what the robot has found of its systematic errors

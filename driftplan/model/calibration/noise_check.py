@@ -57,10 +57,7 @@ def check_noise(
 
 
 def checked(
-    segments: SegmentSet,
-    noise: OdometryNoise,
-    truth: TruthNoise,
-    spread: RmsSpread | None = None,
+    segments: SegmentSet, noise: OdometryNoise, truth: TruthNoise, spread: RmsSpread | None = None
 ) -> SegmentCheck:
     """The check of a noise, and what it says of systematic errors; for a fit within what it knows."""
     mean, cov = segments.expected(segments.windows(noise), truth)
