@@ -162,8 +162,7 @@ def bias_reduced_cov(turns_rad: ArrayLike, translations_m: ArrayLike, noise: Ste
     ----------
     turns_rad : array, shape (n,)
     translations_m : array, shape (n, 2), or (2,) for all steps
-    noise : StepNoise, or one per step
-        Of the measurements, before the correction.
+    noise : StepNoise, or one per step: of the measurements, before the correction
 
     Returns
     -------

@@ -30,10 +30,8 @@ class StepNoise:
 
     Attributes
     ----------
-    d1, d2, D : complex, complex, float
-        E[δ], E[δ²], E[|δ|²] of δ = r - 1 (no unit).
-    s1, S, s2 : complex, float, complex
-        E[s] (m), E[|s|²] (m²), E[s²] (m²) of s = rτ. E[s] is ρ in Knuth & Barooah.
+    d1, d2, D : complex, complex, float: E[δ], E[δ²], E[|δ|²] of δ = r - 1 (no unit)
+    s1, S, s2 : complex, float, complex: E[s] (m), E[|s|²] (m²), E[s²] (m²) of s = rτ. E[s] is ρ in Knuth & Barooah.
     a, b : E[s conj(δ)], E[s δ] (m)
     """
 
@@ -172,8 +170,7 @@ def step_moments(turns_rad: ArrayLike, translations_m: ArrayLike, noise: StepNoi
     ----------
     turns_rad : (...), true rotation of each step, rad
     translations_m : (..., 2), true translation, metres, in the frame after the rotation
-    noise : StepNoise, or one per step
-        A sequence goes with the last axis.
+    noise : StepNoise, or one per step: a sequence goes with the last axis
 
     Examples
     --------
@@ -219,8 +216,7 @@ def dead_reckoning(
 
     Returns
     -------
-    PointDrift, shape (n + 1,)
-        At the start and after every step.
+    PointDrift, shape (n + 1,) : at the start and after every step
 
     Examples
     --------

@@ -32,8 +32,7 @@ class PointDrift:
     Attributes
     ----------
     distance : (...), metres driven from the path's start
-    moments : Moments, shape (...)
-        True pose and error moments, world frame.
+    moments : Moments, shape (...): true pose and error moments, world frame
     """
 
     distance: Floats
@@ -152,8 +151,7 @@ class Drift(PointDrift):
 
         Raises
         ------
-        ValueError
-            For a distance that is not on the path.
+        ValueError : for a distance that is not on the path
         """
         wanted = finite("s", s)
         if wanted.ndim > 1 and self.distance.ndim == 1:

@@ -32,10 +32,8 @@ def drive(legs: Moments, start: Moments, readings: Readings | None = None, at: I
 
     Parameters
     ----------
-    legs : Moments (..., m)
-        A batch of paths only without readings.
-    start : Moments (...)
-        True pose and errors before the first leg and its readings.
+    legs : Moments (..., m): a batch of paths only without readings
+    start : Moments (...): true pose and errors before the first leg and its readings
     readings : Readings (k,)
     at : (k,) borders 0 … m, in any order. Fixes at border 0 are the uncertainty of the start, on arrival there too.
     """

@@ -133,8 +133,7 @@ def of_legs(turns: Array, lengths: Array, curvatures: Array, which: Array, noise
     Parameters
     ----------
     turns, lengths, curvatures : (...), rad, metres, 1/m; broadcast against each other
-    which : whole numbers, shape broadcasting to (...)
-        Index into ``noises``.
+    which : whole numbers, shape broadcasting to (...): index into ``noises``
 
     Examples
     --------

@@ -110,8 +110,7 @@ class OdometryNoise:
 
     Raises
     ------
-    ValueError
-        If a rate is negative, not finite, or needs a ``step_m`` that is not given.
+    ValueError : if a rate is negative, not finite, or needs a ``step_m`` that is not given
 
     Examples
     --------

@@ -62,8 +62,7 @@ class Fix:
         were no fix
     range_std_m, bearing_std : standard deviation of the measured distance to ``anchor`` (m), and of its measured
         direction in the robot's frame (rad)
-    anchor : (2,) array or None
-        Where the beacon is to which a range or bearing is measured, metres, world frame.
+    anchor : (2,) array or None: where the beacon is to which a range or bearing is measured, metres, world frame
 
     Raises
     ------

@@ -139,8 +139,7 @@ def greatest_between(
 
     Parameters
     ----------
-    begun : Moments (n,)
-        At the beginning of every stretch.
+    begun : Moments (n,): at the beginning of every stretch
     length, which : (n,), metres; index into ``noises``
     end : (n,) E|e|² at the end of every stretch, m²
     group : (n,) index into ``greatest``
@@ -148,8 +147,7 @@ def greatest_between(
 
     Returns
     -------
-    array (groups,)
-        At most 1e-10 of itself below the least upper bound.
+    array (groups,) : at most 1e-10 of itself below the least upper bound
     """
     rates = np.array([bend_rates(noise) for noise in noises]).reshape(-1, 2)
     greatest = greatest.copy()

@@ -109,8 +109,7 @@ def read_odometry(
     ------
     TrajectoryError
         If the file cannot be read or does not say what its columns are: the message names file and line or column.
-    ValueError
-        If an argument is none of those above.
+    ValueError : if an argument is none of those above
 
     Examples
     --------

@@ -12,11 +12,9 @@ from hypothesis import strategies as st
 from driftplan.model.calibration.bootstrap import bootstrap
 from driftplan.model.calibration.chance import CLEAR_CHANCE
 from driftplan.model.calibration.fit import PARAMETERS, estimated, fit_noise
-from driftplan.model.calibration.noise_check import check_noise
-from driftplan.model.calibration.notes import HEAVY_TAILS_CHANCE, judged
+from driftplan.model.calibration.noise_check import HEAVY_TAILS_CHANCE, check_noise, check_segments, judged
 from driftplan.model.calibration.quasi_likelihood import bounded_step, models, solve
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
-from driftplan.model.calibration.segment_check import check_segments
 from driftplan.model.calibration.segment_sets import segment_set
 from driftplan.model.calibration.segments import TruthNoise
 from driftplan.model.calibration.simulated_log import simulate_log

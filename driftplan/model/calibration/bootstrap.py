@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,13 +35,12 @@ def bootstrap(segments: SegmentSet, solution: Solution, resamples: int, rng: np.
 
     Blocks, two longest segments long, may begin anywhere in steps of 1/8 of their length; the drives' end joins their
     beginning. Variances may come out negative here; what pushes one that is at its bound below zero is taken out, so
-    that its replicates spread about zero.
+    that its replicates spread about zero. (F. Hu and J. D. Kalbfleisch, The estimating function bootstrap, Canadian
+    Journal of Statistics 28 (2000) 449-481.)
 
     Returns
     -------
-    replicates : array, shape (resamples, k)
-    blocks : int
-        How many blocks make the whole.
+    replicates, blocks : (resamples, k), and how many blocks make the whole
     """
     length = _BLOCK_SPANS * segments.bins[-1].length_m
     blocks = max(int(segments.total_m / length), 2)
@@ -139,7 +138,7 @@ def systematic_errors(
     return found, here.d_mean
 
 
-def between_drives(segments: SegmentSet, solution: Solution, std_errors: dict[str, float]) -> dict[str, float]:
+def between_drives(segments: SegmentSet, solution: Solution, std_errors: dict[str, float]) -> dict[str, Any]:
     """Standard deviations, by the names of `OdometryNoise`, by which another drive's systematic errors differ from the
     fitted ones: the fit's own error, and the spread from drive to drive beyond what each drive leaves open. Of one
     drive that spread is unknown, and taken for as large as the fit's own error."""

@@ -78,13 +78,8 @@ class Solution(NamedTuple):
 
     def estimate_only(self) -> Solution:
         """Without what belongs to single observations."""
-        none, k = np.zeros(0), len(self.names)
-        return self._replace(
-            score=none.reshape(0, k),
-            information=none.reshape(0, k, k),
-            d_mean=none.reshape(0, k, 3),
-            d_cov=none.reshape(0, k, 3, 3),
-        )
+        single = ("score", "information", "d_mean", "d_cov")
+        return self._replace(**{name: getattr(self, name)[:0] for name in single})
 
     def variance_inflation(self) -> dict[str, float]:
         """How many times larger the variance of each estimate is than were the others known; not of those at 0."""

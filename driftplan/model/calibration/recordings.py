@@ -60,8 +60,7 @@ class OdometryLog:
 
         Raises
         ------
-        ValueError
-            For wrong shapes and values that are not finite.
+        ValueError : for wrong shapes and values that are not finite
 
         Examples
         --------
@@ -117,8 +116,7 @@ class OdometryLog:
 
         Parameters
         ----------
-        poses : array, shape (n, 3), n >= 2
-            x, y (m), heading (rad).
+        poses : array, shape (n, 3), n >= 2: x, y (m), heading (rad)
         times_s : (n,), optional, default: 0, 1, 2, ...
 
         Examples
@@ -213,8 +211,7 @@ class Trajectory:
 
     Raises
     ------
-    ValueError
-        For wrong shapes, values that are not finite, fewer than 2 samples.
+    ValueError : for wrong shapes, values that are not finite, fewer than 2 samples
 
     Examples
     --------

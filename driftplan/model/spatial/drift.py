@@ -86,16 +86,14 @@ def predict_drift_3d(
     rotation_noise : one for all steps, or with a leading axis of length n
     translation_cov : (3, 3) or (n, 3, 3), optional
         Covariance of the displacement error, m², body frame. Default: none.
-    translation_bias : (3,) or (n, 3), optional
-        Mean of the displacement error, metres, body frame. Default: none.
+    translation_bias : (3,) or (n, 3), optional: mean of the displacement error, metres, body frame. Default: none.
     repeats : int or (n,) ints, optional
         How often each step is done in a row, >= 0, by repeated squaring: 10⁹ equal steps take milliseconds. Results are
         then for the ends of the rows of equal steps.
 
     Returns
     -------
-    SpatialDrift
-        n + 1 points; the first is the start, where nothing has drifted yet.
+    SpatialDrift : n + 1 points; the first is the start, where nothing has drifted yet
 
     Raises
     ------
@@ -167,8 +165,7 @@ def predict_flight_drift(
 
     Returns
     -------
-    SpatialDrift
-        n points, the first of which is the start.
+    SpatialDrift : n points, the first of which is the start
 
     Raises
     ------

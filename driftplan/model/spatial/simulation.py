@@ -26,11 +26,9 @@ def simulate_drift_3d(
 
     Parameters
     ----------
-    rotations, translations, rotation_noise, translation_cov, translation_bias
-        As for `predict_drift_3d`.
+    rotations, translations, rotation_noise, translation_cov, translation_bias : as for `predict_drift_3d`
     runs : number of flights, >= 1
-    rng : Generator or seed
-        Same seed, same answer.
+    rng : Generator or seed: same seed, same answer
 
     Returns
     -------

@@ -16,7 +16,7 @@ from driftplan.tables import counted
 
 if TYPE_CHECKING:
     from driftplan import NoiseFit, OdometryLog, Trajectory
-    from driftplan.model.calibration.segment_check import SegmentCheck
+    from driftplan.model.calibration.noise_check import SegmentCheck
 
     Drive = tuple[OdometryLog, Trajectory]
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def run(args: argparse.Namespace) -> Answer:
     """The noise of the drives that the arguments name."""
     from driftplan.model.calibration.fit import PARAMETERS, fit_noise
-    from driftplan.model.calibration.notes import trust
+    from driftplan.model.calibration.noise_check import trust
     from driftplan.report.figures.fits import plot_fit
     from driftplan.world.noise_files import noise_yaml
 
