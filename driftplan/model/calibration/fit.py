@@ -24,6 +24,7 @@ from driftplan.model.calibration.bootstrap import (
     standard_errors,
     systematic_covariance,
 )
+from driftplan.model.calibration.chance import repetitions
 from driftplan.model.calibration.matched_drive import MatchCounts, MatchOptions
 from driftplan.model.calibration.noise_check import Estimate, SegmentCheck, Truth, check_segments, checked, judged
 from driftplan.model.calibration.notes import drive_notes, fault_notes, mounting_notes, reference_notes, swap_notes
@@ -236,7 +237,8 @@ def fit_noise(
     solution, replicates, std_errors = found.solution, found.replicates, found.std_errors
     noise, truth = models(solution.names, solution.theta)
     spread = rms_spread(segments, solution, replicates, confidence, segments.position)
-    check = judged(check_segments(segments, noise, truth, rms_intervals_m=spread.intervals))
+    again, moments = repetitions(segments, noise, truth), segments.expected(segments.windows(noise), truth)
+    check = judged(check_segments(segments, moments, again, spread.intervals))
     relative = heading_rms = None
     if segments.has_heading:
         relative = segment_errors(segments, drives, matches, max_gap_s)
@@ -252,7 +254,7 @@ def fit_noise(
         truth_position_std_m=sqrt(truth.position_var),
         truth_heading_std=sqrt(truth.heading_var),
         check=check,
-        held_out=judged(check_segments(segments, noise, truth, moments=held_out(segments, solution))),
+        held_out=judged(check_segments(segments, held_out(segments, solution), again)),
         relative_errors=relative,
         heading_rms_intervals=heading_rms,
         counts=sum((m.counts for m in matches), MatchCounts()),

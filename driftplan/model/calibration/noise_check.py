@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from driftplan.arrays import Floats
 from driftplan.model.calibration.bootstrap import RmsSpread, systematic_errors
-from driftplan.model.calibration.chance import LEVELS, LIMITS, by_chance, normalised_squares, tail_weight
+from driftplan.model.calibration.chance import LEVELS, LIMITS, by_chance, normalised_squares, repetitions, tail_weight
 from driftplan.model.calibration.matched_drive import MatchOptions
 from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
@@ -148,22 +148,20 @@ def checked(
     variances = np.array([between[name] for name in SYSTEMATIC]) ** 2
     cov = cov + np.einsum("nki,k,nkj->nij", slopes, variances, slopes)
     intervals, errors = (None, None) if spread is None else spread
-    found = check_segments(segments, noise, truth, moments=(mean, cov), rms_intervals_m=intervals)
+    found = check_segments(segments, (mean, cov), repetitions(segments, noise, truth), intervals)
     return judged(replace(found, notes=tuple(_systematic_notes(noise, values, between))), errors)
 
 
 def check_segments(
     segments: SegmentSet,
-    noise: OdometryNoise,
-    truth: TruthNoise,
-    *,
-    moments: tuple[Floats, Floats] | None = None,
+    moments: tuple[Floats, Floats],
+    repeated_values: Floats,
     rms_intervals_m: Floats | None = None,
 ) -> SegmentCheck:
-    """The errors of segments against those that a noise predicts, or other ``moments`` (n, 3), (n, 3, 3): each drive's
-    as the others predict it. ``rms_intervals_m`` (lengths, 2) of the predicted rms are told; `judged` adds the verdict.
-    """
-    mean, cov = segments.expected(segments.windows(noise), truth) if moments is None else moments
+    """The errors of segments against ``moments`` (n, 3), (n, 3, 3) that are predicted for them, and what chance does in
+    `driftplan.model.calibration.chance.repetitions`. ``rms_intervals_m`` (lengths, 2) of the predicted rms are told;
+    `judged` adds the verdict."""
+    mean, cov = moments
     cov = cov + segments.floor()[segments.bin_of]
     where = segments.position
     m, C = mean[:, where], cov[:, where, where]
@@ -171,7 +169,7 @@ def check_segments(
     squares = (segments.values[:, where] ** 2).sum(axis=1)
     predicted = (m**2).sum(axis=1) + np.trace(C, axis1=1, axis2=2)
     gained, heading = segments.values[:, 2] ** 2, mean[:, 2] ** 2 + cov[:, 2, 2]
-    chance = by_chance(segments, noise, truth, mean, cov)
+    chance = by_chance(segments, repeated_values, mean, cov)
     relative_error, share_errors = chance.log_rms.std(axis=0), chance.shares.std(axis=0)
     lengths, tails = [], []
     for k, length in enumerate(segments.bins):
