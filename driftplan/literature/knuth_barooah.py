@@ -11,7 +11,7 @@ covariance of t̃, ρ = E[R̃ t̃], r the true translation. In the plane R̃ is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log
 
@@ -338,10 +338,11 @@ def theorem_3(
     error = before * (np.expm1(log_fade) * pieces.p + np.exp(log_fade) * pieces.e1)  # terms of w(j), less the truth
     less = U * np.expm1(p * np.log1p(loss))
     Y = U + less
-    # Σ Yᵏ w - Σ Uᵏ t, in differences
+    # Σ Yᵏ w - Σ Uᵏ t, in differences; chains are of 1 x 1 matrices
+    Y1, less1, U1 = (np.array([[z]]) for z in (Y, less, U))
     bias = (
-        _scalar(_chain_of_differences, Y, less, U, rounds) * true.sum()
-        + _scalar(_chains, Y, rounds) * error.sum()
+        _chain_of_differences(Y1, less1, U1, rounds)[0, 0] * true.sum()
+        + _chains(Y1, rounds)[0][0, 0] * error.sum()
         + U**rounds * np.expm1(rounds * p * np.log1p(loss)) * true[:rest].sum()
         + Y**rounds * error[:rest].sum()
     )
@@ -366,13 +367,6 @@ def _chain_of_differences(x: Array, less: Array, R: Array, n: int) -> Array:
     chain[d : 2 * d, d : 2 * d], chain[d : 2 * d, 2 * d :] = R, np.eye(d)
     chain[2 * d :, 2 * d :] = np.eye(d)
     return np.asarray(np.linalg.matrix_power(chain, n)[:d, 2 * d :])
-
-
-def _scalar(chain: Callable[..., Array], *arguments: complex | int) -> complex:
-    """A chain of 1 x 1 matrices."""
-    *numbers, n = arguments
-    found = chain(*(np.array([[z]]) for z in numbers), n)
-    return complex(np.ravel(found[0])[0])
 
 
 def _rotation(turn: float | ArrayLike, d: int) -> Floats:
