@@ -30,6 +30,7 @@ NOISE = OdometryNoise(
     distance_scale_error=0.01,
 )
 FITTED = tuple(name for name in PARAMETERS if getattr(NOISE, name) != 0)
+QUICK = {"parameters": FITTED, "lengths_m": [2, 4, 8], "resamples": 100, "time_offset_s": 0.0}
 
 
 def winding(length_m, seed=0):
@@ -162,8 +163,7 @@ def test_headings_that_only_repeat_the_odometry_are_not_taken_for_a_measurement(
 def test_a_reference_mounted_askew_changes_no_rate():
     log, truth = recorded(length_m=300)
     askew = Trajectory(truth.times, truth.xy, truth.heading + 0.3)
-    options = {"parameters": FITTED, "lengths_m": [2, 4, 8], "resamples": 100}
-    plain, found = fit_noise(log, truth, **options), fit_noise(log, askew, **options)
+    plain, found = fit_noise(log, truth, **QUICK), fit_noise(log, askew, **QUICK)
     for name in FITTED:
         assert getattr(found.noise, name) == pytest.approx(getattr(plain.noise, name), abs=0.2 * plain.std_errors[name])
     assert found.heading_offsets == pytest.approx((0.3,), abs=0.01)
@@ -176,11 +176,10 @@ def test_a_reference_mounted_askew_changes_no_rate():
 @settings(max_examples=2, deadline=None)
 def test_frames_and_clocks_do_not_matter(turn, x, late):
     log, truth = recorded(length_m=150)
-    options = {"resamples": 100, "parameters": FITTED, "time_offset_s": 0.0, "lengths_m": [2, 4, 8]}
-    here = fit_noise(log, truth, **options)
+    here = fit_noise(log, truth, **QUICK)
     z = truth.positions * np.exp(1j * turn) + x
     moved = Trajectory(truth.times + late, np.column_stack([z.real, z.imag]), truth.heading + turn)
-    there = fit_noise(OdometryLog(log.times + late, log.moves, log.turns), moved, **options)
+    there = fit_noise(OdometryLog(log.times + late, log.moves, log.turns), moved, **QUICK)
     for name in FITTED:
         assert getattr(there.noise, name) == pytest.approx(
             getattr(here.noise, name), rel=1e-3, abs=1e-3 * here.std_errors[name]
@@ -212,7 +211,7 @@ def test_a_straight_drive_teaches_nothing_about_turning():
 
 
 def test_even_turning_cannot_be_told_from_driving():
-    circle = [Run(length_m=400.0, curvature_per_m=0.3)]
+    circle = [Run(length_m=200.0, curvature_per_m=0.3)]
     log, truth = simulate_log(circle, OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3))
     fit = fit_noise(log, truth)
     assert any("These drives turn evenly: heading_bias_per_rad" in note for note in fit.notes)
@@ -222,13 +221,14 @@ def test_even_turning_cannot_be_told_from_driving():
 
 
 def test_drives_of_different_robots_are_told_apart():
-    same = [recorded(seed=1, length_m=400), recorded(seed=2, length_m=400)]
-    other = recorded(replace(NOISE, distance_scale_error=-0.05), seed=2, length_m=400)
-    assert not any("drives differ" in n for n in fit_noise(*zip(*same, strict=True), parameters=FITTED).notes)
-    mixed = fit_noise(*zip(same[0], other, strict=True), parameters=FITTED)
+    same = [recorded(seed=1, length_m=300), recorded(seed=2, length_m=300)]
+    other = recorded(replace(NOISE, distance_scale_error=-0.05), seed=2, length_m=300)
+    assert not any("drives differ" in n for n in fit_noise(*zip(*same, strict=True), **QUICK).notes)
+    mixed = fit_noise(*zip(same[0], other, strict=True), **QUICK)
     assert any("The drives differ: distance_scale_error varies by 0.04" in note for note in mixed.notes)
 
 
+@pytest.mark.slow
 def test_the_spread_between_drives_is_told_from_that_within(fit):
     spread = {"distance_scale_error": 0.03, "heading_bias_per_m": 0.02}
     rng = np.random.default_rng(1)
@@ -273,7 +273,7 @@ def test_slips_are_said_to_be_no_random_walk():
     log, truth = recorded(calm, length_m=600, seed=3)
     moves = log.moves.copy()
     moves[np.random.default_rng(0).choice(len(moves), 12)] += 0.8
-    fit = fit_noise(OdometryLog(log.times, moves, log.turns), truth, parameters=FITTED)
+    fit = fit_noise(OdometryLog(log.times, moves, log.turns), truth, **QUICK)
     assert any("not Gaussian" in note for note in fit.notes)
 
 
@@ -283,7 +283,13 @@ def test_errors_that_do_not_add_up_are_said_to_be_no_random_walk():
     log, truth = recorded(calm, length_m=600, seed=3)
     wobble = np.convolve(rng.standard_normal(len(truth.times) + 200), np.ones(201) / 15, "valid")  # over 20 m
     xy = truth.xy + 0.2 * np.column_stack([wobble, np.roll(wobble, 500)])
-    fit = fit_noise(log, Trajectory(truth.times, xy, truth.heading), time_offset_s=0.0, lengths_m=[5, 10, 20, 40, 80])
+    fit = fit_noise(
+        log,
+        Trajectory(truth.times, xy, truth.heading),
+        time_offset_s=0.0,
+        lengths_m=[10, 20, 40, 80],
+        parameters=FITTED,
+    )
     assert any("errors grow slower with length" in note for note in fit.notes)
 
 
@@ -316,13 +322,12 @@ def test_plain_arrays_of_poses_will_do():
     log, truth = recorded(length_m=80)
     poses = np.column_stack([log.positions.real, log.positions.imag, log.headings])
     truths = np.column_stack([truth.xy, truth.heading])
-    options = {"resamples": 100, "time_offset_s": 0.0, "parameters": FITTED}
-    from_arrays = fit_noise(poses, truths, **options)
-    from_lists = fit_noise([poses.tolist()], [truths.tolist()], **options)
+    from_arrays = fit_noise(poses, truths, **QUICK)
+    from_lists = fit_noise([poses.tolist()], [truths.tolist()], **QUICK)
     assert from_arrays.noise == from_lists.noise
     index = np.arange(len(poses))
     from_logs = fit_noise(
-        OdometryLog(1.0 * index, log.moves, log.turns), Trajectory(1.0 * index, truth.xy, truth.heading), **options
+        OdometryLog(1.0 * index, log.moves, log.turns), Trajectory(1.0 * index, truth.xy, truth.heading), **QUICK
     )
     for name in FITTED:
         assert getattr(from_arrays.noise, name) == pytest.approx(getattr(from_logs.noise, name), rel=1e-6, abs=1e-12)
@@ -330,15 +335,14 @@ def test_plain_arrays_of_poses_will_do():
 
 def test_the_same_seed_gives_the_same_intervals():
     drive = recorded(length_m=80)
-    options = {"resamples": 200, "parameters": FITTED}
-    first, second, other = (fit_noise(*drive, seed=seed, **options).intervals for seed in (1, 1, 2))
+    first, second, other = (fit_noise(*drive, seed=seed, **QUICK).intervals for seed in (1, 1, 2))
     assert first == second
     assert first != other
 
 
 def test_more_confidence_asks_for_wider_intervals():
     drive = recorded(length_m=100)
-    narrow, wide = (fit_noise(*drive, confidence=c, parameters=FITTED).intervals for c in (0.5, 0.99))
+    narrow, wide = (fit_noise(*drive, confidence=c, **QUICK).intervals for c in (0.5, 0.99))
     for name in FITTED:
         assert wide[name][0] <= narrow[name][0] <= narrow[name][1] <= wide[name][1]
         assert wide[name] != narrow[name]
@@ -427,7 +431,7 @@ def test_errors_of_turns_on_the_spot_lie_where_the_turn_sweeps(known_heading):
 
 def test_a_turn_on_the_spot_is_not_fitted_as_lateral_noise():
     drives = [simulate_log(room(k), TURNING, rng=k, truth_position_std_m=0.002) for k in range(3)]
-    fit = fit_noise(*zip(*drives, strict=True), resamples=100)
+    fit = fit_noise(*zip(*drives, strict=True), lengths_m=[1, 2, 4], resamples=100)
     assert fit.noise.distance_var_per_rad == pytest.approx(4e-3, abs=4 * fit.std_errors["distance_var_per_rad"])
     assert fit.noise.distance_var_per_rad > 3e-3
     assert fit.noise.lateral_var_per_m < 5e-4
@@ -564,12 +568,12 @@ def test_a_fit_that_is_not_to_be_used_says_why(fit, monkeypatch):
     assert fit.faults == ()
     monkeypatch.setattr("driftplan.model.calibration.fit._MOST_STEPS", 1)
     monkeypatch.setattr("driftplan.model.calibration.fit._FIRST_LOOK", 1)
-    hasty = fit_noise(*recorded(length_m=100), parameters=FITTED, resamples=100)
+    hasty = fit_noise(*recorded(length_m=100), **QUICK)
     assert any("did not converge: its last step still moved" in fault for fault in hasty.faults)
     assert set(hasty.faults) <= set(hasty.notes)
     log, truth = recorded(length_m=100)
     for factor, words in ((3.6, "km/h or m/s"), (1e-3, "millimetres or metres"), (7.0, "check its units")):
-        odd = fit_noise(OdometryLog(log.times, factor * log.moves, log.turns), truth, parameters=FITTED, resamples=100)
+        odd = fit_noise(OdometryLog(log.times, factor * log.moves, log.turns), truth, **QUICK)
         assert any(f"times the true distance: {words}" in fault for fault in odd.faults), odd.faults
 
 

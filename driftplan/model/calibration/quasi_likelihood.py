@@ -243,7 +243,7 @@ def equations(
 
 def information(root: Floats) -> Floats:
     """The expected slope (k, k) of the left side of the equations of these observations."""
-    columns = np.moveaxis(root, 1, 0).reshape(root.shape[1], -1)
+    columns = np.moveaxis(root, 1, 0).reshape(root.shape[1], root.shape[0] * root.shape[2])
     return np.asarray(columns @ columns.T)
 
 
