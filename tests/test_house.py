@@ -12,7 +12,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "driftplan"
 BASEMENT = ["errors", "arrays", "files", "tables"]  # modules of their own, that every floor may import
-FLOORS = [*BASEMENT, "model", "literature", "world", "beacons", "planning", "layouts", "report"]
+FLOORS = [*BASEMENT, "model", "literature", "world", "beacons", "page", "planning", "layouts", "report"]
 
 
 def floor_of(file: Path) -> str:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -27,3 +30,30 @@ def test_the_readmes_files_exist():
     text = README.read_text()
     for link in re.findall(r"\]\((?!http)([^)]+)\)", text):
         assert (README.parent / link).exists(), link
+
+
+@pytest.mark.slow
+def test_the_readmes_commands_run_in_the_order_printed_in_an_empty_folder(tmp_path):
+    block = next(b for b in re.findall(r"```sh\n(.*?)```", README.read_text(), flags=re.DOTALL) if "driftplan fit" in b)
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin/driftplan").symlink_to(Path(sys.executable).with_name("driftplan"))
+    (tmp_path / "home").mkdir()
+    done = subprocess.run(
+        ["bash", "-euxc", block],
+        cwd=tmp_path / "home",
+        env={**os.environ, "PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr
+    made = {path.name for path in (tmp_path / "home/first-hour").iterdir()}
+    assert {"noise.yaml", "route.png", "tags.geojson", "layout.svg", "design.png"} <= made
+    assert "Warning" not in done.stderr
+
+
+def test_the_sample_files_are_what_their_script_makes(tmp_path):
+    data = README.parent / "examples/data"
+    subprocess.run([sys.executable, data / "make_data.py", tmp_path], check=True, capture_output=True)
+    made = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert made == {path.name: path.read_text() for path in data.glob("*.csv")}

@@ -1,0 +1,91 @@
+// Drift of every route of a scene, computed anew only where something changed that it depends on.
+//
+// A scene is what driftplan/page/scene.py documents; it is never changed in place: an edit makes a new scene that
+// shares what stayed, and what is shared is not computed again.
+
+import { fullNoise } from "./elements.js";
+import { predict } from "./drift.js";
+import { cutAtZones, legsOf, passesOf, readingsOf, Walls } from "./passes.js";
+
+export const NEEDS_FILTER = "a range or a bearing needs the estimator “filter”: a robot that replaces what it reads cannot use it";
+
+/** Whether a kind of beacon measures what only a robot with a filter can use. */
+export function needsFilter(kind) {
+  return (kind.range_std_m ?? null) !== null || (kind.bearing_std ?? null) !== null;
+}
+
+export class Calculator {
+  constructor(scene) {
+    this.walls = new Walls(scene.walls);
+    this.noises = new WeakMap();
+    this.paths = new WeakMap();
+    this.floors = new WeakMap();
+    this.readings = new WeakMap();
+    this.drifts = { reset: new WeakMap(), filter: new WeakMap() };
+  }
+
+  /** The drift of one route with all beacons that are alive, or an Error that says why there is none. */
+  drift(scene, route, estimator = scene.estimator) {
+    const read = [];
+    for (const beacon of scene.beacons) {
+      if (beacon.dead) continue;
+      const here = this.readingsOn(route, beacon);
+      if (here.length) read.push(here);
+    }
+    const known = this.drifts[estimator].get(route);
+    const depends = [scene.noise, scene.zones, scene.start_fix, ...read];
+    if (known && known.depends.length === depends.length && depends.every((x, k) => x === known.depends[k])) {
+      return known.drift;
+    }
+    const drift = this.computed(scene, route, read.flat(), estimator);
+    this.drifts[estimator].set(route, { depends, drift });
+    return drift;
+  }
+
+  computed(scene, route, readings, estimator) {
+    if (estimator === "reset" && readings.some(({ anchor }) => anchor)) return new Error(NEEDS_FILTER);
+    const { points, zone } = this.floorOf(scene, route);
+    const noises = zone.map((k) => this.full(k < 0 ? scene.noise : scene.zones[k].noise));
+    try {
+      return predict(points, noises, [...startReadings(scene.start_fix), ...readings], estimator);
+    } catch (error) {
+      return error;
+    }
+  }
+
+  full(noise) {
+    if (!this.noises.has(noise)) this.noises.set(noise, fullNoise(noise));
+    return this.noises.get(noise);
+  }
+
+  floorOf(scene, route) {
+    const known = this.floors.get(route);
+    if (known && known.zones === scene.zones) return known;
+    const found = { zones: scene.zones, ...cutAtZones(route.points, scene.zones) };
+    this.floors.set(route, found);
+    return found;
+  }
+
+  /** A route as legs. */
+  pathOf(route) {
+    if (!this.paths.has(route)) this.paths.set(route, legsOf(route.points));
+    return this.paths.get(route);
+  }
+
+  readingsOn(route, beacon) {
+    if (!this.readings.has(route)) this.readings.set(route, new WeakMap());
+    const known = this.readings.get(route);
+    if (!known.has(beacon)) {
+      const path = this.pathOf(route);
+      known.set(beacon, readingsOf(path, beacon, passesOf(path, beacon, this.walls)));
+    }
+    return known.get(beacon);
+  }
+}
+
+function startReadings(fix) {
+  if (!fix) return [];
+  const cov = fix.position_cov, variance = fix.heading_std === null ? null : fix.heading_std ** 2;
+  return [{ s: 0, square: cov && cov[0][0] + cov[1][1], skew: cov && [cov[0][0] - cov[1][1], 2 * cov[0][1]],
+    headingVar: variance, chance: fix.detection_probability ?? 1, anchor: null, rangeVar: null, bearingVar: null }];
+}

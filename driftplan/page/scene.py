@@ -1,0 +1,124 @@
+"""A scene: a map, routes, odometry and beacons as JSON, which the page in the browser draws and computes with.
+
+Lengths are metres, world frame; angles radians, but for names in ``_deg``. All keys are always there::
+
+    version     1
+    title       text
+    bounds      [xmin, ymin, xmax, ymax]
+    walls       polygons that block sight: the obstacles without their outermost micrometre. A polygon is a list of
+                rings, outline first; a ring a closed list of [x, y]
+    zones       {"polygons": polygons, "noise": noise}; where zones overlap the later one holds
+    noise       fields of OdometryNoise that are not 0, never ``step_m``
+    routes      {"name": text, "points": [[x, y], ...], "limit_m": metres or null}
+    beacons     {"id": text, "x", "y", "facing_deg": degrees or null, "existing": bool,
+                "kind": fields of BeaconKind that are not None}
+    estimator   "reset" or "filter"
+    start_fix   null or {"position_cov": 2 x 2 or null, "heading_std": rad or null, "detection_probability"}
+    notes       sentences to be shown, such as what is proven
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from typing import Any
+
+import shapely
+
+from driftplan.arrays import Floats
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Estimator, Fix, checked_estimator
+from driftplan.world.world import World
+
+Scene = dict[str, Any]
+_MAX_POSITIONS = 400_000  # of walls: 20 MB of JSON, and a second for a browser to draw
+
+
+def scene_of(
+    world: World | None,
+    routes: Sequence[Floats],
+    noise: OdometryNoise,
+    *,
+    beacons: Sequence[Beacon] = (),
+    existing: Sequence[Beacon] = (),
+    limits: Sequence[float | None] | None = None,
+    names: Sequence[str] | None = None,
+    estimator: Estimator = "reset",
+    start_fix: Fix | None = None,
+    title: str = "driftplan",
+    notes: Sequence[str] = (),
+) -> Scene:
+    """The scene of checked things; ``limits`` in metres and ``names`` one per route.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> scene_of(None, [np.array([[0.0, 0.0], [9.0, 4.0]])], OdometryNoise(heading_var_per_m=1e-4))["bounds"]
+    [-1.0, -1.0, 10.0, 5.0]
+    """
+    checked_estimator(estimator)
+    zones = world.zones if world is not None else ()
+    for one in (noise, *(zone.noise for zone in zones)):
+        if one.step_m is not None:
+            raise ValueError("expected a noise without step_m on a page: it moves and cuts paths; use rates per metre")
+    walls = [] if world is None else _polygons(world.opaque.area)
+    if sum(len(ring) for rings in walls for ring in rings) > _MAX_POSITIONS:
+        raise ValueError(f"expected walls of at most {_MAX_POSITIONS} positions on a page; simplify the map")
+    if world is None:
+        everything = shapely.multipoints([*(xy for path in routes for xy in path), *(b.xy for b in beacons)])
+        bounds = everything.buffer(1.0).bounds
+    else:
+        bounds = world.bounds
+    of_routes = zip(
+        routes, names or [f"route {k}" for k in range(len(routes))], limits or [None] * len(routes), strict=True
+    )
+    return {
+        "version": 1,
+        "title": title,
+        "bounds": list(bounds),
+        "walls": walls,
+        "zones": [{"polygons": _polygons(zone.polygon), "noise": _rates(zone.noise)} for zone in zones],
+        "noise": _rates(noise),
+        "routes": [{"name": name, "points": path.tolist(), "limit_m": limit} for path, name, limit in of_routes],
+        "beacons": [*(_beacon(one, True) for one in existing), *(_beacon(one, False) for one in beacons)],
+        "estimator": estimator,
+        "start_fix": None if start_fix is None else _fix(start_fix),
+        "notes": list(notes),
+    }
+
+
+def noise_of(scene: Scene) -> OdometryNoise:
+    """The noise that holds outside of zones."""
+    return OdometryNoise(**scene["noise"])
+
+
+def beacon_of(said: dict[str, Any]) -> Beacon:
+    """A beacon of a scene."""
+    known = {field.name for field in fields(BeaconKind)}
+    kind = BeaconKind(**{key: value for key, value in said["kind"].items() if key in known})
+    return Beacon(kind, said["x"], said["y"], id=str(said["id"]), facing_deg=said["facing_deg"])
+
+
+def _polygons(area: Any) -> list[list[list[list[float]]]]:
+    parts = [part for part in shapely.get_parts(area) if not part.is_empty]
+    return [[shapely.get_coordinates(ring).tolist() for ring in shapely.get_rings(part)] for part in parts]
+
+
+def _rates(noise: OdometryNoise) -> dict[str, float]:
+    return {key: value for key, value in asdict(noise).items() if value and isinstance(value, float)}
+
+
+def _beacon(beacon: Beacon, existing: bool) -> dict[str, Any]:
+    kind = {key: value for key, value in asdict(beacon.kind).items() if value is not None}
+    place = {"id": beacon.id, "x": beacon.x, "y": beacon.y, "facing_deg": beacon.facing_deg}
+    return {**place, "existing": existing, "kind": kind}
+
+
+def _fix(fix: Fix) -> dict[str, Any]:
+    cov = None if fix.position_cov is None else fix.position_cov.tolist()
+    return {
+        "position_cov": cov,
+        "heading_std": fix.heading_std,
+        "detection_probability": fix.detection_probability,
+    }

@@ -1,0 +1,30 @@
+// Answers one JSON question per line of standard input: what the page's own code computes.
+
+import { createInterface } from "node:readline";
+import { Calculator } from "../../driftplan/page/calculator.js";
+import { fullNoise, runMoments, turnMoments } from "../../driftplan/page/elements.js";
+import { compose } from "../../driftplan/page/moments.js";
+
+const ANSWERS = {
+  element: ({ turn, length, curvature, noise }) =>
+    compose(turnMoments(turn, fullNoise(noise)), runMoments(length, curvature, fullNoise(noise))),
+  scene: ({ scene, at, worst }) => {
+    const calculator = new Calculator(scene);
+    return scene.routes.map((route) => {
+      const drift = calculator.drift(scene, route);
+      if (drift instanceof Error) return { error: drift.message };
+      return {
+        readings: scene.beacons.map((beacon) => calculator.readingsOn(route, beacon).map(({ s }) => s)),
+        at: at.map((share) => drift.at(Math.min(share * drift.length, drift.length))),
+        arriving: drift.N0,
+        leaving: drift.N1,
+        worst: worst ? drift.worst : null,
+      };
+    });
+  },
+};
+
+for await (const line of createInterface({ input: process.stdin })) {
+  const { ask, ...question } = JSON.parse(line);
+  console.log(JSON.stringify(ANSWERS[ask](question)));
+}
