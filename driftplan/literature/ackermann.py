@@ -79,12 +79,8 @@ def ackermann_step(
     wheelbase_m : float
     distance_std_m, steering_std_rad : deviations of each step's ε_d and ε_φ
 
-    Raises
-    ------
-    ValueError : for values that are not finite, negative deviations, or steering that with its noise reaches ±90°
+    Raises ValueError for values that are not finite, negative deviations, or steering that with its noise reaches ±90°.
 
-    Examples
-    --------
     >>> step = ackermann_step(0.5, 0.2, wheelbase_m=2.5, distance_std_m=0.02, steering_std_rad=0.02)
     >>> float(step.N) > 0.02**2  # the steering error adds to the distance error
     True
@@ -135,8 +131,6 @@ def ackermann_drift(
     ----------
     distances_m, steering_rad : (n,), these, the rest and the errors as in `ackermann_step`
 
-    Examples
-    --------
     >>> found = ackermann_drift(
     ...     [0.5] * 100, [0.2] * 100, wheelbase_m=2.5, distance_std_m=0.02, steering_std_rad=0.02
     ... )

@@ -53,8 +53,6 @@ def bias_reduction(noise: StepNoise) -> Correction:
     For rotation and translation errors independent of each other, as in the paper, ρ/μ is the bias b that it subtracts;
     for dependent errors subtracting b would leave a bias.
 
-    Examples
-    --------
     >>> bias_reduction(StepNoise.additive(heading_std_rad=0.1, translation_bias_m=(0.02, 0.0)))
     Correction(rotation=(1.005012520859401+0j), translation_m=(0.02+0j))
     """
@@ -67,8 +65,6 @@ def bias_reduction(noise: StepNoise) -> Correction:
 def de_meaning(noise: StepNoise) -> Correction:
     """Only the deterministic parts removed: the mean angle of the rotation errors and the bias of the translations.
 
-    Examples
-    --------
     >>> noise = StepNoise.additive(heading_std_rad=0.1, heading_mean_rad=0.3)
     >>> round(float(np.angle(de_meaning(noise).rotation)), 9)
     -0.3
@@ -81,8 +77,6 @@ def corrected(noise: StepNoise, correction: Correction) -> StepNoise:
     """Moments of the errors that are left after a correction, for `dead_reckoning` and `step_moments`. The corrected
     rotation need not have length 1.
 
-    Examples
-    --------
     >>> noise = StepNoise.additive(heading_std_rad=0.1)
     >>> corrected(noise, bias_reduction(noise)).d1
     0j
@@ -118,12 +112,8 @@ def estimate_positions(
     measured_translations_m : (..., n, 2), each in the frame after its turn, metres
     correction : default: none
 
-    Returns
-    -------
-    (..., n + 1, 2), at the start and after every step, metres, in the frame of the start
+    Returns positions (..., n + 1, 2) at the start and after every step, metres, in the frame of the start.
 
-    Examples
-    --------
     >>> estimate_positions([0.0, np.pi / 2], [(1.0, 0.0), (1.0, 0.0)]).round(9)
     array([[0., 0.],
            [1., 0.],
@@ -153,12 +143,8 @@ def bias_reduced_cov(turns_rad: ArrayLike, translations_m: ArrayLike, noise: Ste
     translations_m : array, shape (n, 2), or (2,) for all steps
     noise : StepNoise, or one per step: of the measurements, before the correction
 
-    Returns
-    -------
-    (2, 2), m², in the frame of the start
+    Returns a covariance (2, 2), m², in the frame of the start.
 
-    Examples
-    --------
     >>> bias_reduced_cov([0.0] * 3, (1.0, 0.0), StepNoise.additive(heading_std_rad=0.1)).round(5)
     array([[0.0013 , 0.     ],
            [0.     , 0.14001]])
@@ -194,8 +180,6 @@ def crossovers(
     noise : StepNoise
     correction : default: `bias_reduction` of the noise
 
-    Examples
-    --------
     >>> noise = StepNoise.additive(
     ...     heading_std_rad=0.0026**0.5, heading_mean_rad=0.0068, translation_bias_m=(0.05, 0.02),
     ...     translation_cov_m2=[[0.05, 0.0], [0.0, 0.05]],

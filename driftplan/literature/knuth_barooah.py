@@ -57,8 +57,6 @@ class MeanNoise:
     ) -> MeanNoise:
         """Rotation and translation errors of a step independent: ρ = E[R̃] b.
 
-        Examples
-        --------
         >>> noise = MeanNoise.independent(
         ...     rotation_mean=0.99 * np.eye(3), translation_bias_m=(0.1, 0, 0), translation_var_m2=0.01
         ... )
@@ -144,12 +142,8 @@ def theorem_1(
         holds for independent errors
     translation_var_m2 : upper bound of the trace of the covariance of t̃; default β²
 
-    Raises
-    ------
-    ValueError : for negative bounds, a coherence outside (0, 1]
+    Raises ValueError for negative bounds, a coherence outside (0, 1].
 
-    Examples
-    --------
     >>> bounds = theorem_1(1000, displacement_m=100.0, longest_step_m=0.1, coherence=0.999, translation_error_m=0.01)
     >>> round(bounds.bias_lower_m, 2), round(bounds.bias_upper_m, 2), round(bounds.variance_upper_m2, 2)
     (30.51, 169.49, 12762.45)
@@ -192,8 +186,6 @@ def second_moment_lower_bound(
     shortest_step_m : lower bound of |r_k + b_k|, metres
     translation_var_m2 : lower bound of Tr P_k, m²
 
-    Examples
-    --------
     >>> round(second_moment_lower_bound(steps=1000, coherence=0.99, shortest_step_m=1.0), 4)
     5.0251
     """
@@ -228,13 +220,9 @@ def theorem_2(
     turn : float, or (d, d) rotation matrix
         True rotation before every translation; a number is an angle in rad, in the plane.
 
-    Raises
-    ------
-    ValueError : when nothing decorrelates the steps (no rotation noise on a straight line): the variance then is n Tr
-        P, and ψ and ω do not exist
+    Raises ValueError when nothing decorrelates the steps (no rotation noise on a straight line): the variance then is n
+    Tr P, and ψ and ω do not exist.
 
-    Examples
-    --------
     >>> noise = StepNoise.polar(
     ...     translation_m=(0.064, 0.0), heading_std_rad=3.6e-3 * 2**0.5, direction_std_rad=0.0307**0.5,
     ...     distance_std_m=8.5467e-5**0.5,
@@ -307,12 +295,8 @@ def theorem_3(
     noise : StepNoise, or one per step of the period
         Rotation errors must have one mean: an assumption the paper makes without listing it.
 
-    Raises
-    ------
-    ValueError : for wrong shapes, or rotation errors of different means
+    Raises ValueError for wrong shapes, or rotation errors of different means.
 
-    Examples
-    --------
     >>> found = theorem_3(4000, [np.pi / 2] * 4, (1.0, 0.0), StepNoise.additive(heading_std_rad=0.05))
     >>> round(found.variance_m2, 4)  # a square, a thousand times round
     5.5006

@@ -100,12 +100,8 @@ def proposition_1(
         left)
     heading_std_rad, distance_std_m : δ_θ and δ_d: deviations of each turn's and each distance's error
 
-    Raises
-    ------
-    ValueError : for arrays of different or empty shape, values that are not finite, negative deviations
+    Raises ValueError for arrays of different or empty shape, values that are not finite, negative deviations.
 
-    Examples
-    --------
     >>> found = proposition_1([1.0, 1.2, 0.8], [0.3, -0.2, 0.5], heading_std_rad=0.1, distance_std_m=0.1)
     >>> found.cov.diagonal().round(6)
     array([0.038969, 0.119953])
@@ -131,8 +127,6 @@ def proposition_2(
     distances_m, turns_rad : (..., n), measured distance (metres) of each step and the measured turn before it (rad)
     heading_std_rad, distance_std_m : δ_θ and δ_d
 
-    Examples
-    --------
     >>> found = proposition_2([1.0, 1.2, 0.8], [0.3, -0.2, 0.5], heading_std_rad=0.1, distance_std_m=0.1)
     >>> found.total_cov.diagonal().round(6), found.average_true_cov.diagonal().round(6)
     (array([0.040357, 0.118745]), array([0.040352, 0.118732]))

@@ -94,8 +94,6 @@ def identity(shape: tuple[int, ...] = (), size: int = 3) -> CovarianceMap:
 def compose(first: CovarianceMap, second: CovarianceMap) -> CovarianceMap:
     """The stretch that is ``first`` followed by ``second``; associative.
 
-    Examples
-    --------
     >>> compose(identity(), identity()).A.trace().item()
     3.0
     """
@@ -147,8 +145,6 @@ def path_legs(
 ) -> Legs:
     """All legs of a path, world frame, shape (..., m); ``which`` of the noises each has, (m,), default the first.
 
-    Examples
-    --------
     >>> from driftplan.model.paths import read_path
     >>> noise = OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-3)
     >>> path_legs(read_path([(0, 0), (30, 0)]), [noise]).C[0].diagonal().round(6)  # L q_d, q_h L³/3, q_h L

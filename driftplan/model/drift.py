@@ -145,13 +145,8 @@ class Drift(PointDrift):
         s : float or array, shape (k,), or (..., k) with the leading axes of a batch
             Distances in [0, length]. At a fix: just after it.
 
-        Returns
-        -------
-        PointDrift, shape () for one path and a float, else (..., k)
-
-        Raises
-        ------
-        ValueError : for a distance that is not on the path
+        Returns a drift of shape () for one path and a float, else (..., k). Raises ValueError for a distance that is
+        not on the path.
         """
         wanted = finite("s", s)
         if wanted.ndim > 1 and self.distance.ndim == 1:
@@ -310,19 +305,12 @@ def predict_drift(
         outside of `Drift.beyond_linear`. Known systematic errors shift the filter's mean, they are not corrected; those
         that differ between drives are further states, which it estimates as it goes.
 
-    Raises
-    ------
-    ValueError
-        For paths of fewer than 2 waypoints, wrong shapes, values that are not finite, fixes off the path; for ranges
-        and bearings with ``reset``.
+    Raises ValueError for paths of fewer than 2 waypoints, wrong shapes, values that are not finite, fixes off the path;
+    for ranges and bearings with ``reset``.
 
-    Notes
-    -----
     Error-moment algebra: see `driftplan.model.moments` and `driftplan.model.elements`. The published double sums give
     the same numbers in O(n²), once their misprints are mended.
 
-    Examples
-    --------
     >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
     >>> drift = predict_drift([(0, 0), (30, 0), (30, 10)], noise)
     >>> drift.rms.round(3)

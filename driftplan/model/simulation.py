@@ -43,13 +43,8 @@ def simulate_drift(
         filter, linearised at the robot's own estimate. It also estimates systematic errors that differ from drive to
         drive.
 
-    Returns
-    -------
-    array, shape (runs, n, 2)
-        Estimated minus true position in metres, world frame. At a waypoint with a fix: after it.
+    Returns estimated minus true positions (runs, n, 2), metres, world frame; at a waypoint with a fix: after it.
 
-    Examples
-    --------
     >>> errors = simulate_drift([(0, 0), (10, 0)], OdometryNoise(distance_var_per_m=0.01), runs=4000, rng=1)
     >>> errors.shape, round(float(errors[:, -1, 0].std()), 2)  # sqrt(0.01 * 10) = 0.316
     ((4000, 2, 2), 0.32)

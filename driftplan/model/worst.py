@@ -36,12 +36,8 @@ _RADIUS_ROUNDS = 3  # of looking closer at the greatest
 def worst_rms(drift: Drift) -> float:
     """The greatest rms anywhere along one path of straight runs, metres: exact to a ten-billionth of itself.
 
-    Raises
-    ------
-    ValueError : for batches of paths, curved runs and noise per step
+    Raises ValueError for batches of paths, curved runs and noise per step.
 
-    Examples
-    --------
     A heading error that drives the estimate in circles makes the drift greatest between waypoints:
 
     >>> from driftplan.model.drift import predict_drift

@@ -105,14 +105,9 @@ def read_odometry(
     variable : name of the array in a MATLAB file
     rate_hz : poses per second of a KITTI file
 
-    Raises
-    ------
-    TrajectoryError
-        If the file cannot be read or does not say what its columns are: the message names file and line or column.
-    ValueError : if an argument is none of those above
+    Raises TrajectoryError if the file cannot be read or does not say what its columns are: the message names file and
+    line or column; ValueError if an argument is none of those above.
 
-    Examples
-    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder) / "wheels.csv"
@@ -159,8 +154,6 @@ def read_truth(
 
     Parameters and errors are those of `read_odometry`.
 
-    Examples
-    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "truth.csv")

@@ -27,13 +27,9 @@ def read_path(path: str | os.PathLike[str]) -> Floats:
         header that names the columns or none. Lines that begin with ``#`` are comments. A unit in brackets, as in
         ``x [mm]`` or ``heading [deg]``, is converted.
 
-    Raises
-    ------
-    TrajectoryError : if the file cannot be read, has other columns or fewer than 2 waypoints: the message names it, and
-        the line
+    Raises TrajectoryError if the file cannot be read, has other columns or fewer than 2 waypoints: the message names
+    it, and the line.
 
-    Examples
-    --------
     >>> import os, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "path.csv")

@@ -39,9 +39,7 @@ def bootstrap(segments: SegmentSet, solution: Solution, resamples: int, rng: np.
     that its replicates spread about zero. (F. Hu and J. D. Kalbfleisch, The estimating function bootstrap, Canadian
     Journal of Statistics 28 (2000) 449-481.)
 
-    Returns
-    -------
-    replicates, blocks : (resamples, k), and how many blocks make the whole
+    Returns replicates (resamples, k), and how many blocks make the whole.
     """
     length = _BLOCK_SPANS * segments.bins[-1].length_m
     blocks = max(int(segments.total_m / length), 2)

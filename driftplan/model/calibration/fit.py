@@ -205,12 +205,8 @@ def fit_noise(
     resamples : bootstrap replicates
     seed : of the bootstrap
 
-    Raises
-    ------
-    ValueError : for arguments out of range, recordings that do not overlap, and drives too short for the segments
+    Raises ValueError for arguments out of range, recordings that do not overlap, and drives too short for the segments.
 
-    Examples
-    --------
     >>> from driftplan.model.calibration.simulated_log import simulate_log
     >>> noise = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3, distance_scale_error=0.02)
     >>> square = [(0, 0), (5, 0), (5, 5), (0, 5)]

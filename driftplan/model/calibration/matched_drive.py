@@ -108,9 +108,7 @@ def match(
     max_gap_s : truth samples farther apart in time, between which the robot moved, cut the drive; so do gaps in
         odometry velocities. Default: 2 s or five median intervals, whichever is longer.
 
-    Raises
-    ------
-    ValueError : when the recordings do not overlap in time
+    Raises ValueError when the recordings do not overlap in time.
     """
     odometry = odometry.without_glitches()
     if time_offset_s is None:

@@ -11,7 +11,8 @@ prediction even where the model is only roughly right:
 
 * Each *length* has the same weight in all. Short segments, far more numerous, would otherwise decide alone, and at
   short range odometry errs in ways that do not last (clock offsets, antenna levers, jitter).
-* V_i is the inverse of 0.8 C_i + 0.2 C̄, C̄ the average over all segments of that length: a segment from which the model
+* V_i is the inverse of 0.8 C_i + 0.2 C̄, C̄ the average over all segments of that length: a segment from which the
+model
   promises next to no error must not decide either. (On the drives of a mower with slips, predicted and measured rms
   then agree at all lengths, where the maximum of the likelihood was off by a factor of two.)
 
@@ -148,8 +149,6 @@ def drive_deviations(segments: SegmentSet, solution: Solution) -> Floats:
 def bounded_step(total: Floats, score: Floats, lowest: Floats) -> Floats:
     """Minimiser d of d'Id/2 - g'd with d >= lowest, shapes (k, k), (k,), (k,).
 
-    Examples
-    --------
     >>> bounded_step(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-3.0, 0.0]), np.array([-1.0, -np.inf])).round(9)
     array([-1. ,  0.5])
     """

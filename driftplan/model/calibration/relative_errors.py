@@ -90,12 +90,8 @@ def relative_errors(
     pairs : {"kitti", "evo"}: which segments; see the module
     step : frames from one segment's start to the next (KITTI only)
 
-    Raises
-    ------
-    ValueError : for wrong shapes, and where the path is shorter than every length
+    Raises ValueError for wrong shapes, and where the path is shorter than every length.
 
-    Examples
-    --------
     >>> frames = np.arange(101.0)
     >>> truth = np.column_stack([frames, 0 * frames, 0 * frames])
     >>> errors = relative_errors(truth * [1.02, 1, 1], truth, [10.0, 50.0])  # 2 % too long

@@ -59,12 +59,8 @@ def umbmark(clockwise: ArrayLike, counterclockwise: ArrayLike, *, side_m: float 
         y to its left, a row per run
     side_m : side of the square, metres, as the odometry counts it
 
-    Raises
-    ------
-    ValueError : for arguments of the wrong shape, and errors larger than the square
+    Raises ValueError for arguments of the wrong shape, and errors larger than the square.
 
-    Examples
-    --------
     >>> result = umbmark([(-0.21, -0.19), (-0.19, -0.21)], [(-0.05, -0.04), (-0.03, -0.04)], side_m=4.0)
     >>> round(result.alpha, 4), round(result.beta, 4)
     (0.015, 0.01)

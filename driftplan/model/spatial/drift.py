@@ -91,22 +91,13 @@ def predict_drift_3d(
         How often each step is done in a row, >= 0, by repeated squaring: 10⁹ equal steps take milliseconds. Results are
         then for the ends of the rows of equal steps.
 
-    Returns
-    -------
-    SpatialDrift : n + 1 points; the first is the start, where nothing has drifted yet
+    Returns the drift at n + 1 points; the first is the start, where nothing has drifted yet. Raises ValueError for
+    wrong shapes, values that are not finite, matrices that are no rotations or no covariances.
 
-    Raises
-    ------
-    ValueError : for wrong shapes, values that are not finite, matrices that are no rotations or no covariances
-
-    Notes
-    -----
     Model of J. Knuth and P. Barooah, Error growth in position estimation from noisy relative pose measurements,
     Robotics and Autonomous Systems 61 (2013), with independent rotation and translation noise; their bounds follow from
     these moments. See `driftplan.model.spatial.moments`.
 
-    Examples
-    --------
     A helix, 16 turns to the left and 20 m up:
 
     >>> c, s = np.cos(0.1), np.sin(0.1)
@@ -163,21 +154,12 @@ def predict_flight_drift(
     distance_var_per_m, lateral_var_per_m : float or (n - 1,)
         Variance of the position error along, and in each direction across, the direction of flight per metre, m²/m.
 
-    Returns
-    -------
-    SpatialDrift : n points, the first of which is the start
+    Returns the drift at n points, the first of which is the start. Raises ValueError for wrong shapes, values that are
+    not finite, negative variances.
 
-    Raises
-    ------
-    ValueError : for wrong shapes, values that are not finite, negative variances
-
-    Notes
-    -----
     E|e|² is that of a planar robot whose heading variance per metre is twice ``rotation_var_per_m``: two axes out of
     three bend a run.
 
-    Examples
-    --------
     >>> drift = predict_flight_drift([(0, 0, 0), (100, 0, 0), (100, 0, 20)], rotation_var_per_m=1e-5)
     >>> drift.rms.round(3)
     array([0.   , 2.582, 2.742])

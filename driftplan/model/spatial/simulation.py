@@ -30,16 +30,9 @@ def simulate_drift_3d(
     runs : number of flights, >= 1
     rng : Generator or seed: same seed, same answer
 
-    Returns
-    -------
-    (runs, n + 1, 3), e = estimated minus true position, metres, world frame, after every step; zero at the start
+    Returns estimated minus true positions (runs, n + 1, 3), metres, world frame, at the start and after every step.
+    Raises ValueError as `predict_drift_3d`, and for runs < 1.
 
-    Raises
-    ------
-    ValueError : as `predict_drift_3d`, and for runs < 1
-
-    Examples
-    --------
     >>> noise = RotationNoise.isotropic(0.1)
     >>> errors = simulate_drift_3d([np.eye(3)] * 10, [[1.0, 0.0, 0.0]] * 10, noise, runs=4000)
     >>> errors.shape, np.sqrt((errors[:, -1] ** 2).sum(axis=-1).mean()).round(1).item()
