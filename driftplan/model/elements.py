@@ -45,7 +45,7 @@ def run_moments(length_m: Array, curvature_per_m: Array, noise: OdometryNoise) -
     length_m, curvature_per_m : (...), lengths >= 0. Broadcast against each other.
     noise : OdometryNoise
 
-        >>> noise = OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-3)
+    >>> noise = OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-3)
     >>> run_moments(np.array(100.0), np.array(0.0), noise).N.round(6).item()  # E|e|² in m²
     33.370917
     """
