@@ -27,7 +27,7 @@ the filter estimates them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -184,8 +184,7 @@ def _of_one_noise(
 ) -> Legs:
     facing, names = np.exp(1j * headings), spread.names
     size = 3 + len(names)
-    random = replace(noise, heading_bias_per_m=0.0, heading_bias_per_rad=0.0, distance_scale_error=0.0)
-    small = _leg_moments(turns, lengths, curvatures, random.scaled(SMALL_NOISE_FACTOR))
+    small = _leg_moments(turns, lengths, curvatures, noise.corrected().scaled(SMALL_NOISE_FACTOR))
     A = np.tile(np.eye(size), (*lengths.shape, 1, 1))
     C, shift = np.zeros(A.shape), np.zeros(A.shape[:-1])
     A[..., :2, 2] = as_plane(1j * facing * small.p)

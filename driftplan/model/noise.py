@@ -293,6 +293,12 @@ class OdometryNoise:
         changed |= dict.fromkeys(BETWEEN_DRIVES.values(), 0.0)
         return replace(self, **changed)
 
+    def corrected(self) -> OdometryNoise:
+        """What is left when the known systematic errors are corrected for: the random ones, and the spread between
+        drives."""
+        none: dict[str, Any] = dict.fromkeys(SYSTEMATIC, 0.0)
+        return replace(self, **none)
+
     @property
     def is_systematic(self) -> bool:
         """Whether any systematic error (bias or scale) is set."""

@@ -166,7 +166,7 @@ def _matlab(file: Path, variable: str | None) -> Floats:
 
 
 def _text(file: Path, recording: bool) -> Table:
-    lines = _lines(file)
+    lines = lines_of(file)
     first = next((k for k, line in enumerate(lines) if not _is_comment(line)), None)
     if first is None:
         raise TrajectoryError(f"{file}: expected lines of numbers, found none")
@@ -263,7 +263,8 @@ def _numbers_by_line(
     return values
 
 
-def _lines(file: Path) -> list[str]:
+def lines_of(file: Path) -> list[str]:
+    """The lines of a text, plain or gzipped: a TrajectoryError says if it is none, or too large."""
     with file.open("rb") as stream:
         try:
             text = gzip.GzipFile(fileobj=stream) if file.suffix.lower() == ".gz" else stream

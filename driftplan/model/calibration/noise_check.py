@@ -26,6 +26,7 @@ Truth = Trajectory | ArrayLike
 
 HEAVY_TAILS_CHANCE = 0.05  # that Gaussian errors are said not to be so
 _CLEAR_SHIFT_ERRORS = 3.0  # standard errors by which the systematic errors of other drives are said to differ
+_TRUSTED = 1.35  # measured over predicted rms, or its inverse, up to which a prediction is said to hold
 _CLEAR_RATIO = 0.15  # of the predicted rms, by which the measured one is at least off if it is said to be
 
 
@@ -215,13 +216,23 @@ def _mean_error(values: Floats, place_m: Floats, length_m: float) -> float:
 
 
 def trust(check: SegmentCheck) -> str:
-    """How far the predictions hold on the drives of a check, by length, in one sentence."""
-    said = [
-        f"{row.measured_rms_m / row.predicted_rms_m:.2f} at {row.length_m:.3g} m ({100 * row.coverage[1]:.0f} %)"
-        for row in check.lengths
-        if row.predicted_rms_m > 0
-    ]
-    return f"Measured over predicted rms (share in the 90 % regions): {', '.join(said)}."
+    """How far a fit may be trusted on the drives of a check, by length, in one sentence."""
+    ratios = [(row, row.measured_rms_m / max(row.predicted_rms_m, 1e-300)) for row in check.lengths]
+    held = [row for row, ratio in ratios if max(ratio, 1 / max(ratio, 1e-300)) <= _TRUSTED]
+    off = [(f"{ratio:.2f}", f"{row.length_m:.3g}") for row, ratio in ratios if row not in held]
+    said = []
+    if held:
+        where = " and ".join(f"{length:.3g}" for length in sorted({held[0].length_m, held[-1].length_m}))
+        lengths = f"between {where}" if len(held) > 1 else f"at {where}"
+        said.append(f"within {100 * (_TRUSTED - 1):.0f} % of the predicted one {lengths} m")
+    if off:
+        times, lengths = (", ".join(words) for words in zip(*off, strict=True))
+        said.append(f"{times} times {'it' if held else 'the predicted one'} at {lengths} m")
+    shares = [100 * row.coverage[1] for row in check.lengths]
+    return (
+        f"The rms of these drives is {' and '.join(said)}; the 90 % regions hold {min(shares):.0f} to "
+        f"{max(shares):.0f} % of their errors."
+    )
 
 
 def judged(check: SegmentCheck, rms_errors_m: Floats | None = None) -> SegmentCheck:
