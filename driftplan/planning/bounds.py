@@ -1,6 +1,6 @@
-"""What no route can do better: proven lower bounds.
+"""What no route can do better, beacons or not, obstacles or not: proven lower bounds.
 
-*Of all routes*, beacons or not, obstacles or not. After its last position reading, of standard deviation σ per axis, a
+After its last position reading, of standard deviation σ per axis, a
 robot that drives L metres and ends a distance d away from there has
 
     E|e|² >= 2σ² + q_p L + Λ(σ_H) q_h d³/3
@@ -10,16 +10,14 @@ no beacon fixes headings alone. So position readings cannot be farther apart tha
 keeps it is at least as long as the shortest chain of ranges from start to goal whose gaps are within reach: a
 refuelling problem, solved by Dijkstra's method. Errors that are correlated can cancel, and then only geometry is left;
 the heading part needs plain noise. Zones count with the best of them everywhere. A reading that is not certain is taken
-for perfect.
-
-*Of the paths of a roadmap*, by the least additive cost on it and the bracket that the heading error leaves.
+for perfect. (`driftplan.planning.taut_strings` bounds what robots do that read nothing, among obstacles.)
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csgraph, csr_matrix
@@ -28,49 +26,17 @@ from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.cost import CostRates, bracket
-from driftplan.planning.roadmap.graph import GOAL, START, Roadmap
 
 _HALVINGS = 40
-_HEADING_STD_FACTOR = 2.0  # times the heading standard deviation of the path found: bounds are for paths of up to that
-_HEADING_VARIANCES = 4000  # at which the additive bound is evaluated
-
-
-class DeadReckoningBound:
-    """Least E|e|² of driving straight for d metres without a position reading: ``position`` d + ``heading`` d³/3.
-
-    ``found_sq`` (m²) is an E|e|² that some route has: those that have more are of no interest.
-    """
-
-    def __init__(self, noises: Sequence[OdometryNoise], beacons: Sequence[Beacon], found_sq: float) -> None:
-        rates = [CostRates.of(noise) for noise in noises]
-        uncorrelated = all(noise.heading_distance_corr == 0 for noise in noises)
-        self.position = min(rate.position for rate in rates) if uncorrelated else 0.0
-        self.heading = 0.0
-        sure = all(b.kind.position_std_m is not None and b.kind.detection_probability == 1 for b in beacons)
-        plain = all(noise.is_plain and not noise.heading_var_per_rad for noise in noises)
-        if plain and sure and self.position > 0 and math.isfinite(found_sq):
-            # no longer than this before position noise alone has used the limit up
-            heading_std = math.sqrt(max(rate.heading for rate in rates) * found_sq / self.position)
-            self.heading = float(bracket(heading_std)) * min(rate.heading for rate in rates)
-
-    def square(self, d: Floats) -> Floats:
-        return np.asarray(self.position * d + self.heading * d**3 / 3)
 
 
 def least_length(
     ends: Floats, noises: Sequence[OdometryNoise], beacons: Sequence[Beacon], max_drift: float | None
 ) -> float:
-    """No route that keeps ``max_drift`` is shorter, metres; infinite where none can keep it.
+    """No route that keeps ``max_drift`` (metres, or None) is shorter, metres; infinite where none can keep it.
 
-    Parameters
-    ----------
-    ends : (2, 2) start and goal, metres
-    noises : noises that occur, of zones too
-    beacons : all there are
-    max_drift : metres, or None
+    ``noises`` are those that occur, of zones too; ``ends`` (2, 2) are start and goal, metres.
 
-    Examples
-    --------
     >>> noise = OdometryNoise(distance_var_per_m=0.1)
     >>> least_length(np.array([(0, 0), (50, 0)]), [noise], [], 1.0), least_length(np.eye(2), [noise], [], 1.0)
     (inf, 1.4142135623730951)
@@ -107,6 +73,25 @@ def max_distance_within(limit_sq: float, heading: float, position: float, most: 
     return high
 
 
+def _dead_reckoning_rates(
+    noises: Sequence[OdometryNoise], beacons: Sequence[Beacon], found_sq: float
+) -> tuple[float, float]:
+    """Least E|e|² of driving straight for d metres without a position reading is ``position`` d + ``heading`` d³/3.
+
+    ``found_sq`` (m²) is an E|e|² that some route has: those that have more are of no interest.
+    """
+    rates = [CostRates.of(noise) for noise in noises]
+    uncorrelated = all(noise.heading_distance_corr == 0 for noise in noises)
+    position = min(rate.position for rate in rates) if uncorrelated else 0.0
+    sure = all(b.kind.position_std_m is not None and b.kind.detection_probability == 1 for b in beacons)
+    plain = all(noise.is_plain and not noise.heading_var_per_rad for noise in noises)
+    if not (plain and sure and position > 0 and math.isfinite(found_sq)):
+        return 0.0, position
+    # no longer than this before position noise alone has used the limit up
+    heading_std = math.sqrt(max(rate.heading for rate in rates) * found_sq / position)
+    return float(bracket(heading_std)) * min(rate.heading for rate in rates), position
+
+
 class _BeaconChain:
     """Start, the ranges of beacons that give positions, and goal, with the gaps between them."""
 
@@ -118,10 +103,10 @@ class _BeaconChain:
         radius = np.array([0.0, *(b.kind.range_m for b in stations), 0.0])
         apart = np.hypot(*np.moveaxis(xy[:, None] - xy, -1, 0))
         self.gap = np.maximum(apart - radius[:, None] - radius, 0.0)
-        unaided = DeadReckoningBound(noises, beacons, found_sq)
+        heading, position = _dead_reckoning_rates(noises, beacons, found_sq)
         sure = [(b.kind.position_std_m or 0.0) if b.kind.detection_probability == 1 else 0.0 for b in stations]
         after = np.array([0.0, *(2 * std**2 for std in sure)])  # least E|e|² on leaving each, the start known exactly
-        self.arrival: Floats = after[:, None] + unaided.square(self.gap[:-1])
+        self.arrival: Floats = after[:, None] + position * self.gap[:-1] + heading * self.gap[:-1] ** 3 / 3
         self.at_goal: Floats = self.arrival[:, -1]
 
     def length(self, limit_sq: float) -> float:
@@ -134,62 +119,3 @@ class _BeaconChain:
         search: Any = csgraph.dijkstra
         graph = csr_matrix((weight, (row, column)), shape=usable.shape)
         return float(search(graph, indices=0)[-1])
-
-
-class Bound(NamedTuple):
-    """No path of a roadmap that gains a heading standard deviation of at most ``heading_std`` rad costs less."""
-
-    mean_square: float  # m²
-    heading_std: float  # rad; infinite where it holds for all paths
-
-
-def additive_bound(roadmap: Roadmap, least_var: float, most_var: float, known: float = math.inf) -> float:
-    """A lower bound of E|e|² (m²) over all paths of the roadmap whose heading variance H is in a range (rad²).
-
-    Such a path has ``E|e|² >= Λ(H) J_h + J_p`` with its heading and position cost. With the least J and J_h on the
-    roadmap, and the least position cost r per heading variance of any of its edges and a turn, that is at least
-    ``max(Λ(H) min J, Λ(H) min J_h + r H)``, whose least value over H is returned. Zero where the noise is not plain.
-    ``known`` is the additive cost of some path: no need to look at dearer ones for min J.
-    """
-    if not _is_plain(roadmap):
-        return 0.0
-    return _additive_bound(roadmap, min(roadmap.shortest(known).cost, known), least_var, most_var)
-
-
-def _additive_bound(roadmap: Roadmap, least: float, least_var: float, most_var: float) -> float:
-    """`additive_bound` for plain noise, the least additive cost on the roadmap being known."""
-    prices = roadmap.prices
-    if not least < math.inf:
-        return math.inf
-    heading_cost = roadmap.distances(np.maximum(prices.cost - prices.position, 0.0), START)[0][GOAL]
-    low = max(least_var, roadmap.distances(prices.heading_var, START)[0][GOAL])
-    gained = prices.heading_var + np.pi * roadmap.pricing.worst_turn
-    rate = float(np.min(prices.position / np.where(gained > 0, gained, 1e-300)))
-    high = min(most_var, max(low, least / rate) if rate > 0 else math.inf)  # beyond, r H alone is enough
-    if high == math.inf:
-        return 0.0
-    if high <= low:
-        return least * float(bracket(high**0.5))
-    grid = np.geomspace(max(low, 1e-9 * high), high, _HEADING_VARIANCES)
-    grid[0] = low
-    weight = bracket(np.sqrt(grid[1:]))  # Λ falls and r H rises: both at their least in every interval
-    return float(np.maximum(weight * least, weight * heading_cost + rate * grid[:-1]).min())
-
-
-def bracketed(roadmap: Roadmap, heading_std: float, known: float = math.inf) -> Bound:
-    """What the additive cost proves: for all paths, or for those with up to twice the ``heading_std`` of one found."""
-    most = (_HEADING_STD_FACTOR * heading_std) ** 2
-    if not _is_plain(roadmap):
-        return Bound(0.0, math.inf)
-    least = min(roadmap.shortest(known).cost, known)
-    return _beyond(roadmap, least, most, _additive_bound(roadmap, least, 0.0, most))
-
-
-def _beyond(roadmap: Roadmap, least: float, most_var: float, bound: float) -> Bound:
-    """A bound for paths of heading variance up to ``most_var``; for all of them where the others cannot be better."""
-    everywhere = most_var == math.inf or _additive_bound(roadmap, least, most_var, math.inf) >= bound
-    return Bound(bound, math.inf if everywhere else most_var**0.5)
-
-
-def _is_plain(roadmap: Roadmap) -> bool:
-    return all(noise.is_plain for noise in roadmap.pricing.noises)

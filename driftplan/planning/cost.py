@@ -82,28 +82,11 @@ class CostRates:
 
 
 def edge_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNoise | CostRates) -> Floats:
-    """Cost of straight runs from ``a`` to ``b``, in m²: ``(q_h/3)(|w0|² + w0·w1 + |w1|²) L + q_p L``.
+    """Cost of straight runs from ``a`` to ``b`` (..., 2|3), in m²: ``(q_h/3)(|w0|² + w0·w1 + |w1|²) L + q_p L``.
 
-    Parameters
-    ----------
-    a, b : array_like (..., 2) or (..., 3)
-        Ends of the runs, metres; they broadcast.
-    goal : array_like (2,) or (3,), or broadcasting with ``a``
-        Where accuracy is wanted, metres.
-    noise : OdometryNoise or CostRates
-        CostRates save the conversion in loops.
+    Metres; points broadcast. Never negative, symmetric, additive under cutting. `CostRates` save the conversion in
+    loops.
 
-    Returns
-    -------
-    ndarray (...)
-        Never negative; symmetric in ``a`` and ``b``; additive under cutting.
-
-    Raises
-    ------
-    ValueError : if a coordinate is not finite or the shapes do not fit
-
-    Examples
-    --------
     >>> noise = OdometryNoise(heading_var_per_m=1e-3)
     >>> round(float(edge_cost([0, 0], [10, 0], [10, 0], noise)), 6)        # q L³/3
     0.333333
@@ -117,8 +100,6 @@ def edge_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNoise 
 def turn_cost(at: ArrayLike, turn_rad: ArrayLike, goal: ArrayLike, noise: OdometryNoise | CostRates) -> Floats:
     """Cost of turning on the spot by ``turn_rad`` (either sense) at ``at`` (..., 2|3), in m².
 
-    Examples
-    --------
     >>> noise = OdometryNoise(heading_var_per_rad=1e-3)
     >>> round(float(turn_cost([0, 0], -2.0, [10, 0], noise)), 6)
     0.2
@@ -130,67 +111,15 @@ def turn_cost(at: ArrayLike, turn_rad: ArrayLike, goal: ArrayLike, noise: Odomet
     return np.asarray((rates.turn_heading * _dot(w, w) + rates.turn_position) * turn)
 
 
-def arc_cost(
-    start: ArrayLike,
-    heading: ArrayLike,
-    length_m: ArrayLike,
-    curvature_per_m: ArrayLike,
-    goal: ArrayLike,
-    noise: OdometryNoise | CostRates,
-) -> Floats:
-    """Cost in m² of runs of constant curvature in the plane; turning along the way is charged per radian too.
-
-    Parameters
-    ----------
-    start : (..., 2), where the arcs begin, metres
-    heading : (...), direction of travel there, radians counter-clockwise from +x
-    length_m, curvature_per_m : (...), arc lengths >= 0; curvatures in 1/m, positive to the left, zero for straight runs
-    goal, noise
-        As in `edge_cost`.
-
-    Notes
-    -----
-    With unit start direction u and ``x = curvature * length``,
-    ``∫|w|² = L|w0|² - 2L²(A w0·u - xB w0×u) + 2L³B``, ``A = (1 - cos x)/x²``, ``B = (x - sin x)/x³``; both
-    functions are smooth at zero, so that nearly straight arcs lose no digits.
-
-    Examples
-    --------
-    >>> noise = OdometryNoise(heading_var_per_m=1.0)
-    >>> round(float(arc_cost([1, 2], 0.3, 6.0, 0.25, [10, 4], noise)), 6)
-    313.114911
-    """
-    w0, _, _, rates = _levers(start, start, goal, noise)
-    if w0.shape[-1] != 2:
-        raise ValueError(f"expected planar points (..., 2) for arcs, got shape {w0.shape}")
-    theta, length, curvature = (np.asarray(v, dtype=float) for v in (heading, length_m, curvature_per_m))
-    if not all(np.isfinite(v).all() for v in (theta, length, curvature)) or (length < 0).any():
-        raise ValueError("expected heading, length_m >= 0 and curvature_per_m finite")
-    x = curvature * length
-    along = w0[..., 0] * np.cos(theta) + w0[..., 1] * np.sin(theta)
-    across = w0[..., 0] * np.sin(theta) - w0[..., 1] * np.cos(theta)  # w0 × u
-    bend = _sine_defect(x)
-    swing = 0.5 * np.sinc(x / (2 * np.pi)) ** 2  # (1 - cos x)/x²
-    squares = length * (_dot(w0, w0) - 2 * length * (swing * along - x * bend * across) + 2 * length**2 * bend)
-    squares = np.maximum(squares, 0.0)  # round-off of arcs that hug the goal
-    q_h = rates.heading + rates.turn_heading * np.abs(curvature)
-    q_p = rates.position + rates.turn_position * np.abs(curvature)
-    return np.asarray(q_h * squares + q_p * length)
-
-
 def geodesic_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNoise | CostRates) -> Floats:
     """Lower bound in m² of the cost of any path from ``a`` to ``b``: no obstacles, no turn costs.
 
-    ``|w|²|dw| = |d(w³/3)|``: w -> w³/3 makes the heading metric flat (a cone of angle 6π). With φ the angle between
-    the two levers its geodesics have length ``|w0³ - w1³|/3`` for φ < π/3 and run through the goal beyond. Adding
-    ``q_p`` times the straight distance gives a sum of two metrics, each at most its part of the true cost: admissible
-    and consistent, symmetric, zero only for a = b. To the goal itself it is ``q_h r³/3 + q_p r``, which the straight
-    run attains. Geodesics in space stay in the plane of the goal and the two points, so the formula is the same.
+    ``|w|²|dw| = |d(w³/3)|``: w -> w³/3 makes the heading metric flat (a cone of angle 6π). With φ the angle between the
+    two levers its geodesics have length ``|w0³ - w1³|/3`` for φ < π/3 and run through the goal beyond. Adding ``q_p``
+    times the straight distance gives a sum of two metrics, each at most its part of the true cost: admissible and
+    consistent, symmetric, zero only for a = b. To the goal itself it is ``q_h r³/3 + q_p r``, which the straight run
+    attains. Geodesics in space stay in the plane of the goal and the two points, so the formula is the same.
 
-    Parameters and errors as in `edge_cost`.
-
-    Examples
-    --------
     >>> noise = OdometryNoise(heading_var_per_m=1.0)
     >>> round(float(geodesic_cost([1, 0], [0, 1], [0, 0], noise)), 9)      # shorter through the goal
     0.666666667
@@ -207,61 +136,14 @@ def geodesic_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNo
     return np.asarray(rates.heading * metric + rates.position * length)
 
 
-def path_cost(
-    path: ArrayLike, goal: ArrayLike | None, noise: OdometryNoise | CostRates, *, start_heading: float | None = None
-) -> Floats:
-    """Cost in m² of polylines (..., n, 2|3), turns on the spot between their runs included.
-
-    Parameters
-    ----------
-    path : array_like (..., n, 2) or (..., n, 3), n >= 2
-        Waypoints, metres. Repeated waypoints cost nothing and do not hide the turn between their neighbours.
-    goal : array_like (2,) or (3,), or None
-        Where accuracy is wanted; None for each path's own end.
-    noise : OdometryNoise or CostRates
-        See the module's account of what is priced.
-    start_heading : heading in radians before the first run (plane only). Without it the robot already faces along the
-        first run.
-
-    Examples
-    --------
-    >>> noise = OdometryNoise(heading_var_per_m=1e-4)
-    >>> long_leg_first, short_leg_first = [[0, 0], [30, 0], [30, 10]], [[0, 0], [0, 10], [30, 10]]
-    >>> bool(path_cost(long_leg_first, None, noise) < path_cost(short_leg_first, None, noise))
-    True
-    """
-    points = np.asarray(path, dtype=float)
-    if points.ndim < 2 or points.shape[-2] < 2:
-        raise ValueError(f"expected a path (..., n, 2) or (..., n, 3) with n >= 2, got shape {points.shape}")
-    end = points[..., -1:, :] if goal is None else np.asarray(goal, dtype=float)
-    rates = CostRates.of(noise, points.shape[-1])
-    total = edge_cost(points[..., :-1, :], points[..., 1:, :], end, rates).sum(axis=-1)
-    if rates.turn_heading > 0 or rates.turn_position > 0:
-        total = total + turn_cost(points[..., :-1, :], _turns(points, start_heading), end, rates).sum(axis=-1)
-    return np.asarray(total)
-
-
 def bracket(heading_std_end: ArrayLike) -> Floats:
     r"""The factor :math:`\Lambda` with ``Λ J <= E|e|² <= J`` for the heading part of the cost.
 
-    Parameters
-    ----------
-    heading_std_end : (...), standard deviation in rad of the heading error at the path's end. In space, the root of
-        twice the variance per axis.
+    ``cos² x`` where ``x tan x = heading_std_end²/4`` and ``0 <= x < π/2``, between ``exp(-std²/4)`` and 1;
+    ``heading_std_end`` (...) is the standard deviation in rad of the heading error at the path's end (in space, the
+    root of twice the variance per axis). The path of least J has at most 1/Λ times the least possible expected squared
+    error, Λ taken at the heading error of the truly best path.
 
-    Returns
-    -------
-    ndarray (...)
-        ``cos² x`` where ``x tan x = heading_std_end²/4`` and ``0 <= x < π/2``. It lies between ``exp(-std²/4)`` and 1.
-        The path of least J has at most 1/Λ times the least possible expected squared error, Λ taken at the heading
-        error of the truly best path.
-
-    Raises
-    ------
-    ValueError : if a standard deviation is negative or not finite
-
-    Examples
-    --------
     >>> bracket([0.0, 0.3, 1.0]).round(5)
     array([1.     , 0.97783, 0.78668])
     """
@@ -291,25 +173,6 @@ def _levers(
     return end - a, end - b, b - a, CostRates.of(noise, a.shape[-1])
 
 
-def _turns(points: Floats, start_heading: float | None) -> Floats:
-    """Angle turned at the start of each run (..., n - 1); runs of no length keep the direction before them."""
-    steps = np.diff(points, axis=-2)
-    runs = np.linalg.norm(steps, axis=-1)
-    # Index of the latest run with a direction, up to and including each run; -1 where there is none yet.
-    index = np.where(runs > 0, np.arange(runs.shape[-1]), -1)
-    latest = np.maximum.accumulate(index, axis=-1)
-    before = np.concatenate([np.full_like(latest[..., :1], -1), latest[..., :-1]], axis=-1)
-    previous = np.take_along_axis(steps, np.maximum(before, 0)[..., None], axis=-2)
-    if start_heading is not None:
-        if points.shape[-1] != 2 or not np.isfinite(start_heading):
-            raise ValueError(f"expected a finite start_heading in the plane, got {start_heading!r}")
-        facing = np.array([np.cos(start_heading), np.sin(start_heading)])
-        previous = np.where((before < 0)[..., None], facing, previous)
-        before = np.maximum(before, 0)
-    angles = np.arctan2(_cross_norm(previous, steps), _dot(previous, steps))
-    return np.where((runs > 0) & (before >= 0), angles, 0.0)
-
-
 def _dot(a: Floats, b: Floats) -> Floats:
     return np.asarray((a * b).sum(axis=-1))
 
@@ -319,15 +182,3 @@ def _cross_norm(a: Floats, b: Floats) -> Floats:
     if a.shape[-1] == 2:
         return np.abs(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
     return np.asarray(np.linalg.norm(np.cross(a, b), axis=-1))
-
-
-def _sine_defect(x: Floats) -> Floats:
-    """(x - sin x)/x³, 1/6 at zero."""
-    small = np.abs(x) < 1.0
-    large = np.where(small, 1.0, x)
-    y = np.where(small, x, 0.0) ** 2
-    # 6 times the Taylor series by Horner; the first term left out is below 1e-18 for |x| < 1.
-    series = np.zeros_like(y)
-    for k in (16, 14, 12, 10, 8, 6, 4):
-        series = -(1.0 + series) * y / (k * (k + 1))
-    return np.where(small, (1.0 + series) / 6, (large - np.sin(large)) / large**3)

@@ -42,22 +42,18 @@ def pareto_routes(
     """Routes of which none is better than another in length, worst drift and end drift at once.
 
     The shortest route, the one with the least worst drift, the one that ends with the least drift, and shortest routes
-    for limits on the drift between (the ε-constraint method), as far as none is beaten by another.
+    for limits on the drift between (the ε-constraint method), as far as none is beaten by another. By length, the
+    shortest first; `knee` says which is the best compromise.
 
     Parameters
     ----------
-    world, start, goal, noise, beacons : as for `driftplan.plan_route`
+    world, start, goal, noise, beacons, redundancy, min_capture, start_fix, start_heading, estimator, max_nodes, seed
+        As for `driftplan.plan_route`.
     max_routes : at most so many routes, >= 3
     max_detour : no route is longer than this multiple of the shortest, >= 1
     difference : routes differ by at least this share in length, worst drift or end drift
     time_limit : seconds for all of them. Unless they run out (the `status` of a route says so) the same seed gives the
         same routes.
-    redundancy, min_capture, start_fix, start_heading, estimator, max_nodes, seed : as for `plan_route`
-
-    Returns
-    -------
-    tuple of Route
-        By length, the shortest first. `knee` says which is the best compromise.
 
     Raises
     ------
@@ -134,13 +130,6 @@ def knee(routes: Sequence[Route]) -> int:
     On logarithmic scales, stretched so that the routes span the unit square: the route that lies farthest below the
     diagonal from least length and greatest drift to greatest length and least drift, and so the one whose two scaled
     scores have the least sum. Where the routes differ in only one of the two there is no compromise: the first.
-
-    Examples
-    --------
-    >>> knee([])
-    Traceback (most recent call last):
-    ...
-    ValueError: expected at least one route, got none
     """
     if not routes:
         raise ValueError("expected at least one route, got none")

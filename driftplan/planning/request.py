@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,28 +27,12 @@ _USUAL_LIMIT_S = 5.0  # unless told otherwise
 _NO_LIMIT_S = 1e8  # three years
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class Reliance:
     """How far a route may count on beacons, and from what it starts.
 
-    Attributes
-    ----------
-    max_drift : float
-        Greatest rms drift anywhere on the way, metres; infinity: no limit.
-    max_detour : float or None
-        Greatest length as a multiple of the shortest route's, >= 1. None: 1.5 with beacons unless length is minimised,
-        since a full fix wipes the past, so that the least drift alone would send the robot to the beacon next to the
-        goal however far that is; else none.
-    redundancy : int
-        2: all of it also holds with any one beacon dead. 1: all are alive.
-    min_capture : float in [0, 1)
-        A beacon that the drifting robot would come within range of less surely than this is not counted on.
-    start_fix : Fix or None
-        Uncertainty at the start.
-    start_heading : float or None
-        Heading at the start, rad: then the first turn counts too.
-    estimator : {"reset", "filter"}
-        What the robot does with a reading. Without beacons nothing is read: the exact moments of ``reset`` are taken.
+    Attributes as the parameters of `driftplan.plan_route`; ``max_drift`` infinite: no limit. Without beacons nothing is
+    read, whatever the estimator: the exact moments of ``reset`` are taken.
     """
 
     beacons: tuple[Beacon, ...] = ()
@@ -98,87 +82,66 @@ class Reliance:
         return DEFAULT_DETOUR if self.beacons and minimise != "length" else math.inf
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class PlanRequest:
-    """What `plan_route` is asked for; `of` checks it."""
+    """What `plan_route` is asked for, after every argument has been looked at."""
 
     world: World
-    ends: Floats  # (2, 2) start and goal, metres
+    ends: Any  # start and goal as given, then (2, 2), metres
     noise: OdometryNoise
-    minimise: Objective
     reliance: Reliance
-    planner: str = ROADMAP
-    initial_paths: tuple[Floats, ...] = ()  # collision-free paths from start to goal
-    max_nodes: int = 1000
-    time_limit: float  # seconds, huge where iterations are counted and no limit is given
-    iterations: int | None = None
-    until_done: bool = False  # end when more time would bring next to nothing: neither limit nor iterations are given
-    seed: int = 0
-    began: float  # when the clock of the call began to run, by `time.monotonic`
+    minimise: Objective
+    planner: str
+    initial_paths: tuple[Any, ...]  # as given, then (n, 2): collision-free paths from start to goal
+    max_nodes: int
+    time_limit: float | None  # seconds
+    iterations: int | None
+    seed: int
+    share: float = 1.0  # of the time limit that may be spent
+    began: float = field(default_factory=time.monotonic)  # when the clock of the call began to run
 
-    @classmethod
-    def of(
-        cls,
-        world: World,
-        start: ArrayLike,
-        goal: ArrayLike,
-        noise: OdometryNoise,
-        reliance: Reliance,
-        *,
-        minimise: Objective,
-        planner: str,
-        initial_paths: Iterable[ArrayLike],
-        max_nodes: int,
-        time_limit: float | None,
-        iterations: int | None,
-        seed: int,
-    ) -> PlanRequest:
-        """The request, after every argument has been looked at."""
-        began = time.monotonic()
-        if not isinstance(noise, OdometryNoise):
-            raise ValueError(f"expected an OdometryNoise, got {noise!r}")
-        check_objective(minimise)
-        whole("max_nodes", max_nodes, least=10)
-        if iterations is not None:
-            whole("iterations", iterations, least=1)
-        if whole("seed", seed, least=0) >= _SEEDS:
-            raise ValueError(f"expected seed a whole number >= 0 and < {_SEEDS}, got {seed!r}")
-        needs_labels = bool(reliance.beacons) or reliance.max_drift < math.inf or minimise == "worst_drift"
-        if minimise == "length" and not needs_labels and reliance.max_detour is not None:
-            raise ValueError(f"expected no max_detour with minimise='length', got {reliance.max_detour!r}")
-        if needs_labels:
-            check_continuous((noise, *(zone.noise for zone in world.zones)))
-        if planner != ROADMAP:
+    def __post_init__(self) -> None:
+        if not isinstance(self.noise, OdometryNoise):
+            raise ValueError(f"expected an OdometryNoise, got {self.noise!r}")
+        check_objective(self.minimise)
+        whole("max_nodes", self.max_nodes, least=10)
+        if self.iterations is not None:
+            whole("iterations", self.iterations, least=1)
+        if whole("seed", self.seed, least=0) >= _SEEDS:
+            raise ValueError(f"expected seed a whole number >= 0 and < {_SEEDS}, got {self.seed!r}")
+        if self.time_limit is not None:
+            positive("time_limit", self.time_limit)
+        if self.minimise == "length" and not self.needs_labels and self.reliance.max_detour is not None:
+            raise ValueError(f"expected no max_detour with minimise='length', got {self.reliance.max_detour!r}")
+        if self.needs_labels:
+            check_continuous((self.noise, *(zone.noise for zone in self.world.zones)))
+        if self.planner != ROADMAP:
             from driftplan.planning.ompl.solve import check_planner
 
-            check_planner(planner, also=(ROADMAP,))
-            if needs_labels:
+            check_planner(self.planner, also=(ROADMAP,))
+            if self.needs_labels:
                 raise PlannerError(
-                    f"expected planner={ROADMAP!r} for routes with beacons or max_drift, got {planner!r}"
+                    f"expected planner={ROADMAP!r} for routes with beacons or max_drift, got {self.planner!r}"
                 )
-        until_done = time_limit is None and iterations is None
-        if time_limit is None:
-            time_limit = _USUAL_LIMIT_S if iterations is None else _NO_LIMIT_S
-        ends = checked_ends(world, start, goal)
-        return cls(
-            world=world,
-            ends=ends,
-            noise=noise,
-            minimise=minimise,
-            reliance=reliance,
-            planner=planner,
-            initial_paths=tuple(_checked_path(world, ends, path) for path in initial_paths),
-            max_nodes=int(max_nodes),
-            time_limit=positive("time_limit", time_limit),
-            iterations=None if iterations is None else int(iterations),
-            until_done=until_done,
-            seed=int(seed),
-            began=began,
-        )
+        ends = checked_ends(self.world, *self.ends)
+        object.__setattr__(self, "ends", ends)
+        paths = tuple(_checked_path(self.world, ends, path) for path in self.initial_paths)
+        object.__setattr__(self, "initial_paths", paths)
+
+    @property
+    def until_done(self) -> bool:
+        """Whether to end when more time would bring next to nothing: neither limit nor iterations are given."""
+        return self.time_limit is None and self.iterations is None
+
+    @property
+    def limit_s(self) -> float:
+        """Seconds that may be spent; huge where iterations are counted and no limit is given."""
+        usual = _USUAL_LIMIT_S if self.iterations is None else _NO_LIMIT_S
+        return self.share * (usual if self.time_limit is None else self.time_limit)
 
     def left_s(self, share: float = 1.0) -> float:
         """Seconds left of a share of the time limit; negative when it is over."""
-        return share * self.time_limit - (time.monotonic() - self.began)
+        return share * self.limit_s - (time.monotonic() - self.began)
 
     @property
     def needs_labels(self) -> bool:

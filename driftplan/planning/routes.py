@@ -28,7 +28,6 @@ from driftplan.world.world import World
 
 _UNAIDED_SHARE = 0.3  # of the time limit, for the route that would be best without a limit
 _SEARCH_SHARE = 0.75  # of it for all searches; the rest is for shortening what was found
-_HEADING_STD_FACTOR = 2.0  # times that of the route found: where a bound must be restricted, it is for up to that
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -239,28 +238,19 @@ def plan_route(
     >>> len(fused.beacons), fused.worst_drift < 1.8, fused.drift.is_fused
     (2, True, True)
     """
-    request = PlanRequest.of(
+    limit = math.inf if max_drift is None else max_drift
+    request = PlanRequest(
         world,
-        start,
-        goal,
+        (start, goal),
         noise,
-        Reliance(
-            beacons=tuple(beacons),
-            max_drift=math.inf if max_drift is None else max_drift,
-            max_detour=max_detour,
-            redundancy=redundancy,
-            min_capture=min_capture,
-            start_fix=start_fix,
-            start_heading=start_heading,
-            estimator=estimator,
-        ),
-        minimise=minimise,
-        planner=planner,
-        initial_paths=initial_paths,
-        max_nodes=max_nodes,
-        time_limit=time_limit,
-        iterations=iterations,
-        seed=seed,
+        Reliance(tuple(beacons), limit, max_detour, redundancy, min_capture, start_fix, start_heading, estimator),
+        minimise,
+        planner,
+        tuple(initial_paths),
+        max_nodes,
+        time_limit,
+        iterations,
+        seed,
     )
     check_connected(world, request.ends)
     if not request.needs_labels:
@@ -269,23 +259,11 @@ def plan_route(
         raise ValueError(f"expected start and goal apart, got {request.ends[0].tolist()} for both")
     known = request.initial_paths
     if not request.reliance.beacons and minimise == "drift":  # a limit that does not bind changes nothing
-        free = _unaided_route(replace(request, time_limit=_UNAIDED_SHARE * request.time_limit))
+        free = _unaided_route(replace(request, share=_UNAIDED_SHARE))
         if free.worst_drift <= request.reliance.max_drift:
             return replace(free, max_drift=max_drift)
         known = (*known, free.path)
     return _route_among_beacons(request, known)
-
-
-def search_for(search: BeaconSearch, minimise: Objective) -> Floats | None:
-    """The best path that keeps the limit of the search's `Reliance`, or None."""
-    limit, longest = search.reliance.max_drift, search.max_length(minimise)
-    if math.isfinite(limit) and least_length(search.ends, search.noises, search.reliance.bounding, limit) > longest:
-        return None  # whatever the roadmap
-    if minimise == "length":
-        return search.shortest_within(limit, longest)
-    if minimise == "drift":
-        return search.least_end_drift(limit, longest)
-    return search.least_worst_drift(limit, longest)
 
 
 def route_along(search: BeaconSearch, path: Floats, minimise: Objective) -> Route:
@@ -320,7 +298,7 @@ def route_along(search: BeaconSearch, path: Floats, minimise: Objective) -> Rout
         beacons=tuple(search.beacons[i] for i in check.met(path)),
         captures=tuple(check.captures(path)),
         max_drift=limit if math.isfinite(limit) else None,
-        worst_drift=replace(check, redundancy=1).verdict(path).worst,
+        worst_drift=check.relying(redundancy=1).verdict(path).worst,
         worst_guaranteed=verdict.worst,
         labels=search.labels,
     )
@@ -342,7 +320,7 @@ def _route_among_beacons(request: PlanRequest, known: Sequence[Floats]) -> Route
         stop_shortening=lambda: late(1.0),
         known=known,
     )
-    path = search_for(search, request.minimise)
+    path = search.best(request.minimise)
     if path is None:
         search.stop = lambda: late(2.0)
         raise InfeasibleError(why_infeasible(search, request.reliance.max_drift, search.max_length(request.minimise)))
@@ -364,8 +342,9 @@ def _dead_reckoned(request: PlanRequest, path: Floats, found: Unaided) -> Route:
     by_length = request.minimise == "length"
     score, bound, heading_std = float(drift.length), found.least.length, math.inf
     if not by_length:
-        most = _HEADING_STD_FACTOR * float(drift.end.heading_std)
-        mean_square, heading_std = found.least.bound(noises_of(request.world, request.noise), most)
+        mean_square, heading_std = found.least.bound(
+            noises_of(request.world, request.noise), float(drift.end.heading_std)
+        )
         score, bound = float(drift.end.rms), math.sqrt(mean_square)
     worst = worst_rms(drift)
     return Route(

@@ -42,6 +42,7 @@ _FIRST_MARGIN_RADII, _FIRST_MARGIN_SIZES = 1 / 6, 1e-4  # of the robot, and of t
 _MARGINS, _FINER = 4, 2.5  # margins tried at most, each so much finer than the one before
 _WORTH = 0.8  # of the gap left by a margin: then the next one does not pay
 _LENGTHS = 2000  # of routes, at which the bound of the mean square is evaluated
+_HEADING_STD_FACTOR = 2.0  # times that of the route found: where a bound must be restricted, it is for up to that
 
 Stop = Callable[[], bool]
 
@@ -67,8 +68,9 @@ class LeastRoute(NamedTuple):
         return min(r.heading for r in rates) * self.squared_levers + min(r.position for r in rates) * self.length
 
     def bound(self, noises: Sequence[OdometryNoise], heading_std: float) -> tuple[float, float]:
-        """`mean_square` of all routes (m², infinity), or, where that is less by 1 %, of those that gain a heading error
-        of at most ``heading_std`` (m², rad)."""
+        """`mean_square` of all routes (m², infinity), or, where that is less by 1 %, of those that gain up to twice the
+        heading error of the route found, ``heading_std`` (m², rad)."""
+        heading_std *= _HEADING_STD_FACTOR
         everywhere, restricted = self.mean_square(noises), self.mean_square(noises, heading_std)
         return (everywhere, math.inf) if everywhere >= 0.99 * restricted else (restricted, heading_std)
 
@@ -109,22 +111,11 @@ def least_route(
 ) -> LeastRoute:
     """Lower bounds, among the obstacles, of a route's length and of its integral of the squared distance to the goal.
 
-    Parameters
-    ----------
-    world : World
-    start, goal : (2,) array
-        Free, in one part of free space; metres.
-    margin_m : how much obstacles are made smaller, metres: the smaller, the closer the bound and the longer it takes.
-        Obstacles that are thinner than two margins vanish.
-    known : (n, 2) array, optional
-        A route: ways that are longer are not looked at.
-    only_length : bool
-        Leave the other at zero.
-    stop : callable
-        Asked again and again: once it answers True, what is proven by then is returned.
+    Obstacles are made smaller by ``margin_m``: the smaller, the closer the bound and the longer it takes; what is
+    thinner than two margins vanishes. Start and goal (2,), metres, are free and in one part of free space. Ways that
+    are longer than a ``known`` route (n, 2) are not looked at. ``only_length`` leaves the other at zero. ``stop`` is
+    asked again and again: once it answers True, what is proven by then is returned.
 
-    Examples
-    --------
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
     >>> least = least_route(world, np.array([2.0, 2.0]), np.array([8.0, 2.0]), 0.01)
     >>> round(least.length, 1)
@@ -149,20 +140,9 @@ def tight_least_route(
 ) -> LeastRoute:
     """`least_route` with a margin made smaller until the path costs at most a share ``gap`` more, or while that pays.
 
-    With zones the bound's cost is that of the best of them everywhere, which may leave a gap that no margin closes.
+    With zones, ``noise`` being outside of them, the bound's cost is that of the best of them everywhere, which may
+    leave a gap that no margin closes.
 
-    Parameters
-    ----------
-    world : World
-    path : (n, 2) array
-        A route, metres.
-    noise : outside the world's zones
-    gap : float
-    stop : callable
-        As in `least_route`.
-
-    Examples
-    --------
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
     >>> noise = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3)
     >>> path = taut_route(world, np.array([2.0, 2.0]), np.array([8.0, 2.0]), 0.01)

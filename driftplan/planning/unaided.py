@@ -60,7 +60,7 @@ def best_unaided(request: PlanRequest) -> Unaided:
     pool = [*request.initial_paths, *search.paths, *fitting]
     if not pool:
         counted = request.iterations
-        within = f"{request.time_limit:g} s" if counted is None else f"{counted} iterations"
+        within = f"{request.limit_s:g} s" if counted is None else f"{counted} iterations"
         start, goal = (format_point(end) for end in request.ends)
         raise NoPathError(
             f"{request.planner} found no path from {start} to {goal} within {within}, though free space connects "
@@ -119,20 +119,23 @@ class _RoadmapPaths:
         return [search.path for search in self._searches if search.path is not None]
 
     def begin(self) -> None:
-        """First routes: the caller's, one along the triangles of free space, and taut strings that keep a margin."""
+        """First routes: the caller's, and a taut string that keeps a margin, or else one along the triangles of free
+        space."""
         world, ends = self.request.world, self.request.ends
         channel = channel_route(world, ends)
         for search in self._searches:
             stop = self._stop(search)
-            for path in (*self.request.initial_paths, *(() if channel is None else (channel,))):
+            for path in self.request.initial_paths:
                 search.consider(path, stop)
-            by_length = search.pricing.minimise == "length"
-            if stop() or (world.zones and not by_length):  # the string does not know of zones
-                continue
-            margin, known = first_margin_m(world), search.path
-            string = taut_route(world, ends[0], ends[1], margin, known, by_length=by_length, stop=stop)
-            if string is not None:
-                search.consider(string, stop)
+            string, by_length = None, search.pricing.minimise == "length"
+            if by_length or not world.zones:  # a string does not know of zones
+                known = channel if search.path is None else search.path
+                string = taut_route(
+                    world, ends[0], ends[1], first_margin_m(world), known, by_length=by_length, stop=stop
+                )
+            for path in (channel if string is None else string,):
+                if path is not None:
+                    search.consider(path, stop)
         self._share()
 
     def grow(self, batches: int | None = None) -> Status:

@@ -14,6 +14,7 @@ from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
+from driftplan.planning.request import Reliance
 from driftplan.planning.roadmap.itinerary_check import ItineraryCheck
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -250,7 +251,9 @@ def test_a_later_pass_does_not_stand_in_for_the_one_asked_for():
         met |= np.abs(place - (20 - 2.9j)) <= 3.0
     assert first.probability == pytest.approx(met.mean(), abs=0.015)
     assert second.probability > 0.99
-    surely, likely = (ItineraryCheck(None, noise, (tag,), min_capture=p).captures(PAST_AND_BACK) for p in (0.9, 0.0))
+    surely, likely = (
+        ItineraryCheck(None, noise, Reliance(beacons=(tag,), min_capture=p)).captures(PAST_AND_BACK) for p in (0.9, 0.0)
+    )
     assert [c.probability for c in surely] == pytest.approx([first.probability, 1.0], abs=0.01)
     assert likely == [first, second]
 

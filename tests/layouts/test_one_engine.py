@@ -18,6 +18,7 @@ from driftplan.model.drift import predict_drift
 from driftplan.model.filter_state import Row
 from driftplan.model.readings import Readings, Resets
 from driftplan.model.worst import worst_rms
+from driftplan.planning.request import Reliance
 from driftplan.planning.roadmap.beacon_graph import BeaconGraph
 from driftplan.planning.roadmap.itinerary_check import ItineraryCheck
 from driftplan.world.world import World
@@ -37,11 +38,13 @@ KINDS = [
 def worst_of_each_engine(path, noise, beacons, start_fix=None):
     """The greatest rms by prediction, itinerary and placement, metres."""
     path, fixes = np.asarray(path, dtype=float), [] if start_fix is None else [start_fix]
-    table = route_table([path], noise, beacons, None, start_fix=start_fix, least_limit_m=0.1)
+    table = route_table(Scenario.of(None, path, noise, DriftLimit(), start_fix), beacons, 0.1)
     everyone = drives_of(table, np.ones(len(beacons), dtype=bool), np.array([0]))
     return (
         worst_rms(drift_with_beacons(path, noise, beacons, fixes=fixes)),
-        ItineraryCheck(None, noise, tuple(beacons), start_fix).verdict(path).worst,
+        ItineraryCheck(None, noise, Reliance(beacons=tuple(beacons), start_fix=start_fix, min_capture=0.0))
+        .verdict(path)
+        .worst,
         float(np.sqrt(worst_squares(IntervalMoments(table), everyone)[0])),
     )
 
@@ -93,7 +96,9 @@ def test_one_change_of_what_a_filter_makes_of_a_reading_changes_every_engine(mon
         worst = graph.effects.driven(slice(0, 1), graph.at_start(0, None)[:, None])[1]
         return (
             worst_rms(drift_with_beacons(path, PLAIN, tags, estimator="filter")),
-            ItineraryCheck(None, PLAIN, tuple(tags), estimator="filter").verdict(path).worst,
+            ItineraryCheck(None, PLAIN, Reliance(beacons=tuple(tags), min_capture=0.0, estimator="filter"))
+            .verdict(path)
+            .worst,
             fused_routes(scenario, tags)[0].worst(frozenset({0, 1})),
             float(worst[0, 0] ** 0.5),
         )

@@ -8,15 +8,10 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad
 
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.cost import (
-    CostRates,
-    arc_cost,
-    bracket,
-    edge_cost,
-    geodesic_cost,
-    path_cost,
-    turn_cost,
-)
+from driftplan.planning.cost import CostRates, bracket, edge_cost, geodesic_cost, turn_cost
+from driftplan.planning.ompl.motion_prices import _arc
+from driftplan.planning.roadmap.prices import AdditiveCost
+from driftplan.world.world import World
 
 HEADING_ONLY = OdometryNoise(heading_var_per_m=1.0)
 NOISE = OdometryNoise(
@@ -38,6 +33,17 @@ def points(dimensions):
 def three_points(draw):
     dimensions = draw(st.sampled_from([2, 3]))
     return tuple(draw(points(dimensions)) for _ in range(3))
+
+
+def runs_cost(path, goal, noise):
+    """Of a polyline, turns left out."""
+    path = np.asarray(path, dtype=float)
+    return edge_cost(path[:-1], path[1:], goal, noise).sum()
+
+
+def arc_cost(start, heading, length, curvature, goal, noise):
+    wx, wy = np.subtract(goal, start).tolist()
+    return _arc(CostRates.of(noise), wx, wy, np.cos(heading), np.sin(heading), length, curvature)
 
 
 # Laws
@@ -81,7 +87,7 @@ def test_the_geodesic_bound_is_never_above_a_detour(case, seed):
     a, b, goal = case
     way = np.random.default_rng(seed).normal(size=(4, len(a))) * 20 + (a + b) / 2
     path = np.vstack([a, way, b])
-    assert geodesic_cost(a, b, goal, NOISE) <= path_cost(path, goal, NOISE) * (1 + 1e-12)
+    assert geodesic_cost(a, b, goal, NOISE) <= runs_cost(path, goal, NOISE) * (1 + 1e-12)
 
 
 @given(three_points(), st.integers(0, 2**32 - 1))
@@ -127,22 +133,10 @@ def test_batches_agree_with_single_calls():
         np.testing.assert_allclose(table[3, 4], price(a[3, 0], b[4], goal, NOISE), rtol=1e-14)
 
 
-def test_repeated_waypoints_neither_cost_nor_hide_a_turn():
-    path = np.array([[0, 0], [4, 0], [4, 3], [9, 3]], dtype=float)
-    repeated = path[[0, 0, 1, 1, 1, 2, 3, 3]]
-    np.testing.assert_allclose(path_cost(repeated, None, NOISE), path_cost(path, None, NOISE), rtol=1e-14)
-
-
 def test_a_turn_costs_more_the_farther_it_is_from_the_goal():
     far, near = turn_cost([[0, 0], [9, 0]], 1.0, [10, 0], NOISE)
     assert far == pytest.approx(2e-3 * 100 + 1e-3)
     assert near == pytest.approx(2e-3 * 1 + 1e-3)
-
-
-def test_facing_away_at_the_start_costs_half_a_turn():
-    path = [[0, 0], [10, 0]]
-    extra = path_cost(path, None, NOISE, start_heading=np.pi) - path_cost(path, None, NOISE)
-    assert extra == pytest.approx(turn_cost([0, 0], np.pi, [10, 0], NOISE))
 
 
 # Oracles
@@ -206,7 +200,7 @@ def test_the_geodesic_bound_is_the_length_of_the_curve_that_is_straight_in_w_cub
     path = np.c_[w.real, w.imag]
     # A polyline through points of the geodesic is longer than it by O(1/n²).
     bound = geodesic_cost(path[0], path[-1], [0, 0], HEADING_ONLY)
-    assert bound == pytest.approx(path_cost(path, [0, 0], HEADING_ONLY), rel=1e-6)
+    assert bound == pytest.approx(runs_cost(path, [0, 0], HEADING_ONLY), rel=1e-6)
     assert bound < edge_cost(path[0], path[-1], [0, 0], HEADING_ONLY) * 0.99
 
 
@@ -254,7 +248,8 @@ def test_the_exact_error_lies_in_the_bracket():
         headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
         variance = noise.heading_var_per_m * length + noise.heading_var_per_rad * np.abs(np.diff(headings)).sum()
         position = CostRates.of(noise).position * length
-        heading_part = path_cost(path, None, noise) - position
+        world = World.from_polygons([], bounds=(-1e3, -1e3, 1e3, 1e3), robot_radius=0.1)
+        heading_part = AdditiveCost(world, path[-1], noise).path(path) - position
         ratios.append((exact - position) / heading_part)
         # 1e-9: the exact value comes from composing elements, the cost from a sum.
         assert bracket(np.sqrt(variance)) - 1e-9 <= ratios[-1] <= 1 + 1e-9
@@ -265,8 +260,8 @@ def test_the_exact_error_lies_in_the_bracket():
 def test_two_routes_of_equal_length_differ_by_the_closed_form():
     # Legs p (long) and q: long first costs ∫₀ᵖ (s² + q²) ds + q³/3 = p³/3 + q²p + q³/3, short first swaps p and q.
     p, q = 30.0, 10.0
-    long_first = path_cost([[0, 0], [p, 0], [p, q]], None, HEADING_ONLY)
-    short_first = path_cost([[0, 0], [0, q], [p, q]], None, HEADING_ONLY)
+    long_first = runs_cost([[0, 0], [p, 0], [p, q]], (p, q), HEADING_ONLY)
+    short_first = runs_cost([[0, 0], [0, q], [p, q]], (p, q), HEADING_ONLY)
     assert long_first == pytest.approx(p**3 / 3 + q**2 * p + q**3 / 3)
     assert short_first == pytest.approx(p**3 / 3 + p**2 * q + q**3 / 3)
     # Over all proportions the gain in rms is greatest at q/p = 0.434..., where it is 18 %.
@@ -301,29 +296,9 @@ def test_points_that_are_not_points_are_refused(bad):
         lambda: geodesic_cost([0, 0], bad, [1, 1], NOISE),
         lambda: edge_cost([0, 0], [1, 0], bad, NOISE),
         lambda: turn_cost([0, 0], 1.0, bad, NOISE),
-        lambda: arc_cost(bad, 0, 1, 0, [1, 1], NOISE),
     ):
         with pytest.raises(ValueError, match="expected"):
             call()
-
-
-def test_arcs_are_planar():
-    with pytest.raises(ValueError, match="planar"):
-        arc_cost([0, 0, 0], 0, 1, 0, [1, 1, 1], NOISE)
-
-
-@pytest.mark.parametrize(
-    ("length", "curvature", "heading"), [(-1, 0, 0), (np.nan, 0, 0), (1, np.inf, 0), (1, 0, np.nan)]
-)
-def test_arcs_that_are_not_arcs_are_refused(length, curvature, heading):
-    with pytest.raises(ValueError, match="length_m >= 0"):
-        arc_cost([0, 0], heading, length, curvature, [1, 1], NOISE)
-
-
-@pytest.mark.parametrize("path", [[[0, 0]], [0, 0], [[0, np.nan], [1, 1]]])
-def test_paths_that_are_not_paths_are_refused(path):
-    with pytest.raises(ValueError, match="expected"):
-        path_cost(path, None, NOISE)
 
 
 @pytest.mark.parametrize("std", [-0.1, np.nan, np.inf])
@@ -335,11 +310,6 @@ def test_deviations_that_are_not_deviations_are_refused(std):
 def test_a_turn_that_is_not_a_number_is_refused():
     with pytest.raises(ValueError, match="turn_rad"):
         turn_cost([0, 0], np.nan, [1, 1], NOISE)
-
-
-def test_a_start_heading_that_is_not_a_number_is_refused():
-    with pytest.raises(ValueError, match="start_heading"):
-        path_cost([[0, 0], [1, 1]], None, NOISE, start_heading=np.nan)
 
 
 def test_noise_that_is_not_noise_is_refused():

@@ -15,6 +15,7 @@ from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
 from driftplan.planning.bounds import least_length
 from driftplan.planning.comparison import compare_routes
+from driftplan.planning.request import Reliance
 from driftplan.planning.roadmap.itinerary_check import ItineraryCheck
 from driftplan.planning.routes import Route, plan_route
 from driftplan.world.mapfiles import bundled_map, load_world
@@ -79,7 +80,7 @@ def test_the_check_finds_what_the_exact_model_finds(path, placed, noise, zoned, 
     zones = [Zone([(5, 5), (20, 5), (20, 20), (5, 20)], NOISE.scaled(2.0))] if zoned else []
     world = World.from_polygons([], bounds=(0, 0, 31, 31), robot_radius=0.1, zones=zones)
     beacons = tuple(Beacon(kind, *xy) for kind, xy in placed)
-    check = ItineraryCheck(world, noise, beacons, initial)
+    check = ItineraryCheck(world, noise, Reliance(beacons=beacons, start_fix=initial, min_capture=0.0))
     verdict = check.verdict(path)
     fixes = () if initial is None else (initial,)
     exact = drift_with_beacons(path, noise, beacons, world, fixes=fixes)
@@ -92,14 +93,16 @@ def test_the_check_finds_what_the_exact_model_finds(path, placed, noise, zoned, 
 def test_a_start_heading_makes_the_first_turn_count():
     noise = OdometryNoise(heading_var_per_m=1e-4, heading_var_per_rad=1e-2)
     path = np.array([(1.0, 1.0), (20.0, 1.0)])
-    ahead, back = (ItineraryCheck(HALL, noise, (), None, heading).verdict(path).end for heading in (0.0, np.pi))
+    ahead, back = (
+        ItineraryCheck(HALL, noise, Reliance(start_heading=heading)).verdict(path).end for heading in (0.0, np.pi)
+    )
     assert back > 2 * ahead
 
 
 def test_captures_are_those_of_the_reference():
     beacons = (Beacon(TAG, 10, 11), Beacon(SIGN, 30, 12.5), Beacon(TAG, 60, 8.2))
     path = np.array([(3.0, 10.0), (40.0, 10.5), (77.0, 10.0)])
-    ours = ItineraryCheck(HALL, NOISE, beacons).captures(path)
+    ours = ItineraryCheck(HALL, NOISE, Reliance(beacons=beacons, min_capture=0.0)).captures(path)
     theirs = detection_chances(path, NOISE, beacons, HALL)
     assert [c.beacon for c in ours] == [c.beacon for c in theirs]
     # a grid of 24 quantiles per axis against one of 128
@@ -109,7 +112,7 @@ def test_captures_are_those_of_the_reference():
 def test_what_is_probably_missed_does_not_count():
     beacons = (Beacon(TAG, 40.0, 11.9),)  # the path grazes the range, after 37 m of drift
     path = np.array([START, GOAL])
-    counted, not_counted = (ItineraryCheck(HALL, NOISE, beacons, min_capture=p) for p in (0.0, 0.9))
+    counted, not_counted = (ItineraryCheck(HALL, NOISE, Reliance(beacons=beacons, min_capture=p)) for p in (0.0, 0.9))
     assert len(readings_on(path, counted._columns, HALL))
     assert counted.met(path) == [0]
     assert not_counted.met(path) == []

@@ -54,8 +54,8 @@ def test_no_path_is_better_than_the_bounds(path, placed, noise, zoned, fuses):
     zones = [Zone([(5, 5), (20, 5), (20, 20), (5, 20)], noise.scaled(0.5))] if zoned else []
     world = World.from_polygons([], bounds=(0, 0, 40, 40), robot_radius=0.1, zones=zones)
     beacons = tuple(Beacon(RADIO if fuses and kind is SIGN else kind, *xy) for kind, xy in placed)
-    reliance = Reliance(beacons=beacons, estimator="filter" if fuses else "reset")
-    verdict = ItineraryCheck(world, noise, beacons, estimator=reliance.estimator).verdict(path)
+    reliance = Reliance(beacons=beacons, min_capture=0.0, estimator="filter" if fuses else "reset")
+    verdict = ItineraryCheck(world, noise, reliance).verdict(path)
     given_ = path[[0, -1]], (noise, *(zone.noise for zone in zones)), reliance.bounding
     assert least_length(*given_, verdict.worst * (1 + 1e-9)) <= length_of(path) * (1 + 1e-9)
     # told of a worse one, so that this path and not the one found is what bounds it
@@ -78,7 +78,7 @@ def test_chains_of_ranges_are_refuelling_stations():
 def test_a_bound_is_attained_where_the_last_reading_is_not_perfect():
     path, noise = np.array([(0.0, 0.0), (30.0, 0.0)]), OdometryNoise(distance_var_per_m=0.01)
     beacons = (Beacon(BeaconKind.rfid(range_m=1.0, position_std_m=0.2), 20.0, 0.0),)
-    arrives = ItineraryCheck(HALL, noise, beacons).verdict(path).end
+    arrives = ItineraryCheck(HALL, noise, Reliance(beacons=beacons, min_capture=0.0)).verdict(path).end
     assert arrives == pytest.approx(math.sqrt(2 * 0.2**2 + 0.01 * 9.0))
     assert least_end_drift(path, [noise], beacons, 1.0) == pytest.approx(arrives)
 

@@ -13,7 +13,7 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.planning.roadmap.beacon_graph import BeaconGraph
 from driftplan.planning.roadmap.fused_edges import LoewnerDominance
-from driftplan.planning.roadmap.label_search import LabelProblem, least_drift_walk, shortest_walk
+from driftplan.planning.roadmap.label_search import LabelProblem, best_walk
 from driftplan.planning.roadmap.reset_edges import N, ResetDominance
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -174,7 +174,7 @@ def test_the_shortest_walk_within_a_limit_is_that_of_enumeration(seed, noise, ki
     worst = sorted({round(w**0.5, 9) for _, w, _, _ in walks})
     for limit in (worst[0] * 0.999, *(w * 1.000001 for w in worst[:: max(1, len(worst) // 6)])):
         fitting = [(length, nodes) for length, w, _, nodes in walks if w <= limit**2]
-        found = shortest_walk(task_of(graph, limit, longest=60.0))
+        found = best_walk(task_of(graph, limit, longest=60.0))
         if not fitting:
             assert found.nodes is None or len(found.nodes) > 8
             continue
@@ -195,7 +195,7 @@ def test_the_walk_of_least_end_drift_is_that_of_enumeration(seed, kinds, estimat
     walks = [(*walk_states(graph, nodes), nodes) for nodes, _ in all_walks(graph, longest, through_goal=True)]
     for limit in (math.inf, sorted(w for w, _, _ in walks)[len(walks) // 2] ** 0.5 * 1.000001):
         best = min(graph.errors.square(x[:, None])[0] for w, x, _ in walks if w <= limit**2) ** 0.5
-        found = least_drift_walk(task_of(graph, limit, longest))
+        found = best_walk(task_of(graph, limit, longest), by_end=True)
         assert found.end_drift <= best * (1 + 1e-9)
         if len(found.nodes) <= WALK_EDGES + 1:
             assert found.end_drift == pytest.approx(best, rel=1e-9)
@@ -212,7 +212,7 @@ def test_with_beacons_that_may_be_dead_the_walk_is_that_of_enumeration(seed, est
         for nodes, length in all_walks(graph, 50.0, 5)
     ]
     limit = sorted(w for _, w in walks)[len(walks) // 5] ** 0.5 * 1.000001
-    found = shortest_walk(task_of(graph, limit, 50.0, dead))
+    found = best_walk(task_of(graph, limit, 50.0, dead))
     assert len(found.nodes) > 6 or found.length == pytest.approx(min(length for length, w in walks if w <= limit**2))
 
 
@@ -220,15 +220,15 @@ def test_a_walk_comes_back_from_a_beacon_in_a_side_aisle():
     xy = np.array([(0, 0), (40, 0), (20, 0), (20, 9)], dtype=float)
     graph = BeaconGraph.of(xy, np.array([(0, 2), (2, 1), (2, 3)]), NOISE, [Beacon(SIGN, 20, 9)], None)
     alone = walk_states(graph, (0, 2, 1))[0] ** 0.5
-    assert shortest_walk(task_of(graph, alone * 1.001)).nodes == (0, 2, 1)
-    assert shortest_walk(task_of(graph, alone * 0.9)).nodes == (0, 2, 3, 2, 1)
+    assert best_walk(task_of(graph, alone * 1.001)).nodes == (0, 2, 1)
+    assert best_walk(task_of(graph, alone * 0.9)).nodes == (0, 2, 3, 2, 1)
 
 
 def test_slack_never_returns_a_walk_that_breaks_the_limit():
     for seed in range(5):
         graph = small_graph(seed, NOISE, KINDS["mixed"], nodes=9)
-        exact = shortest_walk(task_of(graph, 0.6, 80.0))
-        rough = shortest_walk(task_of(graph, 0.6, 80.0), slack_sq=0.02 * 0.6**2)
+        exact = best_walk(task_of(graph, 0.6, 80.0))
+        rough = best_walk(task_of(graph, 0.6, 80.0), slack_sq=0.02 * 0.6**2)
         if rough.nodes is not None:
             assert walk_states(graph, rough.nodes)[0] <= 0.6**2 * (1 + 1e-9)
             assert rough.length >= exact.length - 1e-9
@@ -237,7 +237,7 @@ def test_slack_never_returns_a_walk_that_breaks_the_limit():
 
 def test_a_search_that_is_stopped_says_so():
     graph = small_graph(0, NOISE, KINDS["mixed"], nodes=30)
-    found = shortest_walk(task_of(graph, 0.4, 200.0), stop=lambda: True)
+    found = best_walk(task_of(graph, 0.4, 200.0), stop=lambda: True)
     assert not found.finished
     assert found.nodes is None
 
@@ -307,8 +307,8 @@ def test_a_robot_with_a_filter_is_never_worse_off_for_a_further_beacon(seed):
     ends, lengths = [], []
     for count in range(len(beacons) + 1):
         graph = BeaconGraph.of(xy, edges_between(xy, 15.0), NOISE, beacons[:count], None, "filter")
-        ends.append(least_drift_walk(task_of(graph, math.inf, 45.0)).end_drift)
-        lengths.append(shortest_walk(task_of(graph, 0.25, 60.0)).length)
+        ends.append(best_walk(task_of(graph, math.inf, 45.0), by_end=True).end_drift)
+        lengths.append(best_walk(task_of(graph, 0.25, 60.0)).length)
     assert (np.diff(ends) <= 1e-9).all()
     assert ends[-1] < 0.9 * ends[0]
     assert all(later <= sooner + 1e-9 for sooner, later in itertools.pairwise(lengths))

@@ -15,7 +15,7 @@ from scipy.sparse import csgraph, csr_matrix
 
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.cost import edge_cost, geodesic_cost, path_cost
+from driftplan.planning.cost import edge_cost, geodesic_cost
 from driftplan.planning.routes import plan_route
 from driftplan.planning.taut_strings import LeastRoute, least_route, taut_route, tight_least_route
 from driftplan.world.mapfiles import bundled_map, load_world
@@ -107,7 +107,9 @@ def test_a_path_has_the_integrals_of_its_runs():
     path = np.array([(2.0, 2.0), (3.0, 8.0), (8.0, 2.0)])
     levers, length = LeastRoute.of_path(path)
     assert levers == pytest.approx(float(edge_cost(path[:-1], path[1:], path[-1], UNIT).sum()))
-    assert LeastRoute(levers, length).cost([NOISE]) == pytest.approx(float(path_cost(path, None, NOISE)))
+    assert LeastRoute(levers, length).cost([NOISE]) == pytest.approx(
+        float(edge_cost(path[:-1], path[1:], path[-1], NOISE).sum())
+    )
 
 
 @pytest.mark.parametrize("noise", [NOISE, OdometryNoise(heading_var_per_m=3e-2, distance_var_per_m=2e-3)])

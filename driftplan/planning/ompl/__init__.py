@@ -5,5 +5,5 @@ spaces, curves, zone_lookup     which spaces can be priced, Dubins and Reeds-She
 collision                       validity of states and motions over a World
 paths, polish                   the exact drift of OMPL's paths; better paths near them
 solve                           one quiet run of an OMPL planner
-roadmap_planner                 RoadmapPlanner, with roadmap_spaces and roadmap_targets: what it plans in and for
+roadmap_planner                 RoadmapPlanner; roadmap_problem: what it plans in and for
 """

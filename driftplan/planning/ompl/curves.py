@@ -35,14 +35,8 @@ def dubins_curves(
 ) -> Iterator[Curve]:
     """The forward curves of at most unit curvature among which the shortest is: at most six.
 
-    Parameters
-    ----------
-    dx, dy : from start to end, in turning radii
-    yaw_start, yaw_end : headings, rad
-    of_length : only the curves of this length, within 1e-7
+    From start to end it is (``dx``, ``dy``), in turning radii; only curves ``of_length`` are given, within 1e-7.
 
-    Examples
-    --------
     >>> min(dubins_curves(5.0, 0.0, 0.0, 0.0), key=curve_length)
     [(0.0, 1), (5.0, 0), (0.0, 1)]
     """
@@ -64,12 +58,8 @@ def dubins_curves(
 def reeds_shepp_curves(
     dx: float, dy: float, yaw_start: float, yaw_end: float, of_length: float | None = None
 ) -> Iterator[Curve]:
-    """The curves of at most unit curvature, driven forwards and backwards, among which the shortest is: at most 48.
+    """The same, driven forwards and backwards: at most 48.
 
-    Parameters as in `dubins_curves`.
-
-    Examples
-    --------
     >>> best = min(reeds_shepp_curves(-3.0, 0.0, 0.0, 0.0), key=curve_length)
     >>> [(round(abs(length), 3), sense) for length, sense in best], round(best[1][0], 3)
     ([(0.0, 1), (3.0, 0), (0.0, 1)], -3.0)
@@ -95,8 +85,6 @@ def curve_length(curve: Curve) -> float:
 def pose_along(curve: Curve, distance: float) -> tuple[float, float, float]:
     """Position and heading after ``distance`` along a curve, seen from its start, in turning radii and rad.
 
-    Examples
-    --------
     >>> [round(v, 3) for v in pose_along([(pi, L), (2.0, S)], pi + 1)]
     [-1.0, 2.0, 3.142]
     """

@@ -33,13 +33,13 @@ def motion_cost_of(
     space: Any, kind: SpaceKind, goal: Point, rates: CostRates, zones: ZoneLookup[CostRates] | None
 ) -> Price:
     """The cost of an OMPL motion between two states of ``space``, m²."""
-    if kind is SpaceKind.PLANE:
-        return _plane(goal, rates) if zones is None else _zoned(kind, goal, zones)
-    if kind is SpaceKind.POSE:
-        return _pose(goal, rates) if zones is None else _zoned(kind, goal, zones)
+    if kind.is_curved:
+        return _curve(CurveFinder(space), goal, rates, zones)
+    if zones is not None:
+        return _zoned(kind, goal, zones)
     if kind.dimensions == 3:
         return _space(kind, goal, rates)
-    return _curve(CurveFinder(space), goal, rates, zones)
+    return (_plane if kind is SpaceKind.PLANE else _pose)(goal, rates)
 
 
 # Straight motions
@@ -67,40 +67,14 @@ def _plane(goal: Point, rates: CostRates) -> Price:
     return motion
 
 
-def _zoned(kind: SpaceKind, goal: Point, zones: ZoneLookup[CostRates]) -> Price:
-    Cost, read, has_yaw = ob.Cost, _READERS[kind], kind is SpaceKind.POSE
-
-    def motion(a: Any, b: Any) -> Any:
-        x0, y0, _ = read(a)
-        x1, y1, _ = read(b)
-        turn = abs(remainder(b.getYaw() - a.getYaw(), tau)) if has_yaw else 0.0
-        return Cost(_over_zones(zones, goal, x0, y0, x1, y1, turn))
-
-    return motion
-
-
 def _pose(goal: Point, rates: CostRates) -> Price:
     Cost, root, full_turn, rest = ob.Cost, sqrt, tau, remainder
     gx, gy = 2 * goal[0], 2 * goal[1]
     by_sum, by_step, q = rates.heading / 4, rates.heading / 12, rates.position
+    turn_by_sum, turn_by_step, turn_q = rates.turn_heading / 4, rates.turn_heading / 12, rates.turn_position
+    turns_cost = not rates.turn_heading == rates.turn_position == 0
 
     def motion(a: Any, b: Any) -> Any:
-        x0 = a.getX()
-        y0 = a.getY()
-        x1 = b.getX()
-        y1 = b.getY()
-        u = gx - x0 - x1
-        v = gy - y0 - y1
-        dx = x0 - x1
-        dy = y0 - y1
-        d = dx * dx + dy * dy
-        return Cost((by_sum * (u * u + v * v) + by_step * d + q) * root(d))
-
-    if rates.turn_heading == rates.turn_position == 0:
-        return motion
-    turn_by_sum, turn_by_step, turn_q = rates.turn_heading / 4, rates.turn_heading / 12, rates.turn_position
-
-    def turning_motion(a: Any, b: Any) -> Any:
         x0 = a.getX()
         y0 = a.getY()
         x1 = b.getX()
@@ -111,10 +85,29 @@ def _pose(goal: Point, rates: CostRates) -> Price:
         dy = y0 - y1
         d = dx * dx + dy * dy
         s = u * u + v * v
-        turn = abs(rest(b.getYaw() - a.getYaw(), full_turn))
-        return Cost((by_sum * s + by_step * d + q) * root(d) + (turn_by_sum * s + turn_by_step * d + turn_q) * turn)
+        cost = (by_sum * s + by_step * d + q) * root(d)
+        if turns_cost:
+            cost += (turn_by_sum * s + turn_by_step * d + turn_q) * abs(rest(b.getYaw() - a.getYaw(), full_turn))
+        return Cost(cost)
 
-    return turning_motion
+    return motion
+
+
+def _zoned(kind: SpaceKind, goal: Point, zones: ZoneLookup[CostRates]) -> Price:
+    Cost, read, has_yaw = ob.Cost, _READERS[kind], kind is SpaceKind.POSE
+
+    def motion(a: Any, b: Any) -> Any:
+        x0, y0, _ = read(a)
+        x1, y1, _ = read(b)
+        turn = abs(remainder(b.getYaw() - a.getYaw(), tau)) if has_yaw else 0.0
+        wx, wy, dx, dy = goal[0] - x0, goal[1] - y0, x0 - x1, y0 - y1
+        total = 0.0
+        for begin, end, rates in zones.pieces(x0, y0, x1, y1):
+            ends = wx + begin * dx, wy + begin * dy, wx + end * dx, wy + end * dy
+            total += _straight(rates, *ends, (end - begin) * turn)
+        return Cost(total)
+
+    return motion
 
 
 def _straight(rates: CostRates, x0: float, y0: float, x1: float, y1: float, turn: float) -> float:
@@ -123,17 +116,6 @@ def _straight(rates: CostRates, x0: float, y0: float, x1: float, y1: float, turn
     mean_square = (x0 * (x0 + x1) + y0 * (y0 + y1) + x1 * x1 + y1 * y1) / 3
     by_heading = rates.heading * length + rates.turn_heading * turn
     return by_heading * mean_square + rates.position * length + rates.turn_position * turn
-
-
-def _over_zones(
-    zones: ZoneLookup[CostRates], goal: Point, x0: float, y0: float, x1: float, y1: float, turn: float
-) -> float:
-    wx, wy = goal[0] - x0, goal[1] - y0
-    dx, dy = x0 - x1, y0 - y1
-    total = 0.0
-    for begin, end, rates in zones.pieces(x0, y0, x1, y1):
-        total += _straight(rates, wx + begin * dx, wy + begin * dy, wx + end * dx, wy + end * dy, (end - begin) * turn)
-    return total
 
 
 def _space(kind: SpaceKind, goal: Point, rates: CostRates) -> Price:
@@ -219,8 +201,10 @@ def _zoned_curve(finder: CurveFinder, goal: Point, zones: ZoneLookup[CostRates])
 
 
 def _arc(rates: CostRates, wx: float, wy: float, c: float, s: float, length: float, curvature: float) -> float:
-    """Cost of an arc of signed length that begins at lever (wx, wy) in direction (c, s); see
-    `driftplan.planning.cost.arc_cost`."""
+    """Cost of an arc of signed length that begins at lever w = (wx, wy) in direction u = (c, s).
+
+    With x = curvature * length, ``∫|w|² = L|w|² - 2L²(A w·u - xB w×u) + 2L³B``, A = (1 - cos x)/x², B = (x - sin x)/x³.
+    """
     t = curvature * length
     if abs(t) < 0.1:
         t2 = t * t

@@ -10,8 +10,7 @@ from ompl import geometric as og
 
 from driftplan.arrays import Floats
 from driftplan.planning.ompl.collision import CurveMotionValidator, StraightMotionValidator
-from driftplan.planning.ompl.roadmap_spaces import ClippedWorld, box_of
-from driftplan.planning.ompl.roadmap_targets import target_of
+from driftplan.planning.ompl.roadmap_problem import ClippedWorld, box_of, target_of
 from driftplan.planning.ompl.spaces import SpaceKind, space_kind
 from driftplan.planning.roadmap.polish import polished
 from driftplan.planning.roadmap.prices import AdditiveCost

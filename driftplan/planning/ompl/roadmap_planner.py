@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import atan2, inf
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from ompl import base as ob
@@ -17,16 +17,14 @@ from driftplan.beacons.beacon import Beacon
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator, Fix
-from driftplan.planning.bounds import Bound
-from driftplan.planning.ompl.roadmap_spaces import ClippedWorld, OmplCheckedSpace, box_of
-from driftplan.planning.ompl.roadmap_targets import Target, target_of
+from driftplan.planning.ompl.roadmap_problem import ClippedWorld, OmplCheckedSpace, Target, box_of, target_of
 from driftplan.planning.ompl.spaces import SpaceKind, space_kind
 from driftplan.planning.request import Objective, Reliance, check_continuous, check_objective
 from driftplan.planning.roadmap.beacon_growth import BeaconRouteGrowth
-from driftplan.planning.roadmap.graph import Roadmap
 from driftplan.planning.roadmap.growth import RoadmapSearch
-from driftplan.planning.roadmap.prices import AdditiveCost, Space
+from driftplan.planning.roadmap.prices import AdditiveCost, Space, exact_drift, noises_of
 from driftplan.planning.routes import Route
+from driftplan.planning.taut_strings import LeastRoute, tight_least_route
 from driftplan.world.world import World
 
 _SAME_PLACE = 1e-9  # m: how far the problem's goal may be from the one that the objective weighs drift by
@@ -145,23 +143,17 @@ class RoadmapPlanner(ob.Planner):
         self._minimise, self._noise = minimise, noise
         self._max_nodes = whole("max_nodes", max_nodes, least=10)
         self._length_weight: float = getattr(objective, "length_weight", 0.0)
+        limit = inf if max_drift is None else max_drift
         self._reliance = Reliance(
-            beacons=tuple(beacons),
-            max_drift=inf if max_drift is None else max_drift,
-            max_detour=max_detour,
-            redundancy=redundancy,
-            min_capture=min_capture,
-            start_fix=start_fix,
-            estimator=estimator,
+            tuple(beacons), limit, max_detour, redundancy, min_capture, start_fix, estimator=estimator
         )
         self._queries: list[_Query] = []
         self._scale = 1.0
-        self._bound: Bound | None = None
 
     def clear(self) -> None:
         """Forget the roadmap; OMPL may call this twice."""
         super().clear()
-        self._queries, self._bound = [], None
+        self._queries = []
 
     def roadmap(self) -> tuple[Floats, Ints]:
         """Nodes (n, 2) in metres and edges (m, 2) of the roadmap so far; node 0 is the start, node 1 the goal.
@@ -175,16 +167,26 @@ class RoadmapPlanner(ob.Planner):
         return roadmap.xy, roadmap.edges
 
     def bound(self) -> tuple[float, float]:
-        """A proven lower bound over the paths of the roadmap, and the heading standard deviation up to which it holds.
+        """A proven lower bound of what is minimised (m², or m), and the heading error up to which it holds (rad).
 
-        It says nothing about paths that leave the roadmap. Zero without a path, and where nothing is known: of noise
-        that the additive cost cannot price.
+        As `Route.bound`: over all paths among the obstacles of the world, without a world in an empty plane. Zero
+        without a path, and where nothing is known: of noise that the additive cost cannot price.
         """
-        if not self._queries or self._best().search.path is None:
+        search = self._best().search if self._queries else None
+        if search is None or search.path is None:
             return 0.0, inf
-        if self._bound is None:
-            self._bound = self._best().search.finish()
-        return self._bound.mean_square, self._bound.heading_std
+        if isinstance(search, BeaconRouteGrowth):
+            return search.bound, inf
+        pricing, path = search.pricing, search.path
+        straight = float(np.linalg.norm(path[-1] - path[0]))
+        least, world = LeastRoute(straight**3 / 3, straight), self._world_as_priced(pricing.space)
+        if world is not None:
+            least = tight_least_route(world, path, pricing.noise)
+        if pricing.minimise == "length":
+            return least.length, inf
+        end = exact_drift(pricing.space, path, pricing.noise, search.start_heading).end
+        mean_square, heading_std = least.bound(noises_of(pricing.space, pricing.noise), float(end.heading_std))
+        return min(mean_square, search.cost), heading_std
 
     def route(self) -> Route | None:
         """The best route so far; None before there is one, and for plans without beacons and limits."""
@@ -211,7 +213,6 @@ class RoadmapPlanner(ob.Planner):
                 return ob.PlannerStatus(wrong)
             self._scale = target.scale
             self._queries = [self._query(target, start, goal) for goal in goals for start in starts]
-        self._bound = None
         while not ptc():
             growing = [query.search for query in self._queries if not query.search.is_optimal]
             if not growing or objective.isSatisfied(ob.Cost(self._scale * self._best().search.additive_cost)):
@@ -286,7 +287,9 @@ class RoadmapPlanner(ob.Planner):
         search = self._search(pricing, np.array(start[:2]), start.yaw)
         return _Query(search, goal.yaw)
 
-    def _search(self, pricing: AdditiveCost, start: Floats, start_heading: float | None) -> AnytimeSearch:
+    def _search(
+        self, pricing: AdditiveCost, start: Floats, start_heading: float | None
+    ) -> RoadmapSearch | BeaconRouteGrowth:
         """What looks for paths from one start to one goal."""
         if not self._counts_on_beacons:
             return RoadmapSearch(pricing, start, seed=self._seed, start_heading=start_heading)
@@ -301,9 +304,7 @@ class RoadmapPlanner(ob.Planner):
                 "expected length_weight=0 with beacons or max_drift: max_detour is what keeps their routes short"
             )
         noise = self._noise if self._noise is not None else pricing.noise
-        world = self._world
-        if world is not None and not by_length and world.zones != pricing.space.zones:
-            world = replace(world, zones=pricing.space.zones)  # as far as the objective prices them
+        world = self._world if by_length else self._world_as_priced(pricing.space)
         check_continuous((noise, *(() if world is None else [zone.noise for zone in world.zones])))
         return BeaconRouteGrowth(
             pricing,
@@ -315,6 +316,12 @@ class RoadmapPlanner(ob.Planner):
             max_nodes=self._max_nodes,
             seed=self._seed,
         )
+
+    def _world_as_priced(self, space: Space) -> World | None:
+        """The world with the zones of a space: as far as the objective prices them."""
+        if self._world is None or self._world.zones == space.zones:
+            return self._world
+        return replace(self._world, zones=space.zones)
 
     def _as_ompl_path(self, query: _Query) -> Any:
         si = self.getSpaceInformation()
@@ -332,29 +339,10 @@ class RoadmapPlanner(ob.Planner):
         return path
 
 
-class AnytimeSearch(Protocol):
-    """An anytime search for a path from one start to one goal: `RoadmapSearch`, or one that knows of more."""
-
-    @property
-    def start_heading(self) -> float | None: ...
-    @property
-    def roadmap(self) -> Roadmap: ...
-    @property
-    def path(self) -> Floats | None: ...
-    @property
-    def cost(self) -> float: ...
-    @property
-    def additive_cost(self) -> float: ...
-    @property
-    def is_optimal(self) -> bool: ...
-    def grow(self, stop: Callable[[], bool], /) -> None: ...
-    def finish(self) -> Bound: ...
-
-
 class _Query(NamedTuple):
     """From one start to one goal."""
 
-    search: AnytimeSearch
+    search: RoadmapSearch | BeaconRouteGrowth
     goal_yaw: float | None  # rad; any where it is None
 
 

@@ -54,14 +54,8 @@ _KINDS: dict[type, SpaceKind] = {
 
 
 def space_kind(space: Any) -> SpaceKind:
-    """How motions run in an OMPL state space.
+    """How motions run in an OMPL state space; a ValueError for one whose motions have no closed-form drift here.
 
-    Raises
-    ------
-    ValueError : for a space whose motions have no closed-form drift here
-
-    Examples
-    --------
     >>> space_kind(ob.RealVectorStateSpace(2))
     <SpaceKind.PLANE: 'R^2: straight'>
     """
@@ -142,18 +136,9 @@ def position_reader(kind: SpaceKind) -> Callable[[Any], tuple[float, ...]]:
 
 
 def goal_position(goal: Any, kind: SpaceKind) -> tuple[float, ...]:
-    """Where accuracy is wanted: one point, metres.
-
-    Parameters
-    ----------
-    goal : sequence of 2 (or 3) numbers, State, GoalState, or GoalStates
-        Several goal states must share one position and differ in heading only.
-
-    Raises
-    ------
-    ValueError : for coordinates that are not finite, several goal positions, and goal regions. Drift is weighed by the
-        distance to the goal, so another goal position is another objective, and no single additive cost fits them all.
-    """
+    """Where accuracy is wanted, one point in metres: of a point, a State, a GoalState, or GoalStates that differ in
+    heading only. Drift is weighed by the distance to the goal, so another goal position is another objective, and no
+    single additive cost fits several, or a region: a ValueError."""
     points = goal_points(goal, kind)
     if not points:
         raise ValueError("expected a goal at one position, got GoalStates without any state")

@@ -5,7 +5,7 @@ channel                         a first route, from triangle to triangle
 graph, prices, sampling         nodes and edges; their prices in bulk; where nodes may lie
 polish                          shortcuts and small moves of waypoints; shortening
 beacon_graph, edge_steps        what driving an edge does to the drift, beacons on the way included
-edge_errors                     what searches ask of an estimator's errors: reset_edges, fused_edges
+reset_edges, fused_edges        the errors on the edges by the estimator, and which labels dominate which
 label_search                    the search for walks whose drift depends on what was read: labels, dominance
 beacon_walks, beacon_search     walks that the exact model agrees with; questions about the best path among beacons
 itinerary_check                 the exact model of drift along a path among beacons

@@ -13,11 +13,12 @@ from driftplan.beacons.readings import BeaconColumns
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import wrap
 from driftplan.model.readings import Estimator, Fix
-from driftplan.planning.roadmap.edge_errors import EdgeErrors, Effects
 from driftplan.planning.roadmap.edge_steps import NO_SITE, Steps, edge_steps
-from driftplan.planning.roadmap.fused_edges import FusedEdges
-from driftplan.planning.roadmap.reset_edges import ResetEdges
+from driftplan.planning.roadmap.fused_edges import FusedEdges, FusedEffects
+from driftplan.planning.roadmap.reset_edges import ResetEdges, ResetEffects
 from driftplan.world.world import World
+
+Effects = ResetEffects | FusedEffects  # what driving edges does to the errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +35,7 @@ class BeaconGraph:
     noise: OdometryNoise
     beacons: tuple[Beacon, ...]
     world: World | None
-    errors: EdgeErrors = field(repr=False)  # what the robot's estimator makes of runs, turns and readings
+    errors: ResetEdges | FusedEdges = field(repr=False)  # what the robot's estimator makes of runs, turns and readings
     _steps: Steps = field(repr=False)
     _turns: dict[complex, dict[int, Floats]] = field(default_factory=dict, repr=False)
 
@@ -57,7 +58,7 @@ class BeaconGraph:
         length = np.abs(vector)
         steps = edge_steps(xy[tail], vector / length, length, BeaconColumns.of(beacons), world)
         kind = FusedEdges if estimator == "filter" else ResetEdges
-        errors: EdgeErrors = kind(steps, _noises(noise, world), beacons)
+        errors = kind(steps, _noises(noise, world), beacons)
         return cls(
             xy=xy,
             first=np.searchsorted(tail, np.arange(len(xy) + 1)),

@@ -10,13 +10,12 @@ import numpy as np
 from driftplan.arrays import Floats
 from driftplan.errors import NoPathError
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.bounds import Bound
 from driftplan.planning.request import Objective, Reliance
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.diagnosis import why_infeasible
 from driftplan.planning.roadmap.graph import Roadmap
-from driftplan.planning.roadmap.prices import AdditiveCost
-from driftplan.planning.routes import Route, route_along, search_for
+from driftplan.planning.roadmap.prices import AdditiveCost, length_of
+from driftplan.planning.routes import Route, route_along
 from driftplan.planning.status import Status
 from driftplan.world.world import World
 
@@ -46,17 +45,13 @@ class BeaconRouteGrowth:
         self.max_nodes, self.seed = max_nodes, seed
         self.batches = 0
         self.route: Route | None = None
+        self.cost = math.inf  # what is minimised: metres, or square metres of drift
         self.search: BeaconSearch | None = None  # the latest
         self._is_largest = False
 
     @property
     def path(self) -> Floats | None:
         return None if self.route is None else self.route.path
-
-    @property
-    def cost(self) -> float:
-        """What is minimised: metres, or square metres of drift."""
-        return math.inf if self.route is None else self._cost_of(self.route)
 
     @property
     def additive_cost(self) -> float:
@@ -91,21 +86,21 @@ class BeaconRouteGrowth:
             self._is_largest = True  # more nodes would help no more than the batches that were tried
             return
         self.search = search
-        path = search_for(search, self.minimise)
+        path = search.best(self.minimise)
         search.stop = search.stop_shortening = lambda: False  # a termination condition ends with its solve
         if path is not None:
-            found = route_along(search, path, self.minimise)
-            if self._cost_of(found) < self.cost:
-                self.route = found
+            cost = self._cost_of(path, search)
+            if cost < self.cost:
+                self.cost, self.route = cost, route_along(search, path, self.minimise)
         if not search.timed_out:
             self.batches += 1
             self._is_largest = nodes == self.max_nodes
 
-    def finish(self) -> Bound:
-        """The bound on what was minimised, over all routes."""
+    @property
+    def bound(self) -> float:
+        """Of what is minimised, over all routes; m² of drift, or m."""
         assert self.route is not None
-        bound = self.route.bound
-        return Bound(bound if self.minimise == "length" else bound**2, math.inf)
+        return self.route.bound if self.minimise == "length" else self.route.bound**2
 
     def why_not(self) -> str | None:
         """What stands in the way of a route."""
@@ -115,10 +110,8 @@ class BeaconRouteGrowth:
             return "no path was found at all: the way may be too narrow for samples"
         return why_infeasible(self.search, self.reliance.max_drift, self.search.max_length(self.minimise))
 
-    def _cost_of(self, found: Route) -> float:
+    def _cost_of(self, path: Floats, search: BeaconSearch) -> float:
         if self.minimise == "length":
-            return found.length
-        assert self.search is not None
-        if self.minimise == "drift":
-            return self.search.check.verdict(found.path).end ** 2
-        return found.worst_guaranteed**2
+            return length_of(path)
+        verdict = search.check.verdict(path)
+        return (verdict.end if self.minimise == "drift" else verdict.worst) ** 2

@@ -3,16 +3,19 @@
 Each question is answered by walks of `driftplan.planning.roadmap.beacon_walks`, under this limit and that, and by
 shortening what they found as long as the exact model agrees. The same seed gives the same path unless `stop`
 interfered.
+
+*The least worst drift decides what can be kept.* A limit that its path keeps is never called out of reach, and the
+shortest path that keeps it is no longer than its path; under a limit that is lower by more than `WORST_TOLERANCE` no
+path is sought for the least drift at the end, and none for the least length is found.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from driftplan.arrays import Floats
-from driftplan.planning.bounds import least_worst_drift
-from driftplan.planning.request import DEFAULT_DETOUR
+from driftplan.planning.bounds import least_length, least_worst_drift
+from driftplan.planning.request import DEFAULT_DETOUR, Objective
 from driftplan.planning.roadmap.beacon_walks import FINE, ROUNDING, WORST_TOLERANCE, BeaconWalks, with_smaller_range
 from driftplan.planning.roadmap.itinerary_check import ItineraryCheck
 from driftplan.planning.roadmap.polish import shortened
@@ -31,37 +34,50 @@ _MAX_SHORTENING_TRIALS = 400  # of shorter paths
 class BeaconSearch(BeaconWalks):
     """Paths from ``ends[0]`` to ``ends[1]`` that count on beacons; parameters and attributes as for `BeaconWalks`."""
 
-    @property
-    def _max_labels_by_end(self) -> int:
-        return min(self.max_labels, _MAX_LABELS_BY_END)
+    def best(self, minimise: Objective) -> Floats | None:
+        """The best path that keeps the limit of the `Reliance`, or None."""
+        limit, longest = self.reliance.max_drift, self.max_length(minimise)
+        if math.isfinite(limit) and least_length(self.ends, self.noises, self.reliance.bounding, limit) > longest:
+            return None  # whatever the roadmap
+        if minimise == "length":
+            return self.shortest_within(limit, longest)
+        return (self.least_end_drift if minimise == "drift" else self.least_worst_drift)(limit, longest)
 
     def shortest_within(self, limit: float, longest: float) -> Floats | None:
         """The shortest path on which the drift never exceeds ``limit``."""
         if self._keeps(self.shortest, limit, longest):
             return self.shortest
-        found = self._short_within(limit, longest)
-        paths = [path for path in self.known if self._keeps(path, limit, longest)]
-        paths += [] if found is None else [found]
-        if not paths:  # a limit that some path was seen to keep is never called out of reach
-            found = self._steady_within(limit, longest)
-            paths += [] if found is None else [found]
-        return self.shorter(min(paths, key=length_of), limit) if paths else None
+        for within in self._spans(longest):  # what is found within a shorter one is shorter
+            found = [path for path in self.known if self._keeps(path, limit, within)]
+            if (path := self._short_within(limit, within)) is not None:
+                found.append(path)
+            if not found or self._is_tight(limit, within, min(map(self.worst, found))):
+                steady = None if self.late() else self.least_worst_drift(limit, within)
+                found += [] if steady is None else [steady]
+            if found:
+                return self.shorter(min(found, key=length_of), limit)
+        return None
 
     def least_end_drift(self, limit: float, longest: float) -> Floats | None:
         """The path with the least rms at its end that keeps the limit on the way.
 
         The best one without a limit is looked for first, so that a limit that does not bind changes nothing.
         """
-        candidates = self._paths_of_low_end_drift(longest)
+        rough = self._roughly_least_worst(longest)
+        share = 1 - WORST_TOLERANCE / 2  # clear of rounding on either side
+        if limit < share * self.worst(rough) and limit < share * self.worst(self._steady(longest)):
+            return None
+        candidates = self._paths_of_low_end_drift(rough, longest)
         best = min(candidates, key=self._end_drift)
         shorter = self.shorter(best, math.inf, self._end_drift(best))
         if self._keeps(shorter, limit, longest):
             return shorter
         candidates = [path for path in candidates if self._keeps(path, limit, longest)]
-        found = self.best_walk(limit, longest, slack=FINE, max_labels=self._max_labels_by_end, by_end=True)
-        if found is None and not candidates:
-            found = self._steady_within(limit, longest)
+        found = self._low_end_within(limit, longest)
         candidates += [] if found is None else [found]
+        for within in () if candidates else self._spans(longest):
+            if not self.late() and not candidates:
+                candidates = [path for path in (self.least_worst_drift(limit, within),) if path is not None]
         if not candidates:
             return None
         best = min(candidates, key=self._end_drift)
@@ -72,20 +88,22 @@ class BeaconSearch(BeaconWalks):
 
         None if it exceeds the limit; otherwise the limit changes nothing.
         """
-        if longest not in self._steadiest:
-            self._steadiest[longest] = self._closely_least_worst(self._roughly_least_worst(longest), longest)
-        path = self._steadiest[longest]
+        path = self._steady(longest)
         return path if self.worst(path) <= limit else None
 
-    def any_within(self, limit: float, longest: float, slack: float) -> Floats | None:
+    def any_within(self, limit: float, longest: float, slack: float, margin: float | None = None) -> Floats | None:
         """A path on which the drift never exceeds ``limit``: the first found."""
-        if self._keeps(self.shortest, limit, longest):
-            return self.shortest
-        return self._any_within(limit, longest, slack, None)
-
-    def _any_within(self, limit: float, longest: float, slack: float, margin: float | None) -> Floats | None:
         max_labels = min(self.max_labels, _MAX_LABELS_OF_BISECTION)
         return self.best_walk(limit, longest, slack=slack, max_labels=max_labels, margin=margin)
+
+    def _spans(self, longest: float) -> list[float]:
+        """Greatest lengths to look within, one after the other: each has a roadmap of its own."""
+        return sorted({min(longest, DEFAULT_DETOUR * length_of(self.shortest) * (1 + ROUNDING)), longest})
+
+    def _is_tight(self, limit: float, longest: float, kept: float) -> bool:
+        """Whether nothing is found that keeps a limit lower by `WORST_TOLERANCE`; something keeps ``kept``."""
+        lower = (1 - WORST_TOLERANCE) * limit
+        return kept > lower and not self.late() and self._short_within(lower, longest) is None
 
     def _short_within(self, limit: float, longest: float) -> Floats | None:
         found = self.best_walk(limit, longest, slack=_COARSE, max_labels=self.max_labels)
@@ -99,39 +117,48 @@ class BeaconSearch(BeaconWalks):
             found = self.best_walk(limit, longest, slack=FINE, max_labels=self.max_labels, margin=0.0, held=held)
         return found
 
-    def _steady_within(self, limit: float, longest: float) -> Floats | None:
-        """A path that keeps the limit because its greatest drift is about the least of all."""
-        for within in sorted({min(longest, DEFAULT_DETOUR * length_of(self.shortest) * (1 + ROUNDING)), longest}):
-            if not self.late() and (path := self.least_worst_drift(limit, within)) is not None:
-                return path
-        return None
+    def _low_end_within(self, limit: float, longest: float) -> Floats | None:
+        max_labels = min(self.max_labels, _MAX_LABELS_BY_END)
+        return self.best_walk(limit, longest, slack=FINE, max_labels=max_labels, by_end=True)
 
-    def _paths_of_low_end_drift(self, longest: float) -> list[Floats]:
+    def _paths_of_low_end_drift(self, rough: Floats, longest: float) -> list[Floats]:
         """Whatever arrives with little drift has mostly had little on the way, and tight limits make searches short: so
         the search is asked with ever looser limits, from the least that can be kept on."""
-        paths = [self._roughly_least_worst(longest), self.shortest]
+        paths = [rough, self.shortest]
         paths += [path for path in (self.unaided, *self.known) if length_of(path) <= longest]
-        least = self.worst(paths[0])
+        least = self.worst(rough)
         for looseness in _LOOSENESS:
             if self.late():
                 break
-            limit = looseness * least
-            found = self.best_walk(limit, longest, slack=FINE, max_labels=self._max_labels_by_end, by_end=True)
+            found = self._low_end_within(looseness * least, longest)
             paths += [] if found is None else [found]
         return paths
 
+    def _steady(self, longest: float) -> Floats:
+        """The shortest path with the least greatest drift: none with `WORST_TOLERANCE` less is found."""
+        if longest not in self._steadiest:
+            best = self._roughly_least_worst(longest)
+            while not self.late():
+                found = self._short_within((1 - WORST_TOLERANCE) * self.worst(best), longest)
+                if found is None:
+                    break
+                best = found
+            kept = self.worst(best) * (1 + ROUNDING)
+            shortest = self._short_within(kept, min(longest, length_of(best)))
+            self._steadiest[longest] = self.shorter(best if shortest is None else shortest, kept)
+        return self._steadiest[longest]
+
     def _roughly_least_worst(self, longest: float) -> Floats:
         """A path with nearly the least greatest drift on the way, by bisection over the limit."""
-        if longest in self._rough:
-            return self._rough[longest]
-        known = [path for path in (self.unaided, *self.known) if length_of(path) <= longest]
-        best = self._bisected(min([self.shortest, *known], key=self.worst), longest, None)
-        if self._margin(self.worst(best)) > 0:  # ranges with a margin overlook readings that do harm
-            limit = (1 - 2 * WORST_TOLERANCE) * self.worst(best)
-            found = self._any_within(limit, longest, _MEDIUM, 0.0)
-            best = best if found is None else self._bisected(found, longest, 0.0)
-        self._rough[longest] = best
-        return best
+        if longest not in self._rough:
+            known = [path for path in (self.unaided, *self.known) if length_of(path) <= longest]
+            best = self._bisected(min([self.shortest, *known], key=self.worst), longest, None)
+            if self._margin(self.worst(best)) > 0:  # ranges with a margin overlook readings that do harm
+                limit = (1 - 2 * WORST_TOLERANCE) * self.worst(best)
+                found = self.any_within(limit, longest, _MEDIUM, 0.0)
+                best = best if found is None else self._bisected(found, longest, 0.0)
+            self._rough[longest] = best
+        return self._rough[longest]
 
     def _bisected(self, best: Floats, longest: float, margin: float | None) -> Floats:
         high = self.worst(best)
@@ -144,30 +171,15 @@ class BeaconSearch(BeaconWalks):
                 middle = max(0.5 * (low + high), step * high) if not missed else 0.5 * (low + high)
                 if low < self._widest < middle:  # who drifts farther than that finds no beacon
                     middle = self._widest
-                found = self._any_within(middle, longest, slack, margin)
+                found = self.any_within(middle, longest, slack, margin)
                 if found is None:
                     low, missed = middle, True
                 else:
                     best, high = found, self.worst(found)
         return best
 
-    def _closely_least_worst(self, best: Floats, longest: float) -> Floats:
-        """The shortest path with the least greatest drift: none with `WORST_TOLERANCE` less is found by any search."""
-        margins = [None, 0.0] if self._margin(self.worst(best)) > 0 else [None]
-        while margins and not self.late():  # the search for the least drift at the end does not stop at the first walk
-            limit = (1 - WORST_TOLERANCE) * self.worst(best)
-            held = _LEEWAY * limit
-            most = self._max_labels_by_end
-            found = self.best_walk(
-                limit, longest, slack=FINE, max_labels=most, by_end=True, margin=margins[0], held=held
-            )
-            if found is None:
-                margins.pop(0)
-            else:
-                best = found
-        kept = self.worst(best) * (1 + ROUNDING)
-        shortest = self._short_within(kept, min(longest, length_of(best)))
-        return self.shorter(best if shortest is None else shortest, kept)
+    def _end_drift(self, path: Floats) -> float:
+        return self.check.verdict(path, by_end=True).end
 
     def _keeps(self, path: Floats, limit: float, longest: float) -> bool:
         return length_of(path) <= longest and self.check.verdict(path, limit).worst <= limit
@@ -176,7 +188,7 @@ class BeaconSearch(BeaconWalks):
         """The path as short as it gets while it keeps the limit and arrives with no more drift."""
         margin = 0.5 * self._margin(limit)
         nearer = tuple(with_smaller_range(beacon, margin) for beacon in self.beacons)
-        cautious = replace(self.check, beacons=nearer, min_capture=0.0)  # passes well within range are captured
+        cautious = self.check.relying(beacons=nearer, min_capture=0.0)  # passes well within range are captured
         for check in (cautious, self.check):
             trial = self._shorter_while(check, path, limit, most_at_end)
             path = trial if trial is path or self.check.verdict(trial, limit).worst <= limit else path

@@ -1,10 +1,9 @@
 """BeaconWalks: one pair of ends, one set of beacons, and walks between them that the exact model agrees with.
 
-The shared roadmap (`driftplan.planning.roadmap.sampling`) is turned into a graph whose edges carry what driving and
-reading do to the drift (`driftplan.planning.roadmap.beacon_graph`); label searches
-(`driftplan.planning.roadmap.label_search`) look for the best walk, whose path is then put to the exact model
-(`driftplan.planning.roadmap.itinerary_check`). Where that disagrees with the graph, the search is asked again, for a
-little more.
+A roadmap (`driftplan.planning.roadmap.growth`) is turned into a graph whose edges carry what driving and reading do to
+the drift (`driftplan.planning.roadmap.beacon_graph`); label searches (`driftplan.planning.roadmap.label_search`) look
+for the best walk, whose path is then put to the exact model (`driftplan.planning.roadmap.itinerary_check`). Where that
+disagrees with the graph, the search is asked again, for a little more.
 
 All work is counted in labels and trials, not in seconds: the same seed gives the same path unless `stop` interfered.
 """
@@ -17,8 +16,9 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import ndtri
 
-from driftplan.arrays import Floats, Ints
+from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import NoPathError
 from driftplan.model.noise import OdometryNoise
@@ -29,8 +29,8 @@ from driftplan.planning.roadmap.beacon_graph import BeaconGraph
 from driftplan.planning.roadmap.graph import GOAL, START, Roadmap
 from driftplan.planning.roadmap.growth import BATCHES_TO_FIND_ONE, RoadmapSearch, roadmap_among_beacons
 from driftplan.planning.roadmap.itinerary_check import ALL_ALIVE, ItineraryCheck
-from driftplan.planning.roadmap.label_search import LabelProblem, Walk, least_drift_walk, shortest_walk
-from driftplan.planning.roadmap.prices import AdditiveCost, Space, length_of
+from driftplan.planning.roadmap.label_search import LabelProblem, Walk, best_walk
+from driftplan.planning.roadmap.prices import AdditiveCost, Score, Space, length_of
 from driftplan.world.world import World
 
 WORST_TOLERANCE = 0.02  # of the least worst drift, and of end drifts that dead beacons change
@@ -50,35 +50,20 @@ class BeaconWalks:
 
     Parameters
     ----------
-    space : Space
-        Where the robot may drive.
-    world : World or None
-        What blocks sight, and zones; None: nothing does and there are none.
-    reliance : Reliance
-        Beacons, limits, and from what the robot starts.
-    max_nodes : int
-        Of the roadmap, about.
-    stop : callable
-        Asked often; once it says True every question ends with the best answer so far and `timed_out` is set.
-    stop_shortening : callable, optional
-        The same for shortening what was found; default: ``stop``.
-    shortest : (n, 2) array, optional
-        The shortest path, where it is known from another search.
-    known : sequence of (n, 2) arrays
-        Other collision-free paths between the ends, to be considered.
+    space : where the robot may drive
+    world : what blocks sight, and zones; None: nothing does and there are none
+    stop : asked often; once it says True every question ends with the best answer so far and `timed_out` is set
+    stop_shortening : the same for shortening what was found; default: ``stop``
+    shortest : the shortest path, where it is known from another search
+    known : other collision-free paths between the ends, to be considered
 
     Attributes
     ----------
-    shortest : (n, 2) array
-        The shortest path found, drift or not.
-    labels, max_labels : int
-        How many have been kept by all searches, and how many one search may keep.
-    timed_out : bool
-        Whether ``stop`` cut anything short.
-    exhausted : bool
-        Whether a search gave up at its greatest number of labels, so that finding nothing proves nothing.
-    nearest : (place, metres)
-        How near to the goal any label came.
+    shortest : the shortest path found, drift or not
+    labels, max_labels : how many have been kept by all searches, and how many one search may keep
+    timed_out : whether ``stop`` cut anything short
+    exhausted : whether a search gave up at its greatest number of labels, so that finding nothing proves nothing
+    nearest : (place, metres), how near to the goal any label came
     """
 
     def __init__(
@@ -96,27 +81,18 @@ class BeaconWalks:
         shortest: Floats | None = None,
         known: Sequence[Floats] = (),
     ) -> None:
-        self.space, self.world, self.ends, self.noise = space, world, ends, noise
-        self.reliance, self.beacons = reliance, reliance.beacons
-        self.max_nodes, self.seed = max_nodes, seed
+        self.space, self.world, self.ends, self.noise, self.reliance = space, world, ends, noise, reliance
+        self.beacons, self.max_nodes, self.seed = reliance.beacons, max_nodes, seed
         self.stop, self.stop_shortening = stop, stop_shortening or stop
-        self.check = ItineraryCheck(
-            world,
-            noise,
-            reliance.beacons,
-            reliance.start_fix,
-            reliance.start_heading,
-            reliance.redundancy,
-            reliance.min_capture,
-            reliance.estimator,
-        )
+        self.check = ItineraryCheck(world, noise, reliance)
         self.labels, self.max_labels = 0, MAX_LABELS
         self.timed_out = self.exhausted = False
         self.known = tuple(known)
-        self.shortest = self._grown(AdditiveCost(space, ends[1], noise, "length")) if shortest is None else shortest
+        self.shortest = self._grown("length") if shortest is None else shortest
         self.nearest: tuple[Floats, float] = (ends[0], length_of(self.shortest))
-        self._roadmap: tuple[float, Roadmap] | None = None
-        self._graphs: dict[float, BeaconGraph] = {}
+        self._roadmaps: dict[float, tuple[Roadmap, Floats]] = {}  # by the greatest length; lengths to the goal
+        self._graphs: dict[tuple[float, float], BeaconGraph] = {}  # by that and the margin
+        self._worst: dict[bytes, float] = {}  # of paths
         self._rough: dict[float, Floats] = {}  # by the greatest length
         self._steadiest: dict[float, Floats] = {}
 
@@ -127,7 +103,7 @@ class BeaconWalks:
     @cached_property
     def unaided(self) -> Floats:
         """A path of low drift at its end for a robot that reads no beacon."""
-        return self._grown(AdditiveCost(self.space, self.ends[1], self.noise, "drift"))
+        return self._grown("drift")
 
     @property
     def noises(self) -> tuple[OdometryNoise, ...]:
@@ -137,7 +113,7 @@ class BeaconWalks:
     @property
     def roadmap(self) -> Roadmap | None:
         """The latest roadmap; None while the shortest path answered everything."""
-        return None if self._roadmap is None else self._roadmap[1]
+        return list(self._roadmaps.values())[-1][0] if self._roadmaps else None
 
     def late(self) -> bool:
         """Whether it is time to stop."""
@@ -145,29 +121,16 @@ class BeaconWalks:
         return self.timed_out
 
     def graph(self, margin: float, longest: float = math.inf) -> BeaconGraph:
-        """The roadmap with the readings of beacons whose ranges are ``margin`` smaller, as far as they have that."""
-        if self._roadmap is None or self._roadmap[0] < longest:
-            roadmap = roadmap_among_beacons(
-                self.space,
-                self.world,
-                self.ends,
-                self.noise,
-                self.beacons,
-                max_nodes=self.max_nodes,
-                known=(self.shortest, *self.known),
-                longest=longest,
-                seed=self.seed,
-            )
-            self._roadmap, self._graphs = (longest, roadmap), {}
-        roadmap = self._roadmap[1]
-        if margin not in self._graphs:
+        """A roadmap with the readings of beacons whose ranges are ``margin`` smaller, as far as they have that."""
+        roadmap, key = self._roadmap_within(longest)[0], (self._span(longest), margin)
+        if key not in self._graphs:
             nearer = [with_smaller_range(beacon, margin) for beacon in self.beacons]
-            self._graphs[margin] = self.graph_of(roadmap.xy, roadmap.edges, nearer)
-        return self._graphs[margin]
+            self._graphs[key] = self.graph_of(roadmap, nearer)
+        return self._graphs[key]
 
-    def graph_of(self, xy: Floats, edges: Ints, beacons: Sequence[Beacon]) -> BeaconGraph:
+    def graph_of(self, roadmap: Roadmap, beacons: Sequence[Beacon]) -> BeaconGraph:
         """A graph of the robot's estimator."""
-        return BeaconGraph.of(xy, edges, self.noise, beacons, self.world, self.reliance.estimator)
+        return BeaconGraph.of(roadmap.xy, roadmap.edges, self.noise, beacons, self.world, self.reliance.estimator)
 
     def walk(
         self,
@@ -181,24 +144,21 @@ class BeaconWalks:
         by_end: bool = False,
     ) -> Walk:
         """The best walk of a graph, with each of the ``dead`` beacons dead as well."""
-        assert self._roadmap is not None
-        initial, heading = self.check.initial, self.check.start_heading
-        to_goal, _ = self._roadmap[1].distances(self._roadmap[1].prices.cost, GOAL)
-        scale = min(limit, self.worst(self.shortest))
-        task = LabelProblem(
+        fix, heading = self.reliance.start_fix, self.reliance.start_heading
+        problem = LabelProblem(
             graph=graph,
             start=START,
             goal=GOAL,
-            states=np.stack([graph.at_start(START, initial, gone) for gone in (ALL_ALIVE, *dead)]),
+            states=np.stack([graph.at_start(START, fix, gone) for gone in (ALL_ALIVE, *dead)]),
             dead=tuple(graph.without(site) for site in dead),
-            to_goal=to_goal,
+            to_goal=self._roadmap_within(longest)[1],
             limit=limit,
             longest=longest,
             max_gap_m=self._max_gap_m(limit),
             arriving=None if heading is None else complex(math.cos(heading), math.sin(heading)),
         )
-        find = least_drift_walk if by_end else shortest_walk
-        found = find(task, slack_sq=slack * scale**2, stop=self.late, max_labels=max_labels)
+        slack_sq = slack * min(limit, self.worst(self.shortest)) ** 2
+        found = best_walk(problem, by_end=by_end, slack_sq=slack_sq, stop=self.late, max_labels=max_labels)
         self.labels += found.labels
         if limit <= _NEARLY * self.reliance.max_drift:  # searches with looser limits say nothing about this one
             self.exhausted |= not found.finished
@@ -207,7 +167,10 @@ class BeaconWalks:
 
     def worst(self, path: Floats) -> float:
         """Greatest rms drift on the way, metres, in the worst case of dead beacons."""
-        return self.check.verdict(path).worst
+        key = path.tobytes()
+        if key not in self._worst:
+            self._worst[key] = self.check.verdict(path).worst
+        return self._worst[key]
 
     def best_walk(
         self,
@@ -254,21 +217,19 @@ class BeaconWalks:
                 break
         return None if best is None else best[1]
 
-    def _end_drift(self, path: Floats) -> float:
-        return self.check.verdict(path, by_end=True).end
-
     def _lost_to_capture(self, path: Floats, limit: float) -> bool:
-        """Whether the limit would hold if no beacon were missed for lack of `min_capture`."""
-        return self.check.min_capture > 0 and replace(self.check, min_capture=0.0).verdict(path, limit).worst <= limit
+        """Whether the limit would hold if no beacon were missed for lack of ``min_capture``."""
+        if self.check.reliance.min_capture == 0:
+            return False
+        return self.check.relying(min_capture=0.0).verdict(path, limit).worst <= limit
 
     def _margin(self, limit: float) -> float:
         """How far inside a range a robot that may drift by ``limit`` should pass, so as to be captured."""
-        if self.check.min_capture == 0 or not self.beacons:
+        least = self.check.reliance.min_capture
+        if least == 0 or not self.beacons:
             return 0.0
-        from scipy.special import ndtri
-
-        drift = min(limit, self.check.verdict(self.shortest).worst, 0.5 * self._widest)
-        margin = float(max(ndtri(self.check.min_capture), 0.0)) * drift / math.sqrt(2)
+        drift = min(limit, self.worst(self.shortest), 0.5 * self._widest)
+        margin = float(max(ndtri(least), 0.0)) * drift / math.sqrt(2)
         step = _MARGIN_STEP * self._widest  # so that similar limits share a graph
         return math.ceil(margin / step) * step
 
@@ -284,9 +245,32 @@ class BeaconWalks:
         heading, position = min(r.heading for r in rates), min(r.position for r in rates)
         return max_distance_within(limit**2, heading, position, math.hypot(xmax - xmin, ymax - ymin))
 
-    def _grown(self, pricing: AdditiveCost) -> Floats:
-        """The best path of a roadmap of a few batches."""
-        search = RoadmapSearch(pricing, self.ends[0], seed=self.seed, start_heading=self.check.start_heading)
+    def _span(self, longest: float) -> float:
+        """The greatest length for which the roadmap was made that serves ``longest``."""
+        return min((span for span in self._roadmaps if span >= longest), default=longest)
+
+    def _roadmap_within(self, longest: float) -> tuple[Roadmap, Floats]:
+        """A roadmap for paths up to a length, and the length from every node to the goal."""
+        span = self._span(longest)
+        if span not in self._roadmaps:
+            roadmap = roadmap_among_beacons(
+                self.space,
+                self.world,
+                self.ends,
+                self.noise,
+                self.beacons,
+                max_nodes=self.max_nodes,
+                known=(self.shortest, *self.known),
+                longest=longest,
+                seed=self.seed,
+            )
+            self._roadmaps[span] = roadmap, roadmap.distances(roadmap.prices.cost, GOAL)[0]
+        return self._roadmaps[span]
+
+    def _grown(self, score: Score) -> Floats:
+        """The best path of a roadmap of a few batches for a robot that reads nothing."""
+        pricing = AdditiveCost(self.space, self.ends[1], self.noise, score)
+        search = RoadmapSearch(pricing, self.ends[0], seed=self.seed, start_heading=self.reliance.start_heading)
         while search.batches < (_BATCHES if search.path is not None else BATCHES_TO_FIND_ONE):
             if search.is_optimal or (search.path is not None and self.late()):
                 break
@@ -302,8 +286,6 @@ class BeaconWalks:
 
 def with_smaller_range(beacon: Beacon, margin: float) -> Beacon:
     """The beacon with a smaller range, at least a fifth of what it was."""
-    if margin == 0:
-        return beacon
     kind = beacon.kind
     return replace(beacon, kind=replace(kind, range_m=max(kind.range_m - margin, 0.2 * kind.range_m)))
 

@@ -20,8 +20,6 @@ def channel_route(world: World, ends: Floats) -> Floats | None:
     It is far from the best of routes, but there is one wherever there is a route, however narrow. None only where
     round-off takes a triangle's side for an obstacle.
 
-    Examples
-    --------
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
     >>> path = channel_route(world, np.array([(2.0, 2.0), (8.0, 2.0)]))
     >>> bool(world.segments_free(path[:-1], path[1:]).all())

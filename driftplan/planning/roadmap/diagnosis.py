@@ -48,7 +48,7 @@ def why_infeasible(search: BeaconSearch, limit: float, longest: float) -> str:
     elif _captures_would_help(search, limit, longest):
         reasons.append(
             "beacons that could hold it would be missed: having drifted, the robot comes within their ranges less "
-            f"surely than min_capture={search.check.min_capture:g} demands; larger ranges or more beacons would help"
+            f"surely than min_capture={search.reliance.min_capture:g} demands; larger ranges or more beacons would help"
         )
     elif _headings_would_help(search, limit, longest):
         reasons.append(
@@ -70,9 +70,9 @@ def why_infeasible(search: BeaconSearch, limit: float, longest: float) -> str:
 
 def _captures_would_help(search: BeaconSearch, limit: float, longest: float) -> bool:
     """Whether the limit could be kept if the robot came within every range as planned."""
-    if search.check.min_capture == 0:
+    if search.reliance.min_capture == 0:
         return False
-    check, search.check = search.check, replace(search.check, min_capture=0.0)
+    check, search.check = search.check, search.check.relying(min_capture=0.0)
     found = search.any_within(limit, longest, _SLACK)
     search.check = check
     return found is not None
@@ -83,10 +83,9 @@ def _headings_would_help(search: BeaconSearch, limit: float, longest: float) -> 
     lacking = [b for b in search.beacons if b.kind.heading_std is None]
     if not lacking:
         return False
-    graph = search.graph(0.0, longest)
-    full = [_full(b) for b in graph.beacons]
-    edges = np.stack([graph.tail, graph.head], axis=1)[graph.tail < graph.head]
-    graph = search.graph_of(graph.xy, edges, full)
+    search.graph(0.0, longest)
+    assert search.roadmap is not None
+    graph = search.graph_of(search.roadmap, [_full(b) for b in search.beacons])
     return search.walk(graph, limit, longest, max_labels=_LABELS).nodes is not None
 
 

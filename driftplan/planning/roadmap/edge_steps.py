@@ -8,7 +8,7 @@ from `driftplan.beacons.readings`, whose model decides about every finished path
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -19,6 +19,8 @@ from driftplan.beacons.readings import BeaconColumns
 from driftplan.world.world import World
 
 NO_SITE = -1
+SIZE = 9  # of an error state: a column of numbers, whatever the estimator; of s scenarios of dead beacons (9, s)
+Score = tuple[Any, ...]  # what the dominance of labels looks at in one scenario
 _LEAST_M = 1e-6  # a range touched on less than this is a graze, read once
 
 

@@ -28,8 +28,7 @@ from driftplan.model.filter_state import FilterState, Row, upper_triangle
 from driftplan.model.fusion import belief_at_start
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix, Readings
-from driftplan.planning.roadmap.edge_errors import SIZE, Dominance, Effects, Score
-from driftplan.planning.roadmap.edge_steps import NO_SITE, Steps
+from driftplan.planning.roadmap.edge_steps import NO_SITE, SIZE, Score, Steps
 
 _UPPER = [3 * i + j for i, j in upper_triangle(3)]  # of the nine numbers, those that say it all
 _ROUNDING = 1e-12  # of the diagonal: what is semidefinite but for rounding
@@ -47,7 +46,7 @@ class FusedEffects:
     chance: Floats  # (parts,)
 
     def driven(self, some: slice, begun: Floats) -> tuple[Floats, Floats]:
-        """See `Effects`."""
+        """As of `ResetEffects`."""
         count = np.diff(self.first_part[some.start : some.stop + 1])
         P = np.moveaxis(begun, -1, -2).reshape(*begun.shape[:-2], -1, 3, 3)
         P = np.broadcast_to(P, (len(count), *P.shape[-3:])).copy()
@@ -113,7 +112,6 @@ class FusedEdges:
         return readings_from(self.columns, site, distance, np.zeros(len(site)), np.ones(len(site)))
 
     def at_start(self, initial: Fix | None) -> Floats:
-        """See `EdgeErrors`, here and below."""
         return belief_at_start(initial).matrix.ravel()
 
     def read(self, state: Floats, site: int, place: complex) -> Floats:
@@ -130,11 +128,10 @@ class FusedEdges:
     def turned(self, state: Floats, turns: Floats) -> Floats:
         return state + turns
 
-    def dominance(self, max_gap_m: float, slack_sq: float, turn_rates: tuple[float, float]) -> Dominance:
+    def dominance(self, max_gap_m: float, slack_sq: float, turn_rates: tuple[float, float]) -> LoewnerDominance:
         return LoewnerDominance(max_gap_m, slack_sq, turn_rates)
 
-    def effects(self, edges: Ints, dead: int = NO_SITE) -> Effects:
-        """Products along edges, one step of all of them at a time."""
+    def effects(self, edges: Ints, dead: int = NO_SITE) -> FusedEffects:
         steps = self.steps
         reads = (steps.site != NO_SITE) & (steps.site != dead)
         cut = reads & (steps.chance < 1)
@@ -183,11 +180,10 @@ class LoewnerDominance:
         self.slack = slack_sq / 2, slack_sq / max(max_gap_m, 1e-9) ** 2
 
     def scores(self, states: Floats) -> list[list[Score]]:
-        """See `Dominance`."""
         return [[tuple(P) for P in label] for label in np.moveaxis(states[:, _UPPER], 1, 2).tolist()]
 
     def __call__(self, better: Sequence[Score], worse: Sequence[Score], turn_rad: float) -> bool:
-        """See `Dominance`: all principal minors. The noise of a turn counts in all directions."""
+        """All principal minors. The noise of a turn counts in all directions."""
         axis, heading = self.slack[0] - self.turn_rates[1] * turn_rad, self.slack[1] - self.turn_rates[0] * turn_rad
         for (xx, xy, xt, yy, yt, tt), (XX, XY, XT, YY, YT, TT) in zip(better, worse, strict=True):
             a, d, f = (1 + _ROUNDING) * XX - xx + axis, (1 + _ROUNDING) * YY - yy + axis, (1 + _ROUNDING) * TT - tt

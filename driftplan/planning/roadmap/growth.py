@@ -17,7 +17,6 @@ import numpy as np
 from driftplan.arrays import Floats, Ints
 from driftplan.beacons.beacon import Beacon
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.bounds import Bound, bracketed
 from driftplan.planning.roadmap.graph import Roadmap
 from driftplan.planning.roadmap.polish import polished
 from driftplan.planning.roadmap.prices import AdditiveCost, Space, exact_drift
@@ -37,7 +36,7 @@ BATCHES_TO_FIND_ONE = 4  # are completed in any case while no path is known
 
 
 class RoadmapSearch:
-    """An anytime search: `grow` adds a batch of nodes and improves `path`, `finish` says what is proven about it."""
+    """An anytime search: `grow` adds a batch of nodes and improves `path`."""
 
     def __init__(
         self, pricing: AdditiveCost, start: Floats, *, seed: int = 0, start_heading: float | None = None
@@ -50,7 +49,6 @@ class RoadmapSearch:
         self.path: Floats | None = None
         self.cost = math.inf  # of the path, exact
         self.additive_cost = math.inf
-        self.heading_std = math.inf  # at its end
         self._least_additive = math.inf  # of any path found
         self._joined: Floats | None = None  # the latest path that is part of the roadmap
         self._free = FreeSamples(pricing.space, np.random.default_rng(seed).random(2), _MAX_DRAWS)
@@ -98,16 +96,6 @@ class RoadmapSearch:
             self.batches += 1
             self.idle_batches = 0 if self.cost < before * (1 - _NEXT_TO_NOTHING) else self.idle_batches + 1
 
-    def finish(self) -> Bound:
-        """The bound on paths of the roadmap, the best path included."""
-        assert self.path is not None, "there is nothing to finish without a path"
-        self._joined = None  # it may have been pruned since
-        self._join()
-        if self.pricing.minimise == "length":
-            return Bound(min(self.roadmap.shortest().cost, self.cost), math.inf)
-        bound = bracketed(self.roadmap, self.heading_std, self._least_additive)
-        return bound._replace(mean_square=min(bound.mean_square, self.cost))
-
     def consider(self, path: Floats, stop: Callable[[], bool] = lambda: False) -> None:
         """Take a collision-free path (n, 2) from start to goal, as it is or polished, if it is better than the best."""
         path = path[np.append(True, (np.diff(path, axis=0) != 0).any(axis=1))]
@@ -119,18 +107,15 @@ class RoadmapSearch:
         if len(nodes):
             self.consider(self.roadmap.xy[nodes], stop)
 
-    def _offer(self, path: Floats) -> bool:
-        """Take the path if it is the best by exact cost; whether it was."""
+    def _offer(self, path: Floats) -> None:
+        """Take the path if it is the best by exact cost."""
         additive = cost = self.pricing.path(path, self.start_heading)
         self._least_additive = min(self._least_additive, additive)
-        heading_std = 0.0
         if self.pricing.minimise == "drift":
             end = exact_drift(self.pricing.space, path, self.pricing.noise, self.start_heading).end
-            cost, heading_std = float(end.rms) ** 2, float(end.heading_std)
-        if not cost < self.cost:
-            return False
-        self.path, self.cost, self.additive_cost, self.heading_std = path, cost, additive, heading_std
-        return True
+            cost = float(end.rms) ** 2
+        if cost < self.cost:
+            self.path, self.cost, self.additive_cost = path, cost, additive
 
     def _renew(self) -> None:
         """Start a new roadmap with the corners and the best path, so that memory stays bounded."""
@@ -179,13 +164,8 @@ def roadmap_among_beacons(
     seed: int,
 ) -> Roadmap:
     """A roadmap of about ``max_nodes`` nodes from ``ends[0]`` (node 0) to ``ends[1]`` (node 1), priced by length:
-    waypoints of known paths, corners, places within range of beacons, and even samples.
-
-    Parameters
-    ----------
-    known : paths (k, 2) whose waypoints become nodes
-    longest : longer routes are of no interest, metres
-    """
+    waypoints of ``known`` paths (k, 2), corners, places within range of beacons, and even samples; for routes up to
+    ``longest`` metres."""
 
     def useful(points: Floats) -> Floats:
         around = np.linalg.norm(points - ends[0], axis=-1) + np.linalg.norm(points - ends[1], axis=-1)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from driftplan.arrays import Floats
-from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import (
     BeaconColumns,
     DetectionChance,
@@ -20,8 +20,9 @@ from driftplan.beacons.readings import (
 )
 from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.readings import Estimator, Fix, Readings
+from driftplan.model.readings import Readings
 from driftplan.model.worst import worst_rms
+from driftplan.planning.request import Reliance
 from driftplan.world.world import World
 
 ALL_ALIVE = -1
@@ -37,27 +38,19 @@ class Verdict(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ItineraryCheck:
-    """What has to be true of a path.
-
-    Parameters
-    ----------
-    redundancy : 2: with any one beacon dead too
-    min_capture : passes that happen less surely than this do not count; 0: all do
-    estimator : what the robot does with a reading
-    """
+    """What has to be true of a path; ``min_capture`` 0 of the reliance: all passes count."""
 
     world: World | None
     noise: OdometryNoise
-    beacons: tuple[Beacon, ...]
-    initial: Fix | None = None
-    start_heading: float | None = None
-    redundancy: int = 1
-    min_capture: float = 0.0
-    estimator: Estimator = "reset"
-    _columns: BeaconColumns = field(init=False, repr=False)
+    reliance: Reliance
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_columns", BeaconColumns.of(self.beacons))
+    @cached_property
+    def _columns(self) -> BeaconColumns:
+        return BeaconColumns.of(self.reliance.beacons)
+
+    def relying(self, **changes: Any) -> ItineraryCheck:
+        """The check of robots that rely on other things."""
+        return replace(self, reliance=replace(self.reliance, **changes))
 
     def met(self, path: Floats) -> list[int]:
         """Beacons that the path counts on, in the order in which they are first read."""
@@ -73,7 +66,7 @@ class ItineraryCheck:
         """Every pass and how likely it is, with the readings before it that count."""
         found = self._columns.passes(path, self.world)
         arrival = self._drift(path, self._readings(path)).on_arrival(found.enter)
-        return chances_listed(self.beacons, found, chances_of_passes(path, found, self._columns, arrival))
+        return chances_listed(self.reliance.beacons, found, chances_of_passes(path, found, self._columns, arrival))
 
     def verdict(self, path: Floats, limit: float = math.inf, *, by_end: bool = False) -> Verdict:
         """The worst over all deaths: the greatest drift on the way or, ``by_end``, at the end.
@@ -82,7 +75,7 @@ class ItineraryCheck:
         """
         readings = self._readings(path)
         deaths = [ALL_ALIVE]
-        if self.redundancy > 1:
+        if self.reliance.redundancy > 1:
             deaths += list(dict.fromkeys(readings.source.tolist()))
         verdicts = []
         for dead in deaths:
@@ -99,21 +92,19 @@ class ItineraryCheck:
         """The readings that count."""
         passes = self._columns.passes(path, self.world)
         found, of_pass = readings_of_passes(path, passes, self._columns)
-        if self.min_capture == 0 or not len(found):
+        if self.reliance.min_capture == 0 or not len(found):
             return found
         counted = np.ones(len(passes.beacon), dtype=bool)
         while True:  # one reading less is more drift on the way to the next
             kept = found[counted[of_pass]]
             arrival = self._drift(path, kept).on_arrival(passes.enter)
             chances = chances_of_passes(path, passes, self._columns, arrival)
-            unsure = np.flatnonzero(counted & (chances < self.min_capture))
+            unsure = np.flatnonzero(counted & (chances < self.reliance.min_capture))
             if not len(unsure):
                 return kept
             counted[unsure] = False
 
     def _drift(self, path: Floats, readings: Readings) -> Drift:
-        start = Readings.of([] if self.initial is None else [self.initial])
-        floor, noises = floor_of(path, self.noise, self.world)
-        return predict_drift(
-            floor, noises, fixes=start + readings, start_heading=self.start_heading, estimator=self.estimator
-        )
+        given, (floor, noises) = self.reliance, floor_of(path, self.noise, self.world)
+        fixes = Readings.of([] if given.start_fix is None else [given.start_fix]) + readings
+        return predict_drift(floor, noises, fixes=fixes, start_heading=given.start_heading, estimator=given.estimator)

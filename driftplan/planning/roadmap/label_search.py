@@ -1,14 +1,14 @@
 r"""Label search: the shortest walk on which the drift stays under a limit, or the walk of least drift at its end.
 
 A label is a way from the start to a node: its length and its error states (see
-`driftplan.planning.roadmap.edge_errors`), one for every scenario of dead beacons. Labels are grown in order of
-length so far plus least length still to come. A walk may come back to a node, for instance from a beacon in a side
-aisle: it comes back with another error.
+`driftplan.planning.roadmap.reset_edges` and ``fused_edges``), one for every scenario of dead beacons. Labels are grown
+in order of length so far plus least length still to come. A walk may come back to a node, for instance from a beacon in
+a side aisle: it comes back with another error.
 
 *Dominance.* Label 1 makes label 2 at the same node superfluous when it is no longer and, whatever is driven and read
-from there, ends with no more drift: what that takes depends on the estimator
-(`driftplan.planning.roadmap.edge_errors.Dominance`). Where turning costs, label 1 is first turned to the heading of
-label 2. ``slack_sq`` (m²) is granted in all of this; with zero no walk of the graph is better than the one found.
+from there, ends with no more drift: what that takes depends on the estimator (see there). Where turning costs, label 1
+is first turned to the heading of label 2. ``slack_sq`` (m²) is granted in all of this; with zero no walk of the graph
+is better than the one found.
 """
 
 from __future__ import annotations
@@ -19,11 +19,10 @@ from dataclasses import dataclass
 from heapq import heappop, heappush
 
 import numpy as np
-from numpy.typing import NDArray
 
-from driftplan.arrays import Floats
-from driftplan.planning.roadmap.beacon_graph import BeaconGraph
-from driftplan.planning.roadmap.edge_errors import Effects, Score
+from driftplan.arrays import Floats, Ints
+from driftplan.planning.roadmap.beacon_graph import BeaconGraph, Effects
+from driftplan.planning.roadmap.edge_steps import Score
 
 _ASK_EVERY = 32  # labels expanded between two looks at the clock
 
@@ -57,18 +56,17 @@ class Walk:
     nearest: tuple[int, float]  # (node, metres) of the label nearest to the goal, to explain a failure
 
 
-def shortest_walk(
-    task: LabelProblem, *, slack_sq: float = 0.0, stop: Callable[[], bool] = lambda: False, max_labels: int = 1_000_000
+def best_walk(
+    task: LabelProblem,
+    *,
+    by_end: bool = False,
+    slack_sq: float = 0.0,
+    stop: Callable[[], bool] = lambda: False,
+    max_labels: int = 1_000_000,
 ) -> Walk:
-    """The shortest walk from start to goal that keeps the limit in every scenario."""
-    return _LabelSearch(task, slack_sq, stop, max_labels).run(least_drift=False)
-
-
-def least_drift_walk(
-    task: LabelProblem, *, slack_sq: float = 0.0, stop: Callable[[], bool] = lambda: False, max_labels: int = 1_000_000
-) -> Walk:
-    """The walk no longer than ``task.longest`` that ends with the least rms drift and keeps the limit on the way."""
-    return _LabelSearch(task, slack_sq, stop, max_labels).run(least_drift=True)
+    """The shortest walk from start to goal that keeps the limit in every scenario; or, ``by_end``, the one no longer
+    than ``task.longest`` that ends with the least rms drift."""
+    return _LabelSearch(task, slack_sq, stop, max_labels).run(by_end)
 
 
 class _LabelSearch:
@@ -81,7 +79,7 @@ class _LabelSearch:
         self.limit_sq = task.limit**2
         self.first = graph.first.tolist()
         self.turning = graph.turns_matter
-        self.slots = [_slots(effects, len(graph.tail)) for effects in task.dead]
+        self.of_edge = [_rows_of_edges(effects, len(graph.tail)) for effects in task.dead]
         # one entry per label
         self.node: list[int] = []
         self.length: list[float] = []
@@ -93,7 +91,7 @@ class _LabelSearch:
         self.at: dict[int, list[int]] = {}
         self.heap: list[tuple[float, int]] = []
 
-    def run(self, least_drift: bool) -> Walk:
+    def run(self, by_end: bool) -> Walk:
         task = self.task
         start = np.ascontiguousarray(task.states.T)
         best, end, finished, expanded = math.inf, -1, True, 0
@@ -113,21 +111,24 @@ class _LabelSearch:
                 worst = float(self.square(self.state[label]).max())
                 if worst < best:
                     best, end = worst, label
-                if not least_drift:
+                if not by_end:
                     break
             expanded += 1
             if expanded % _ASK_EVERY == 1 and (self.stop() or len(self.node) > self.max_labels):
                 finished = False
                 break
             self.expand(label)
-        nodes = None if end < 0 else tuple(self.chain(end))
+        nodes, label = list[int](), end
+        while label >= 0:
+            nodes.append(self.node[label])
+            label = self.parent[label]
         return Walk(
-            nodes=nodes,
+            nodes=tuple(nodes[::-1]) or None,
             length=self.length[end] if end >= 0 else math.inf,
             end_drift=math.sqrt(max(best, 0.0)) if end >= 0 else math.inf,
             finished=finished,
             labels=len(self.node),
-            bound=0.0 if least_drift else bound if self.heap or end >= 0 else math.inf,
+            bound=0.0 if by_end else bound if self.heap or end >= 0 else math.inf,
             nearest=nearest,
         )
 
@@ -141,9 +142,9 @@ class _LabelSearch:
         after, worst = graph.effects.driven(slice(lo, hi), begun)
         if facing is not None:
             worst = np.maximum(worst, self.square(begun))
-        for s, (effects, slot) in enumerate(zip(task.dead, self.slots, strict=True), start=1):
-            for k in np.flatnonzero(slot[lo:hi] >= 0).tolist():
-                e = int(slot[lo + k])
+        for s, (effects, row) in enumerate(zip(task.dead, self.of_edge, strict=True), start=1):
+            for k in np.flatnonzero(row[lo:hi] >= 0).tolist():
+                e = int(row[lo + k])
                 before = begun[..., s : s + 1] if begun.ndim == 2 else begun[k : k + 1, :, s : s + 1]
                 one, most = effects.driven(slice(e, e + 1), before)
                 after[k, :, s], worst[k, s] = one[0, :, 0], most[0, 0]
@@ -195,15 +196,9 @@ class _LabelSearch:
         self.at.setdefault(node, []).append(label)
         heappush(self.heap, (length + float(self.task.to_goal[node]), label))
 
-    def chain(self, label: int) -> list[int]:
-        nodes = []
-        while label >= 0:
-            nodes.append(self.node[label])
-            label = self.parent[label]
-        return nodes[::-1]
 
-
-def _slots(effects: Effects, edges: int) -> NDArray[np.intp]:
-    slot = np.full(edges, -1, dtype=np.intp)
-    slot[effects.edge] = np.arange(len(effects.edge))
-    return slot
+def _rows_of_edges(effects: Effects, edges: int) -> Ints:
+    """Which row of the effects each edge has; -1 where a death changes nothing."""
+    row = np.full(edges, -1, dtype=np.intp)
+    row[effects.edge] = np.arange(len(effects.edge))
+    return row

@@ -178,13 +178,8 @@ def arriving(path: Floats, moved: Ints, to: Complexes, start_heading: float | No
 def shortened(
     path: Floats, space: Space, holds: Callable[[Floats], bool], stop: Callable[[], bool] = lambda: False
 ) -> Floats:
-    """A collision-free path (k, 2) between the same ends, no longer than ``path`` (n, 2), that ``holds`` like it.
-
-    Parameters
-    ----------
-    holds : asked about one path at a time; true of ``path``
-    stop : asked before every trial; True ends it with what was reached.
-    """
+    """A collision-free path (k, 2) between the same ends, no longer than ``path`` (n, 2), that ``holds`` like it;
+    ``stop`` is asked before every trial."""
     path = _without_needless(path, space, holds, stop)
     for _ in range(_PULLING_SWEEPS):
         before = length_of(path)

@@ -42,9 +42,7 @@ class Space(Protocol):
 class EdgePrices(NamedTuple):
     """Prices of straight edges from a to b, the same in both directions."""
 
-    cost: Floats  # (n,) m², or m for the length; of it
-    position: Floats  # (n,) what position noise contributes
-    heading_var: Floats  # (n,) variance that the heading gains, rad²
+    cost: Floats  # (n,) m², or m for the length
     zone_a: Ints  # (n,) index of the zone in which the edge leaves a, -1 for none,
     zone_b: Ints  # (n,) and in which it reaches b
 
@@ -87,11 +85,6 @@ class AdditiveCost:
         return len(self._rates) > 1
 
     @property
-    def worst_turn(self) -> float:
-        """Heading variance per radian turned where that is greatest, rad."""
-        return max(rate.turn_heading for rate in self._rates)
-
-    @property
     def has_turns(self) -> bool:
         """Whether turning on the spot costs anything, so that an edge's price depends on the one before."""
         return any(rate.turn_heading > 0 or rate.turn_position > 0 for rate in self._rates)
@@ -99,26 +92,17 @@ class AdditiveCost:
     def edges(self, a: Floats, b: Floats) -> EdgePrices:
         """Prices of the edges from ``a`` to ``b``, (n, 2) each."""
         if not self.has_zones:
-            rates, length = self._rates[-1], np.linalg.norm(b - a, axis=-1)
             nowhere = np.full(len(a), -1, dtype=np.int64)
-            cost = edge_cost(a, b, self.goal, rates)
-            return EdgePrices(cost, rates.position * length, rates.heading * length, nowhere, nowhere)
+            return EdgePrices(edge_cost(a, b, self.goal, self._rates[-1]), nowhere, nowhere)
         pieces = self.space.zone_pieces(a, b)
         step = (b - a)[pieces.segment]
         begin = a[pieces.segment] + pieces.start[:, None] * step
         end = a[pieces.segment] + pieces.end[:, None] * step
-        length = np.linalg.norm(end - begin, axis=-1)
-        prices = (
-            self._by_zone(pieces.zone, lambda rates, at: edge_cost(begin[at], end[at], self.goal, rates)),
-            self._by_zone(pieces.zone, lambda rates, at: rates.position * length[at]),
-            self._by_zone(pieces.zone, lambda rates, at: rates.heading * length[at]),
-        )
-        cost, position, heading_var = (
-            np.bincount(pieces.segment, weights=price, minlength=len(a)).astype(float) for price in prices
-        )
+        prices = self._by_zone(pieces.zone, lambda rates, at: edge_cost(begin[at], end[at], self.goal, rates))
+        cost = np.bincount(pieces.segment, weights=prices, minlength=len(a)).astype(float)
         first = np.searchsorted(pieces.segment, np.arange(len(a)))
         last = np.searchsorted(pieces.segment, np.arange(len(a)), side="right") - 1
-        return EdgePrices(cost, position, heading_var, pieces.zone[first], pieces.zone[last])
+        return EdgePrices(cost, pieces.zone[first], pieces.zone[last])
 
     def turns(self, at: Floats, turn_rad: Floats, zone: Ints) -> Floats:
         """Prices of turns on the spot at ``at`` (n, 2), before runs that begin in ``zone`` (n,)."""

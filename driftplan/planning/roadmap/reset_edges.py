@@ -33,11 +33,10 @@ import numpy as np
 from driftplan.arrays import Complexes, Floats, Ints
 from driftplan.beacons.beacon import Beacon
 from driftplan.model.elements import run_moments, turn_moments
-from driftplan.model.moments import Moments
+from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix, Readings, start_errors
-from driftplan.planning.roadmap.edge_errors import SIZE, Dominance, Effects, Score
-from driftplan.planning.roadmap.edge_steps import NO_SITE, Steps
+from driftplan.planning.roadmap.edge_steps import NO_SITE, SIZE, Score, Steps
 
 N, D, D1_RE, D1_IM, E1_RE, E1_IM, A_RE, A_IM, ONE = range(SIZE)
 
@@ -45,13 +44,16 @@ N, D, D1_RE, D1_IM, E1_RE, E1_IM, A_RE, A_IM, ONE = range(SIZE)
 class ResetEffects(NamedTuple):
     """What edges do to the error state."""
 
-    edge: Ints  # (m,) which edges; sorted
+    edge: Ints  # (m,) which edges, sorted
     matrix: Floats  # (m, 9, 9) state at the end = matrix @ state at the beginning
     row: Floats  # (k, 9) row @ state = E|e|² somewhere on the edge
     first: Ints  # (m + 1,) where the rows of each edge begin
 
     def driven(self, some: slice, begun: Floats) -> tuple[Floats, Floats]:
-        """See `Effects`."""
+        """The states (k, 9, s) after the edges ``edge[some]``, and the greatest E|e|² on the way, m², (k, s).
+
+        ``begun`` are the states where they begin, of s scenarios: (9, s) for all of them, or (k, 9, s).
+        """
         first = self.first[some.start : some.stop + 1]
         row = self.row[first[0] : first[-1]]
         if begun.ndim == 2:
@@ -64,7 +66,7 @@ class ResetEffects(NamedTuple):
 
 
 class ResetEdges:
-    """The errors of a robot whose readings replace what they measure; an `EdgeErrors`."""
+    """The errors of a robot whose readings replace what they measure, on the edges of one graph."""
 
     def __init__(self, steps: Steps, noises: Sequence[OdometryNoise], beacons: Sequence[Beacon]) -> None:
         self.steps, self.readings = steps, _readings(beacons)
@@ -75,26 +77,32 @@ class ResetEdges:
             self.run[here] = _matrices(moments, steps.direction[here])
 
     def at_start(self, initial: Fix | None) -> Floats:
-        """See `EdgeErrors`, here and below."""
+        """The state (9,) of a robot that knows where it is, exactly or as a fix says."""
         return state_of(start_errors(initial))
 
     def read(self, state: Floats, site: int, place: complex) -> Floats:
+        """The state (9,) after reading a beacon at a place."""
         return np.asarray(self.readings[site] @ state)
 
     def square(self, states: Floats) -> Floats:
+        """E|e|², m², of states (..., 9, s)."""
         return states[..., N, :]
 
     def turns(self, turn_rad: Floats, arriving: complex, noise: OdometryNoise) -> Floats:
+        """What turns on the spot (k,) from a direction do, for `turned`."""
         return _matrices(turn_moments(turn_rad, noise), np.full(len(turn_rad), arriving))
 
     def turned(self, state: Floats, turns: Floats) -> Floats:
+        """States (k, 9, s) after each turn from states (9, s)."""
         return np.asarray(turns @ state)
 
-    def dominance(self, max_gap_m: float, slack_sq: float, turn_rates: tuple[float, float]) -> Dominance:
+    def dominance(self, max_gap_m: float, slack_sq: float, turn_rates: tuple[float, float]) -> ResetDominance:
+        """The rule for labels: none gets farther than ``max_gap_m`` without a reading; one dominates though its E|e|²
+        is worse by ``slack_sq`` m²; a radian turned adds at most so much heading (rad²) and position variance (m²)."""
         return ResetDominance(max_gap_m, slack_sq, turn_rates)
 
-    def effects(self, edges: Ints, dead: int = NO_SITE) -> Effects:
-        """Products along edges, one step of all of them at a time."""
+    def effects(self, edges: Ints, dead: int = NO_SITE) -> ResetEffects:
+        """Of edges, with one beacon dead: products along them, one step of all of them at a time."""
         steps, readings = self.steps, self.readings.copy()
         readings[dead] = np.eye(SIZE)
         begin, count = steps.of_edges(edges)
@@ -149,66 +157,24 @@ def state_of(moments: Moments) -> Floats:
 
 def fix_matrix(fix: Fix) -> Floats:
     """What a fix does to the error state, (9, 9)."""
-    return _linear(Readings.of([fix]).resets()[0].apply, ())
+    return np.asarray(_linear(Readings.of([fix]).resets().apply)[0])
 
 
 def _matrices(pieces: Moments, direction: Complexes) -> Floats:
-    """What pieces that begin in a direction do to the error state in the world frame, (n, 9, 9): the terms of
-    `driftplan.model.moments.compose` that flow into it, sorted by what they multiply."""
+    """What pieces that begin in a direction do to the error state in the world frame, (n, 9, 9)."""
     turned = pieces.rotated(direction)
-    p, d1, e1, a = (np.asarray(x, dtype=complex) for x in (turned.p, turned.d1, turned.e1, turned.a))
-    lever = p + e1
-    epsilon = np.conj(p) * e1 + turned.N
-    kappa = p * np.conj(d1) + a
-    matrix = np.zeros((*pieces.shape, SIZE, SIZE))
-    matrix[..., N, N] = matrix[..., ONE, ONE] = 1
-    matrix[..., N, D] = (np.conj(p) * lever).real + epsilon.real
-    for column, factor in ((D1_RE, epsilon), (E1_RE, e1), (A_RE, lever)):
-        matrix[..., N, column], matrix[..., N, column + 1] = 2 * factor.real, 2 * factor.imag
-    matrix[..., N, ONE] = turned.N.real
-    matrix[..., D, D] = 1 + 2 * d1.real + turned.D.real
-    gain = np.conj(d1) + turned.D
-    matrix[..., D, D1_RE], matrix[..., D, D1_IM], matrix[..., D, ONE] = 2 * gain.real, -2 * gain.imag, turned.D.real
-    for row, column, factor in (
-        (D1_RE, D1_RE, 1 + d1),
-        (E1_RE, E1_RE, np.ones(pieces.shape)),
-        (E1_RE, D1_RE, lever),
-        (A_RE, A_RE, 1 + np.conj(d1)),
-        (A_RE, E1_RE, np.conj(d1)),
-        (A_RE, D1_RE, kappa),
-    ):
-        matrix[..., row, column] += factor.real
-        matrix[..., row, column + 1] -= factor.imag
-        matrix[..., row + 1, column] += factor.imag
-        matrix[..., row + 1, column + 1] += factor.real
-    mirrored = e1 + a  # multiplies conj(E δ)
-    matrix[..., A_RE, D1_RE] += mirrored.real
-    matrix[..., A_RE, D1_IM] += mirrored.imag
-    matrix[..., A_IM, D1_RE] += mirrored.imag
-    matrix[..., A_IM, D1_IM] -= mirrored.real
-    for row, column, value in (
-        (A_RE, D, lever + kappa),
-        (D1_RE, ONE, d1),
-        (E1_RE, ONE, e1),
-        (A_RE, ONE, a),
-    ):
-        matrix[..., row, column] += value.real
-        matrix[..., row + 1, column] += value.imag
-    return matrix
+    return _linear(lambda state: compose(state, turned))
 
 
-def _linear(act: Callable[[Moments], Moments], shape: tuple[int, ...]) -> Floats:
-    """The matrix of an action on error moments that is linear in the error state, from what it does to a basis."""
-    zero = np.zeros(shape)
-    columns = []
-    for k in range(SIZE):
-        x = np.zeros(SIZE)
-        x[k] = 1.0
-        d1, e1, a = complex(x[D1_RE], x[D1_IM]), complex(x[E1_RE], x[E1_IM]), complex(x[A_RE], x[A_IM])
-        state = Moments(zero + 1, zero, zero + d1, zero, zero + x[D], zero + e1, zero + x[N], zero, zero + a, zero)
-        columns.append(state_of(act(state)))
-    matrix = np.stack(columns, axis=-1)
-    matrix[..., :ONE] -= matrix[..., ONE:]  # an action is affine: its constant part belongs to the last column
+def _linear(act: Callable[[Moments], Moments]) -> Floats:
+    """The matrices (n, 9, 9) of actions on error moments that are affine in the error state, from what they do to a
+    basis."""
+    basis = np.eye(SIZE)[..., None]
+    d1, e1, a = (basis[k] + 1j * basis[k + 1] for k in (D1_RE, E1_RE, A_RE))
+    zero = np.zeros((SIZE, 1))
+    state = Moments(zero + 1, zero, d1, zero, basis[D], e1, basis[N], zero, a, zero)
+    matrix = np.moveaxis(state_of(act(state)), 0, -1)
+    matrix[..., :ONE] -= matrix[..., ONE:]  # what is constant belongs to the last column
     matrix[..., ONE, :] = np.eye(SIZE)[ONE]
     return matrix
 

@@ -30,10 +30,8 @@ def coarse_corners(space: Space) -> Floats:
 class FreeSamples:
     """A low-discrepancy sequence of points over a space, of which the free and useful ones are taken.
 
-    Parameters
-    ----------
-    first : (2,) where in the unit square the sequence begins
-    max_draws : times as many points are drawn, at most, as are wanted: the useful region may be tiny
+    It begins at ``first`` (2,) of the unit square. At most ``max_draws`` times as many points are drawn as are wanted:
+    the useful region may be tiny.
     """
 
     def __init__(self, space: Space, first: Floats, max_draws: int) -> None:
