@@ -12,7 +12,8 @@ import numpy as np
 
 from driftplan.arrays import Floats
 from driftplan.errors import TrajectoryError, naming
-from driftplan.world.log_tables import Table, lines_of, read_table
+from driftplan.files import read_lines
+from driftplan.world.log_tables import Table, read_table
 
 Role = Literal["odometry", "truth"]
 
@@ -49,7 +50,7 @@ def read_recording(file: Path, role: Role, variable: str | None) -> Table:
         return _bag(file, variable)
     for suffixes, words, read in FORMATS:
         if name.endswith(suffixes) and file.is_file():
-            lines = lines_of(file)
+            lines = read_lines(file, TrajectoryError)
             if any(line.startswith(words) for line in lines):
                 with naming(file, TrajectoryError):
                     return read(lines, role)
