@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from driftplan import Beacon, BeaconKind, OdometryNoise, drift_with_beacons, load_beacons
-from driftplan.layouts.layout_files import beacons_geojson
+from driftplan.beacons.beacon_files import beacons_geojson
 from driftplan.model.worst import worst_rms
 from driftplan.page.document import page, script
 from driftplan.page.scene import scene_of

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from driftplan.beacons.beacon import BeaconKind
+from driftplan.beacons.beacon_files import beacons_geojson
 from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import DriftplanError, InfeasibleError
 from driftplan.files import write_files
-from driftplan.layouts.layout_files import beacons_geojson
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
