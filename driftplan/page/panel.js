@@ -1,5 +1,5 @@
 // The side of the page: the selected beacon, the routes and their verdicts, the odometry, floors, and files.
-import { el, metres, save } from "./dom.js";
+import { el, save } from "./dom.js";
 import { beaconsFromGeojson, noiseAsYaml, noiseFromYaml, routeAsCsv, routeFromCsv } from "./files.js";
 import { KIND_NAMES, usualKind, worse } from "./session.js";
 
@@ -69,7 +69,7 @@ export class Panel {
     const { session } = this;
     this.rows = el("tbody");
     this.compared = el("input", { type: "checkbox", onchange: () => this.studio.render({}) });
-    const heads = ["route", "length", "greatest", "other robot", "limit, m", ""].map((head) => el("th", { scope: "col" }, head));
+    const heads = ["route", "length, m", "drift, m", "other robot", "limit, m", ""].map((head) => el("th", { scope: "col" }, head));
     this.limit = el("input", { type: "number", step: "any", min: "0", "aria-label": "limit for all routes, metres",
       onchange: () => this.setLimit(session.scene.routes.map((_, k) => k), this.limit.value) });
     this.table = el("table", {}, el("thead", {}, el("tr", {}, heads)), this.rows);
@@ -190,9 +190,9 @@ export class Panel {
       line.state = state;
       line.name.textContent = route.name;
       const broken = drifts[k] instanceof Error, { limit_m: limit } = route, over = limit !== null && worst[k] > limit * (1 + 1e-6);
-      cells[1].textContent = broken ? "–" : metres(drifts[k].length, 1);
-      cells[2].textContent = broken ? drifts[k].message : metres(worst[k]);
-      cells[3].textContent = others[k] instanceof Error ? others[k].message : others[k] ? metres(otherWorst[k]) : "";
+      cells[1].textContent = broken ? "–" : drifts[k].length.toFixed(1);
+      cells[2].textContent = broken ? drifts[k].message : worst[k].toFixed(3);
+      cells[3].textContent = others[k] instanceof Error ? others[k].message : others[k] ? otherWorst[k].toFixed(3) : "";
       if (document.activeElement !== line.limit) line.limit.value = limit ?? "";
       line.limit.setAttribute("aria-label", `limit of ${route.name}, metres`);
       cells[5].textContent = broken || limit === null ? "" : over ? "✗ exceeds" : "✓ keeps";
