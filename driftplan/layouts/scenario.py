@@ -97,6 +97,12 @@ class Scenario:
             _check_continuous(f"the noise of zone {k}", zone.noise)
         return cls(world, _routes_of(routes), noise, start_fix, limit.confidence, limit.redundancy, estimator)
 
+    @property
+    def drives_differ(self) -> bool:
+        """Whether systematic errors differ from one drive to the next, on any floor."""
+        zones = self.world.zones if self.world is not None else ()
+        return any(noise.varies_between_drives for noise in (self.noise, *(zone.noise for zone in zones)))
+
     def drift(self, route: int, beacons: Sequence[Beacon]) -> Drift:
         """Drift along one route with the given beacons alive."""
         fixes = () if self.start_fix is None else (self.start_fix,)
