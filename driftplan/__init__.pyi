@@ -7,6 +7,7 @@ from .beacons.readings import DetectionChance as DetectionChance
 from .beacons.readings import beacon_passes as beacon_passes
 from .beacons.readings import detection_chances as detection_chances
 from .beacons.readings import drift_with_beacons as drift_with_beacons
+from .errors import ArgumentError as ArgumentError
 from .errors import DriftplanError as DriftplanError
 from .errors import GoalError as GoalError
 from .errors import InfeasibleError as InfeasibleError

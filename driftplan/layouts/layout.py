@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
+from driftplan.arrays import arguments_checked
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.beacon_files import beacon_feature
 from driftplan.files import write_files
@@ -183,6 +184,7 @@ class InstallerRow(NamedTuple):
     worst_route_if_dead: int  # -1 if no route does
 
 
+@arguments_checked()
 def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
     """All beacons of a layout, the ones whose failure hurts most first."""
     return tuple(sorted(_rows(layout), key=lambda row: -row.worst_drift_if_dead_m if row.routes else 0.0))
@@ -203,6 +205,7 @@ def _rows(layout: Layout) -> list[InstallerRow]:
     return rows
 
 
+@arguments_checked()
 def layout_csv(layout: Layout) -> bytes:
     """The installers' table as CSV, to a tenth of a millimetre, with a header that names units.
 
@@ -224,6 +227,7 @@ def _cell(value: Any) -> Any:
     return value
 
 
+@arguments_checked()
 def layout_geojson(layout: Layout) -> bytes:
     """Beacons as points with all that `load_beacons` needs, and what their failure does."""
     features = [

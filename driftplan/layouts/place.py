@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Bools, keywords_checked, whole
+from driftplan.arrays import Bools, arguments_checked, whole
 from driftplan.beacons.beacon import BeaconKind
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.layout import Layout
@@ -30,7 +30,7 @@ _TIGHTER = 0.995  # of the limits tried before: what the next try keeps at most
 _CHECK_S_PER_ROUTE = 0.03  # seconds kept for the final check, but at most a quarter of the time
 
 
-@keywords_checked(limit=DriftLimit, sites=Sites)
+@arguments_checked(limit=DriftLimit, sites=Sites)
 def place_beacons(
     world: World | None,
     routes: Any,
@@ -124,7 +124,7 @@ def place_beacons(
     return _least_drift(search, drift_tolerance, began) if limits is None else _cheapest(search, limits, began)
 
 
-@keywords_checked(sites=Sites)
+@arguments_checked(sites=Sites)
 def beacon_tradeoff(
     world: World | None,
     routes: Any,

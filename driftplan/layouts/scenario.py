@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Floats, keywords_checked, whole
+from driftplan.arrays import Floats, arguments_checked, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns, drift_with_beacons, waypoints_of
 from driftplan.model.drift import Drift, PointDrift
@@ -18,7 +18,7 @@ from driftplan.model.worst import worst_radius, worst_rms
 from driftplan.world.world import World
 
 
-@keywords_checked()
+@arguments_checked()
 @dataclass(frozen=True)
 class DriftLimit:
     """What the drift must not exceed, anywhere on any route.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Array, Floats, Ints, as_covariance, as_plane, finite
+from driftplan.arrays import Array, Floats, Ints, as_covariance, as_plane, bounded, finite
 from driftplan.model import scores
 from driftplan.model.drive import Driven, drive
 from driftplan.model.elements import of_legs
@@ -246,6 +246,7 @@ class Drift(PointDrift):
         spacing = spacing_m if spacing_m is not None else max(length, 1e-300) / 200
         if not spacing > 0:
             raise ValueError(f"expected spacing_m > 0, got {spacing_m!r}")
+        bounded("points of a profile", length / spacing, 1e7, "use a larger spacing_m")
         between = np.arange(spacing, length, spacing)
         inner = self._inside(between)
         parts = [*self._driven, inner.moments]

@@ -21,7 +21,19 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Array, Bools, Complexes, Floats, Ints, as_plane, covariance, not_negative, number, shaped
+from driftplan.arrays import (
+    Array,
+    Bools,
+    Complexes,
+    Floats,
+    Ints,
+    as_plane,
+    covariance,
+    instance,
+    not_negative,
+    number,
+    shaped,
+)
 from driftplan.model.filter_state import Row, bearing_row, heading_row, position_rows, range_row
 from driftplan.model.heading_laws import law_moments
 from driftplan.model.moments import Moments, identity
@@ -181,6 +193,8 @@ class Readings:
     def of(cls, fixes: Sequence[Fix]) -> Readings:
         """The readings that fixes are: they come before those of beacons at one place."""
         count = len(fixes)
+        for fix in fixes:
+            instance("a fix", fix, Fix)
         cov = [((np.nan, 0.0), (0.0, np.nan)) if f.position_cov is None else f.position_cov.tolist() for f in fixes]
         (xx, xy), (_, yy) = np.array(cov, dtype=float).reshape(count, 2, 2).transpose(1, 2, 0)
         return cls(

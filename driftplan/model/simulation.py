@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Complexes, Floats, positive, whole
+from driftplan.arrays import Complexes, Floats, bounded, positive, whole
 from driftplan.model.noise import (
     BETWEEN_DRIVES,
     SYSTEMATIC,
@@ -69,6 +69,8 @@ def simulate_drift(
     legs = read_path(path, start_heading)
     if legs.lengths.ndim != 1:
         raise ValueError(f"expected one path, got a batch of shape {legs.lengths.shape[:-1]}: simulate one by one")
+    bounded("errors to simulate", runs * (len(legs.lengths) + 1), 3e8, "use fewer runs")
+    bounded("substeps", float(legs.lengths.sum()) / (substep_m or np.inf), 1e7, "use a larger substep_m")
     waypoints = np.arange(0, len(legs.lengths) + 1, legs.legs_per_waypoint)
     noises, which = noise_of_legs(noise, len(legs.lengths), legs.legs_per_waypoint)
     due: dict[int, list[Fix]] = {}

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from driftplan.arrays import arguments_checked
 from driftplan.model.calibration.bootstrap import RmsSpread, systematic_errors
 from driftplan.model.calibration.notes import judged, systematic_notes
 from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC
@@ -21,6 +22,7 @@ Estimate = OdometryLog | ArrayLike
 Truth = Trajectory | ArrayLike
 
 
+@arguments_checked()
 def check_noise(
     noise: OdometryNoise,
     estimates: Estimate | Sequence[Estimate],

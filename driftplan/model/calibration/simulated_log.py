@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, positive
+from driftplan.arrays import Floats, arguments_checked, positive
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Runs, read_path
@@ -18,6 +18,7 @@ from driftplan.model.paths import Runs, read_path
 _TURN_STEP_RAD = 0.05  # of a turn on the spot
 
 
+@arguments_checked()
 def simulate_log(
     path: Any,
     noise: OdometryNoise,
