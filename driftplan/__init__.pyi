@@ -90,6 +90,7 @@ from .world.noise_files import load_noise as load_noise
 from .world.noise_files import save_noise as save_noise
 from .world.odometry_logs import read_odometry as read_odometry
 from .world.odometry_logs import read_truth as read_truth
+from .world.ros_covariances import ros_covariances as ros_covariances
 from .world.route_graphs import RouteGraph as RouteGraph
 from .world.route_graphs import graph_geojson as graph_geojson
 from .world.route_graphs import load_graph as load_graph

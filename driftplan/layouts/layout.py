@@ -141,24 +141,15 @@ class Layout(Tabular):
 
         It needs a browser and nothing else, and asks nothing of any network.
         """
-        scenario, limits = self.scenario, self.max_drift if self.scenario.confidence is None else None
-        notes = [f"{self.status.value} {self.note}"]
+        scenario, notes = self.scenario, [f"{self.status.value} {self.note}"]
         if scenario.confidence is not None:
             notes.append(f"The limit was on the {100 * scenario.confidence:g} % radius; this page computes the rms.")
         if scenario.redundancy > 1:
             notes.append(f"It holds with any {scenario.redundancy - 1} of the beacons dead: kill some to see.")
-        scene = scene_of(
-            scenario.world,
-            scenario.routes,
-            scenario.noise,
-            beacons=self.beacons,
-            existing=self.existing,
-            limits=limits,
-            estimator=scenario.estimator,
-            start_fix=scenario.start_fix,
-            title="Beacon layout",
-            notes=notes,
-        )
+        limits = self.max_drift if scenario.confidence is None else None
+        placed: dict[str, Any] = {"beacons": self.beacons, "existing": self.existing, "limits": limits, "notes": notes}
+        robot: dict[str, Any] = {"estimator": scenario.estimator, "start_fix": scenario.start_fix}
+        scene = scene_of(scenario.world, scenario.routes, scenario.noise, title="Beacon layout", **placed, **robot)
         write_files({Path(path): page(scene)})
 
     @cached_property

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from driftplan.arrays import Floats, Ints
-from driftplan.errors import MapError
+from driftplan.errors import MapError, naming
 from driftplan.files import read_bytes
 from driftplan.world.geojson_map import position_of, read_features
 
@@ -106,8 +106,8 @@ def load_graph(path: str | os.PathLike[str]) -> RouteGraph:
     ends = np.array([[index[start], index[end]] for _, start, end in edges])
     with naming(file, MapError):
         text = read_bytes(file, MapError, max_bytes=_MAX_BYTES).decode()
-    ids, xy = tuple(number for number, *_ in edges), np.array([*nodes.values()])
-    return RouteGraph(tuple(nodes), xy, ids, ends, tuple(metadata), text)
+    edge_ids, xy = tuple(number for number, *_ in edges), np.array([*nodes.values()])
+    return RouteGraph(tuple(nodes), xy, edge_ids, ends, tuple(metadata), text)
 
 
 def graph_geojson(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = ()) -> bytes:

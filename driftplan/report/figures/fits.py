@@ -10,7 +10,7 @@ import numpy as np
 from driftplan.arrays import arguments_checked
 from driftplan.model.calibration.chance import LEVELS
 from driftplan.model.calibration.fit import NoiseFit
-from driftplan.model.calibration.segment_check import SegmentCheck
+from driftplan.model.calibration.noise_check import SegmentCheck
 from driftplan.report.figures import style
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ def _looks(count: int) -> list[dict[str, str]]:
 
 
 @arguments_checked()
+@arguments_checked()
 def plot_fit(
     fit: NoiseFit, others: Mapping[str, SegmentCheck] | None = None, *, figure: Figure | None = None
 ) -> Figure:
@@ -40,8 +41,7 @@ def plot_fit(
 
     Parameters
     ----------
-    others : mapping of label to SegmentCheck, optional
-        Checks of the fit on other drives, from `NoiseFit.check_on`.
+    others : mapping of label to SegmentCheck, optional: checks of the fit on other drives, from `NoiseFit.check_on`
     """
     checks = {FITTED: fit.check, **(others or {})}
     headed = fit.check.has_heading
@@ -83,8 +83,7 @@ def plot_growth(
 
     Parameters
     ----------
-    others : mapping of label to SegmentCheck, optional
-        Checks on other drives.
+    others : mapping of label to SegmentCheck, optional: checks on other drives
     heading : the heading error gained (degrees) instead of the position error (metres)
     """
     ax = style.current_axes(ax)
