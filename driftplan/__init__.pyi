@@ -2,6 +2,7 @@
 
 from .beacons.beacon import Beacon as Beacon
 from .beacons.beacon import BeaconKind as BeaconKind
+from .beacons.beacon_files import load_beacons as load_beacons
 from .beacons.readings import DetectionChance as DetectionChance
 from .beacons.readings import beacon_passes as beacon_passes
 from .beacons.readings import detection_chances as detection_chances
@@ -17,22 +18,21 @@ from .errors import StartError as StartError
 from .errors import TrajectoryError as TrajectoryError
 from .layouts.co_design.co_design import co_design as co_design
 from .layouts.co_design.design import CoDesign as CoDesign
-from .layouts.co_design.trips import Trip as Trip
-from .layouts.co_design.trips import load_trips as load_trips
+from .layouts.co_design.design import Trip as Trip
+from .layouts.co_design.design import load_trips as load_trips
 from .layouts.layout import Layout as Layout
-from .layouts.layout_comparison import compare_layouts as compare_layouts
-from .layouts.layout_files import installer_table as installer_table
-from .layouts.layout_files import layout_csv as layout_csv
-from .layouts.layout_files import layout_geojson as layout_geojson
-from .layouts.layout_files import load_beacons as load_beacons
+from .layouts.layout import compare_layouts as compare_layouts
+from .layouts.layout import installer_table as installer_table
+from .layouts.layout import layout_csv as layout_csv
+from .layouts.layout import layout_geojson as layout_geojson
 from .layouts.place import beacon_tradeoff as beacon_tradeoff
 from .layouts.place import place_beacons as place_beacons
 from .layouts.scenario import DriftLimit as DriftLimit
-from .layouts.site_grids import grid_sites as grid_sites
-from .layouts.site_grids import route_sites as route_sites
-from .layouts.site_grids import wall_sites as wall_sites
 from .layouts.sites import SiteGroup as SiteGroup
 from .layouts.sites import Sites as Sites
+from .layouts.sites import grid_sites as grid_sites
+from .layouts.sites import route_sites as route_sites
+from .layouts.sites import wall_sites as wall_sites
 from .model.calibration.fit import NoiseFit as NoiseFit
 from .model.calibration.fit import fit_noise as fit_noise
 from .model.calibration.noise_check import check_noise as check_noise
@@ -77,6 +77,7 @@ from .report.figures.layouts import plot_sawtooth as plot_sawtooth
 from .report.figures.layouts import plot_tradeoff as plot_tradeoff
 from .report.figures.maps import plot_route as plot_route
 from .report.figures.maps import plot_world as plot_world
+from .report.studio.widget import studio_widget as studio_widget
 from .world.mapfiles import bundled_map as bundled_map
 from .world.mapfiles import bundled_maps as bundled_maps
 from .world.mapfiles import load_world as load_world

@@ -22,17 +22,13 @@ class KindOptions(TypedDict, total=False):
     sensor_view_deg: float
 
 
-_IN_SIGHT: KindOptions = {"line_of_sight": True}
-
-
 @keywords_checked()
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BeaconKind:
-    """What a beacon measures, how well, and from how far. Made by `rfid`, `landmark`, `heading`, or in full.
+    """What a beacon measures, how well, and from how far. Made by `rfid`, `landmark`, `heading`, …, or in full.
 
     Parameters
     ----------
-    name : str
     range_m : metres, > 0: a closed disc around the beacon
     position_std_m : standard deviation of a measured position per axis, metres; None: position is not measured.
     heading_std : standard deviation of a measured heading, rad; None: heading is not measured.
@@ -67,7 +63,8 @@ class BeaconKind:
     sensor_view_deg: float = 360.0
 
     def __post_init__(self) -> None:
-        for name in ("range_m", "reading_spacing_m", "cost", "detection_probability"):
+        most = {"detection_probability": 1, "view_angle_deg": 360, "sensor_view_deg": 360}
+        for name in ("range_m", "reading_spacing_m", "cost", *most):
             object.__setattr__(self, name, positive(name, getattr(self, name)))
         measured = ("position_std_m", "heading_std", "range_std_m", "bearing_std")
         for name in (*measured, "std_per_m"):
@@ -77,12 +74,9 @@ class BeaconKind:
             raise ValueError("expected a kind of beacon with position_std_m, heading_std or both, got neither")
         if self.std_per_m and self.position_std_m is None and self.range_std_m is None:
             raise ValueError("expected std_per_m with a position_std_m or range_std_m that grows by it, got neither")
-        for name in ("view_angle_deg", "sensor_view_deg"):
-            object.__setattr__(self, name, positive(name, getattr(self, name)))
-            if getattr(self, name) > 360:
-                raise ValueError(f"expected {name} in (0, 360], got {getattr(self, name)!r}")
-        if self.detection_probability > 1:
-            raise ValueError(f"expected detection_probability in (0, 1], got {self.detection_probability!r}")
+        for name, bound in most.items():
+            if getattr(self, name) > bound:
+                raise ValueError(f"expected {name} in (0, {bound}], got {getattr(self, name)!r}")
 
     @classmethod
     def rfid(cls, range_m: float, position_std_m: float, **more: Unpack[KindOptions]) -> BeaconKind:
@@ -101,7 +95,7 @@ class BeaconKind:
     ) -> BeaconKind:
         """A full fix, position and heading (rad), in line of sight unless said otherwise: an AprilTag, a reflector set,
         a docking station."""
-        more = {**_IN_SIGHT, **more}
+        more.setdefault("line_of_sight", True)
         return cls(name="landmark", range_m=range_m, position_std_m=position_std_m, heading_std=heading_std, **more)
 
     @classmethod
@@ -124,7 +118,7 @@ class BeaconKind:
     def bearing(cls, range_m: float, bearing_std: float, **more: Unpack[KindOptions]) -> BeaconKind:
         """A light or pattern whose direction (rad, in its own frame) the robot measures, in line of sight unless said
         otherwise; for a robot with a filter."""
-        more = {**_IN_SIGHT, **more}
+        more.setdefault("line_of_sight", True)
         return cls(name="bearing", range_m=range_m, bearing_std=bearing_std, **more)
 
     @property

@@ -8,7 +8,7 @@ so that beacons met at the same place are met at the same distance.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -41,8 +41,8 @@ class _Chords(NamedTuple):
     start: Floats
     end: Floats
 
-    def some(self, which: NDArray[np.bool_]) -> _Chords:
-        return _Chords(self.beacon[which], self.leg[which], self.start[which], self.end[which])
+    def some(self, which: NDArray[Any]) -> _Chords:
+        return _Chords(*(x[which] for x in self))
 
 
 class Views(NamedTuple):
@@ -69,12 +69,10 @@ def passes_of(
     world: World | None,
     views: Views | None = None,
 ) -> Passes:
-    """All passes of a path (n, 2) through the ranges of beacons at ``xy`` (m, 2).
+    """All passes of a path (n, 2) through the ranges ``range_m`` (m,) of beacons at ``xy`` (m, 2), metres.
 
     Parameters
     ----------
-    path : (n, 2), waypoints, metres
-    xy, range_m : (m, 2) and (m,), where the beacons are and how far they reach, metres
     must_see : (m,), whether a beacon works in line of sight only
     world : its obstacles block sight; None: nothing does.
     views : default: beacons are seen from everywhere, and so does the robot see
@@ -117,27 +115,25 @@ def chords_in_discs(
 
     Parameters
     ----------
-    offset : (..., 2)
-        From where a leg begins to the centre of a disc, metres.
-    along : (..., 2)
-        Unit vectors; of legs of no length zero.
-    lengths, radius : (...)
-        Metres.
+    offset : (..., 2), from where a leg begins to the centre of a disc, metres
+    along : (..., 2), unit vectors; of legs of no length zero
+    lengths, radius : (...), metres
 
     Returns
     -------
-    start, end : (...)
-        Metres from where the leg begins.
-    inside : (...)
-        Whether there is such a part; a touch is one of no length.
+    start, end, inside : (...), metres from where the leg begins, and whether there is such a part; a touch is one
     """
     foot = (offset * along).sum(axis=-1)  # where on the leg's line the centre is abeam
     off_line = np.where(lengths > 0, np.abs(_cross(offset, along)), np.hypot(offset[..., 0], offset[..., 1]))
     half = np.sqrt(np.maximum(radius**2 - off_line**2, 0.0))
-    start, end = np.maximum(foot - half, 0.0), np.minimum(foot + half, lengths)
-    inside = (off_line <= radius + _TOUCH) & (start <= end + _TOUCH)
-    middle, touch = 0.5 * (start + end), start > end  # by rounding only
-    return np.where(touch, middle, start), np.where(touch, middle, end), inside
+    start, end, inside = _proper(np.maximum(foot - half, 0.0), np.minimum(foot + half, lengths))
+    return start, end, inside & (off_line <= radius + _TOUCH)
+
+
+def _proper(start: Floats, end: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Intervals, of which some end before they begin by rounding only: then a touch; and which there are."""
+    middle, touch = 0.5 * (start + end), start > end
+    return np.where(touch, middle, start), np.where(touch, middle, end), start <= end + _TOUCH
 
 
 def _in_cone(chords: _Chords, path: Floats, steps: Floats, xy: Floats, axis: Floats, half_angle: Floats) -> _Chords:
@@ -165,16 +161,10 @@ def _in_cone(chords: _Chords, path: Floats, steps: Floats, xy: Floats, axis: Flo
     joined = wide & ~apart
     first = np.where(joined, np.minimum(start, other_start), np.where(apart, start, np.maximum(start, other_start)))
     last = np.where(joined, np.maximum(end, other_end), np.where(apart, end, np.minimum(end, other_end)))
-    beacon, on_leg = (
-        np.concatenate([chords.beacon, chords.beacon[apart]]),
-        np.concatenate([chords.leg, chords.leg[apart]]),
-    )
     first, last = np.concatenate([first, other_start[apart]]), np.concatenate([last, other_end[apart]])
-    kept = first <= last + _TOUCH
-    middle, touch = 0.5 * (first + last), first > last  # by rounding only
-    return _Chords(
-        beacon[kept], on_leg[kept], np.where(touch, middle, first)[kept], np.where(touch, middle, last)[kept]
-    )
+    first, last, kept = _proper(first, last)
+    beacon, on_leg = (np.concatenate([x, x[apart]]) for x in (chords.beacon, chords.leg))
+    return _Chords(beacon, on_leg, first, last).some(kept)
 
 
 def _merged(beacon: Ints, enter: Floats, leave: Floats, length: float) -> Passes:
@@ -207,22 +197,17 @@ def _in_sight(
     keep |= stretch & ~blocked
     walls = shapely.get_parts(world.opaque.area)
     tree = shapely.STRtree(walls)
-    seen: list[tuple[int, int, float, float]] = []
+    seen: list[tuple[int, float, float]] = []
     for k in np.flatnonzero(blocked).tolist():
         hiding = shapely.get_parts(shapely.intersection(walls[tree.query(between[k])], between[k]))
         corners = [shapely.get_coordinates(part) for part in hiding if not part.is_empty]
         start, length = float(chords.start[k]), float(chords.end[k] - chords.start[k])
         shadow = _shadow_on_line if abs(_cross(unit[k], eye[k] - a[k])) < _FLAT else _shadow
         shadows = [shadow(eye[k], a[k], b[k], length, part) for part in corners]
-        leg = int(chords.leg[k])
-        seen += [(int(chords.beacon[k]), leg, start + x, start + y) for x, y in _gaps(shadows, length)]
-    found = np.array(seen, dtype=float).reshape(-1, 4).T
-    return _Chords(
-        np.concatenate([chords.beacon[keep], found[0].astype(np.intp)]),
-        np.concatenate([chords.leg[keep], found[1].astype(np.intp)]),
-        np.concatenate([chords.start[keep], found[2]]),
-        np.concatenate([chords.end[keep], found[3]]),
-    )
+        seen += [(k, start + x, start + y) for x, y in _gaps(shadows, length)]
+    which, first, last = np.array(seen, dtype=float).reshape(-1, 3).T
+    parts = chords.some(which.astype(np.intp))._replace(start=first, end=last)
+    return _Chords(*(np.concatenate([x, y]) for x, y in zip(chords.some(keep), parts, strict=True)))
 
 
 def _shadow(eye: Floats, a: Floats, b: Floats, length: float, corners: Floats) -> tuple[float, float]:

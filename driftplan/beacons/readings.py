@@ -18,6 +18,7 @@ independently, so that the whole pass is missed with probability 1 - p.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from functools import cache
 from math import inf
 from typing import Any, NamedTuple
@@ -25,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from driftplan.arrays import Bools, Floats, Ints, as_plane
-from driftplan.beacons.beacon import Beacon
+from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.passes import Passes, Views, passes_of
 from driftplan.model.drift import Drift, PointDrift, predict_drift
 from driftplan.model.noise import Noises, OdometryNoise
@@ -44,7 +45,6 @@ def beacon_passes(path: Any, beacon: Beacon, world: World | None = None) -> Floa
     Parameters
     ----------
     path : (n, 2) waypoints in metres, or anything with such a ``path``
-    beacon : Beacon
     world : its walls block beacons that work in line of sight; without it nothing does
 
     Returns
@@ -54,7 +54,6 @@ def beacon_passes(path: Any, beacon: Beacon, world: World | None = None) -> Floa
 
     Examples
     --------
-    >>> from driftplan.beacons.beacon import BeaconKind
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> beacon_passes([(0, 0), (10, 0), (0, 0)], Beacon(tag, x=4.0, y=1.0)).tolist()
     [[4.0, 4.0], [16.0, 16.0]]
@@ -68,7 +67,6 @@ def beacon_fixes(path: Any, beacons: Sequence[Beacon], world: World | None = Non
 
     Examples
     --------
-    >>> from driftplan.beacons.beacon import BeaconKind
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> [fix.s_m for fix in beacon_fixes([(0, 0), (10, 0)], [Beacon(tag, x=4.0, y=0.0)])]
     [3.0, 5.0]
@@ -80,17 +78,13 @@ def beacon_fixes(path: Any, beacons: Sequence[Beacon], world: World | None = Non
 
 def _fix(found: Readings, k: int) -> Fix:
     """A beacon's reading as a fix."""
-    columns = (found.square, found.heading_var, found.range_var, found.bearing_var)
-    square, *variances = (None if np.isnan(x[k]) else float(x[k]) for x in columns)
-    heading_std, range_std_m, bearing_std = (None if var is None else var**0.5 for var in variances)
+    measured = {"heading_std": found.heading_var, "range_std_m": found.range_var, "bearing_std": found.bearing_var}
     return Fix(
         s_m=float(found.s_m[k]),
-        position_cov=None if square is None else square / 2 * np.eye(2),
-        heading_std=heading_std,
+        position_cov=None if np.isnan(found.square[k]) else found.square[k] / 2 * np.eye(2),
         detection_probability=float(found.chance[k]),
-        range_std_m=range_std_m,
-        bearing_std=bearing_std,
         anchor=None if np.isnan(found.anchor[k]) else as_plane(found.anchor[k]),
+        **{name: None if np.isnan(var[k]) else float(var[k]) ** 0.5 for name, var in measured.items()},
     )
 
 
@@ -109,8 +103,6 @@ def drift_with_beacons(
     Parameters
     ----------
     path : (n, 2) waypoints in metres, or anything with such a ``path``
-    noise : OdometryNoise
-    beacons : sequence of Beacon
     world : its walls block sight and its zones have their own noise; the result then has a waypoint at every zone
         border
     fixes : further fixes, such as one at 0 for an uncertain start. At one place they come before the beacons'.
@@ -119,7 +111,6 @@ def drift_with_beacons(
 
     Examples
     --------
-    >>> from driftplan.beacons.beacon import BeaconKind
     >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> drift = drift_with_beacons([(0, 0), (30, 0), (30, 10)], noise, [Beacon(tag, x=30.0, y=0.0)])
@@ -176,28 +167,17 @@ class BeaconColumns(NamedTuple):
         for beacon in beacons:
             if not isinstance(beacon, Beacon):
                 raise ValueError(f"expected beacons to be Beacon objects, got {beacon!r}")
-        kinds = [b.kind for b in beacons]
-        accuracy = [
-            tuple(-inf if std is None else -std for std in (kind.position_std_m, kind.heading_std)) for kind in kinds
-        ]
-        rank = {key: k for k, key in enumerate(sorted(set(accuracy)))}
+        measures = [f.name for f in fields(BeaconKind) if f.name != "name"]
+        column = {name: np.array([getattr(b.kind, name) for b in beacons], dtype=float) for name in measures}
+        accuracy = np.stack([-np.nan_to_num(column[name], nan=inf) for name in ("position_std_m", "heading_std")])
+        facing = np.array([b.facing_deg or 0.0 for b in beacons], dtype=float)
+        views = (np.radians(column.pop(name)) / 2 for name in ("view_angle_deg", "sensor_view_deg"))
         return cls(
-            np.array([[b.x, b.y] for b in beacons], dtype=float).reshape(-1, 2),
-            np.array([kind.range_m for kind in kinds], dtype=float),
-            np.array([kind.line_of_sight for kind in kinds], dtype=bool),
-            np.array([kind.reading_spacing_m for kind in kinds], dtype=float),
-            np.array([kind.detection_probability for kind in kinds], dtype=float),
-            np.array([kind.position_std_m for kind in kinds], dtype=float),  # None: NaN
-            np.array([kind.heading_std for kind in kinds], dtype=float),
-            np.array([rank[key] for key in accuracy], dtype=np.intp),
-            np.array([kind.range_std_m for kind in kinds], dtype=float),
-            np.array([kind.bearing_std for kind in kinds], dtype=float),
-            np.array([kind.std_per_m for kind in kinds], dtype=float),
-            Views(
-                np.radians(np.array([b.facing_deg or 0.0 for b in beacons], dtype=float)),
-                np.radians(np.array([kind.view_angle_deg for kind in kinds], dtype=float)) / 2,
-                np.radians(np.array([kind.sensor_view_deg for kind in kinds], dtype=float)) / 2,
-            ),
+            xy=np.array([[b.x, b.y] for b in beacons], dtype=float).reshape(-1, 2),
+            must_see=column["line_of_sight"].astype(bool),
+            rank=np.unique(accuracy, axis=1, return_inverse=True)[1].ravel(),
+            views=Views(np.radians(facing), *views),
+            **{name: x for name, x in column.items() if name in cls._fields},
         )
 
     def passes(self, path: Floats, world: World | None) -> Passes:
@@ -219,7 +199,9 @@ def readings_of_passes(path: Floats, passes: Passes, beacons: BeaconColumns) -> 
     step = np.arange(len(k)) - np.repeat(np.cumsum(count) - count, count)
     beacon = passes.beacon[k]
     s_m = passes.enter[k] + length[k] * step / np.maximum(count[k] - 1, 1)
-    distance = _distances(path, s_m, beacons.xy[beacon])
+    steps = np.diff(path, axis=0)
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
+    distance = np.hypot(*(np.interp(s_m, driven, path[:, axis]) - beacons.xy[beacon, axis] for axis in (0, 1)))
     chance = 1 - (1 - beacons.detection_probability[beacon]) ** (1 / count[k])
     return readings_from(beacons, beacon, distance, s_m, chance), k
 
@@ -242,13 +224,6 @@ def readings_from(beacons: BeaconColumns, beacon: Ints, distance: Floats, s_m: F
     )
 
 
-def _distances(path: Floats, s_m: Floats, xy: Floats) -> Floats:
-    """From places along a path (k,) to points (k, 2), metres."""
-    steps = np.diff(path, axis=0)
-    driven = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
-    return np.hypot(*(np.interp(s_m, driven, path[:, axis]) - xy[:, axis] for axis in (0, 1)))
-
-
 class DetectionChance(NamedTuple):
     """One pass of a beacon and the probability that it happens."""
 
@@ -267,7 +242,7 @@ def detection_chances(
     fixes: Sequence[Fix] = (),
     estimator: Estimator = "reset",
 ) -> list[DetectionChance]:
-    """For every pass of a path, the probability that the robot really comes within range.
+    """For every pass of a path, in driving order, the probability that the robot really comes within range.
 
     The robot steers by its estimate, so where it believes itself on the path it is off by the drift e, as predicted on
     arrival with the fixes before the pass. Near the pass its true path is the planned one moved by -e; the pass happens
@@ -281,13 +256,8 @@ def detection_chances(
     ----------
     path, noise, beacons, world, fixes, estimator : as for `drift_with_beacons`
 
-    Returns
-    -------
-    list of DetectionChance, in driving order
-
     Examples
     --------
-    >>> from driftplan.beacons.beacon import BeaconKind
     >>> noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> tags = [Beacon(tag, x=10.0, y=0.5), Beacon(tag, x=55.0, y=0.5)]

@@ -1,17 +1,31 @@
-"""Layout: beacons, what they cost, what is proven about them, and how each of them matters."""
+"""Layout: beacons, what they cost, what is proven about them, how each of them matters; as files, and side by side."""
 
 from __future__ import annotations
 
+import csv
+import io
+import os
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import hypot, isfinite, nan
+from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+import shapely
+
 from driftplan.beacons.beacon import Beacon
-from driftplan.layouts.placement.covering import Outcome
-from driftplan.layouts.placement.failures import worst_without
+from driftplan.beacons.beacon_files import beacon_feature
+from driftplan.files import write_files
+from driftplan.layouts.placement.drives import worst_drifts
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.drift import Drift
-from driftplan.tables import Tabular, decimals
+from driftplan.page.document import page
+from driftplan.page.scene import scene_of
+from driftplan.planning.status import Status
+from driftplan.tables import Rows, Tabular, decimals, digits, yes_no
+from driftplan.world.geojson_map import feature_collection
 
 _MAX_HTML_ROWS = 60
 
@@ -37,12 +51,9 @@ class Layout(Tabular):
     lower_bound : no layout that keeps the limit costs less
     proven : whether the layout is proven to be the best: for a limit, `cost` equals `lower_bound`; for a budget, the
         worst drift is within the tolerance of `drift_bound`
-    status : Outcome
-    max_drift : tuple of float, metres
-        The limit of every route.
+    max_drift : the limit of every route, metres
     drift_bound : for a budget: no layout within it has a smaller worst drift, metres. For a limit: 0.
     drifts : one per route, all beacons alive
-    seconds : float
     scenario : what it is for
     """
 
@@ -51,7 +62,7 @@ class Layout(Tabular):
     cost: float
     lower_bound: float
     proven: bool
-    status: Outcome
+    status: Status
     max_drift: tuple[float, ...]
     drift_bound: float
     drifts: tuple[Drift, ...]
@@ -59,7 +70,6 @@ class Layout(Tabular):
     scenario: Scenario
 
     def __repr__(self) -> str:
-        """What a person would want to know, not pages of moments."""
         return (
             f"Layout({len(self.beacons)} beacons of cost {self.cost:g}, at least {self.lower_bound:g}, "
             f"{'proven' if self.proven else 'not proven'}, {len(self.drifts)} routes, "
@@ -69,23 +79,10 @@ class Layout(Tabular):
     __str__ = __repr__
 
     def to_dicts(self) -> list[dict[str, Any]]:
-        """One row per beacon, old and new, for JSON."""
-        return [
-            {
-                "id": beacon.id,
-                "kind": beacon.kind.name,
-                "x_m": beacon.x,
-                "y_m": beacon.y,
-                "new": beacon in self.beacons,
-                "routes": routes,
-                "worst_single_failure_m": worst,
-                "worst_route": worst_route,
-            }
-            for beacon, routes, worst, worst_route in self.importance
-        ]
+        """The rows of `installer_table`, in the order of the beacons, old ones first."""
+        return [row._asdict() for row in _rows(self)]
 
     def columns(self) -> dict[str, list[str]]:
-        """What people read in a notebook: headings and cells."""
         shown = (*self.existing, *self.beacons)[:_MAX_HTML_ROWS]
         return {
             "id": [b.id for b in shown],
@@ -95,7 +92,6 @@ class Layout(Tabular):
         }
 
     def words(self) -> str:
-        """What is said above it."""
         left_out = len(self.existing) + len(self.beacons) - _MAX_HTML_ROWS
         return f"{self!r}{f'; {left_out} beacons not shown' if left_out > 0 else ''}"
 
@@ -139,19 +135,169 @@ class Layout(Tabular):
             "certain between readings than a filter can be trusted with."
         )
 
+    def to_html(self, path: str | os.PathLike[str]) -> None:
+        """Write a page, one file, on which the layout can be looked at and changed, with what the drift would be then.
+
+        It needs a browser and nothing else, and asks nothing of any network.
+        """
+        scenario, limits = self.scenario, self.max_drift if self.scenario.confidence is None else None
+        notes = [f"{self.status.value} {self.note}"]
+        if scenario.confidence is not None:
+            notes.append(f"The limit was on the {100 * scenario.confidence:g} % radius; this page computes the rms.")
+        if scenario.redundancy > 1:
+            notes.append(f"It holds with any {scenario.redundancy - 1} of the beacons dead: kill some to see.")
+        scene = scene_of(
+            scenario.world,
+            scenario.routes,
+            scenario.noise,
+            beacons=self.beacons,
+            existing=self.existing,
+            limits=limits,
+            estimator=scenario.estimator,
+            start_fix=scenario.start_fix,
+            title="Beacon layout",
+            notes=notes,
+        )
+        write_files({Path(path): page(scene)})
+
     @cached_property
     def importance(self) -> tuple[Importance, ...]:
         """For every beacon, old and new: the routes that come within its range and the worst drift without it."""
         everyone = (*self.existing, *self.beacons)
-        in_range = [set(self.scenario.beacons_in_range(r, everyone)) for r in range(len(self.drifts))]
-        cases = [(k, r) for k, beacon in enumerate(everyone) for r, here in enumerate(in_range) if beacon in here]
+        cases = [(r, (k,)) for r in range(len(self.drifts)) for k in self.scenario.beacons_in_range(r, everyone)]
         without: list[dict[int, float]] = [{} for _ in everyone]
-        for (k, r), worst in zip(
-            cases, worst_without(self.scenario, everyone, cases, min(self.max_drift)), strict=True
-        ):
+        for (r, (k,)), worst in zip(cases, worst_drifts(self.scenario, everyone, cases).tolist(), strict=True):
             without[k][r] = worst
-        found = []
-        for beacon, drifts in zip(everyone, without, strict=True):
-            worst_route = max(drifts, key=lambda r: drifts[r], default=-1)
-            found.append(Importance(beacon, tuple(drifts), drifts.get(worst_route, float("nan")), worst_route))
-        return tuple(found)
+        worst_route = [max(drifts, key=drifts.__getitem__, default=-1) for drifts in without]
+        return tuple(
+            Importance(beacon, tuple(drifts), drifts.get(r, nan), r)
+            for beacon, drifts, r in zip(everyone, without, worst_route, strict=True)
+        )
+
+
+class InstallerRow(NamedTuple):
+    """One beacon, for whoever puts it up."""
+
+    id: str
+    kind: str
+    x_m: float
+    y_m: float
+    facing_deg: float  # which way it looks, counter-clockwise from +x; nan where that does not matter
+    new: bool
+    nearest_wall_m: float  # nan without a map, or without walls
+    wall_x_m: float
+    wall_y_m: float
+    routes: tuple[int, ...]  # that come within range, by their place in the list, from 0
+    worst_drift_if_dead_m: float  # nan if no route does
+    worst_route_if_dead: int  # -1 if no route does
+
+
+def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
+    """All beacons of a layout, the ones whose failure hurts most first."""
+    return tuple(sorted(_rows(layout), key=lambda row: -row.worst_drift_if_dead_m if row.routes else 0.0))
+
+
+def _rows(layout: Layout) -> list[InstallerRow]:
+    world, everyone = layout.scenario.world, layout.importance
+    walls = np.full((len(everyone), 2), nan)
+    if world is not None and not world.obstacles.is_empty:
+        places = shapely.points(np.array([beacon.xy for beacon, *_ in everyone]).reshape(-1, 2))
+        walls = shapely.get_coordinates(shapely.shortest_line(world.obstacles.boundary, places))[::2]
+    rows = []
+    for (beacon, routes, worst, worst_route), (wall_x, wall_y) in zip(everyone, walls.tolist(), strict=True):
+        facing_deg = nan if beacon.facing_deg is None else beacon.facing_deg
+        wall = hypot(wall_x - beacon.x, wall_y - beacon.y), wall_x, wall_y
+        place = beacon.id, beacon.kind.name, beacon.x, beacon.y, facing_deg, beacon in layout.beacons
+        rows.append(InstallerRow(*place, *wall, routes, worst, worst_route))
+    return rows
+
+
+def layout_csv(layout: Layout) -> bytes:
+    """The installers' table as CSV, to a tenth of a millimetre, with a header that names units.
+
+    Numbers of routes are separated by spaces; a cell without a number is empty.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(InstallerRow._fields)
+    for row in installer_table(layout):
+        writer.writerow([_cell(value) for value in row])
+    return text.getvalue().encode()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return " ".join(map(str, value))
+    if isinstance(value, float):
+        return round(value, 4) if isfinite(value) else ""
+    return value
+
+
+def layout_geojson(layout: Layout) -> bytes:
+    """Beacons as points with all that `load_beacons` needs, and what their failure does."""
+    features = [
+        beacon_feature(beacon, new=beacon in layout.beacons, routes=routes, worst_drift_if_dead_m=said)
+        for beacon, routes, worst, _ in layout.importance
+        for said in [round(worst, 6) if routes else None]
+    ]
+    summary = {name: getattr(layout, name) for name in ("cost", "lower_bound", "proven")}
+    worst_m = round(layout.worst_drift, 6)
+    return feature_collection(features, driftplan={"version": 1, **summary, "worst_drift_m": worst_m})
+
+
+@dataclass(frozen=True, kw_only=True)
+class LayoutComparison(Rows):
+    """Layouts side by side, a row each: name, beacons (new ones), existing, cost, lower_bound, proven, routes, route_m
+    (of all together), max_drift_m (the strictest limit), worst_drift_m, and worst_single_failure_m, the greatest drift
+    with one beacon dead (nan without beacons). Printing it prints a table."""
+
+    def columns(self) -> dict[str, Iterable[object]]:
+        rows = self.rows
+        worst, failure = digits(*([row[key] for row in rows] for key in ("worst_drift_m", "worst_single_failure_m")))
+        return {
+            "layout": [row["name"] for row in rows],
+            "beacons": [row["beacons"] for row in rows],
+            "cost": [f"{row['cost']:g}" for row in rows],
+            "at least": [f"{row['lower_bound']:g}" for row in rows],
+            "proven": yes_no(row["proven"] for row in rows),
+            "routes m": decimals([row["route_m"] for row in rows], 1),
+            "limit m": [f"{row['max_drift_m']:.4g}" for row in rows],
+            "worst drift m": worst,
+            "with one dead m": failure,
+        }
+
+
+def compare_layouts(layouts: Mapping[str, Layout]) -> LayoutComparison:
+    """What layouts, by name, cost and what they keep, side by side; their routes and limits need not be the same.
+
+    Examples
+    --------
+    >>> from driftplan import BeaconKind, OdometryNoise, Sites, place_beacons
+    >>> noise = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
+    >>> tag = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01)
+    >>> routes, sites = {"short": [(0, 0), (30, 0)], "long": [(0, 0), (60, 0)]}, Sites(tag, spacing_m=2.0)
+    >>> layouts = {name: place_beacons(None, route, noise, 0.8, sites) for name, route in routes.items()}
+    >>> print(compare_layouts(layouts))
+    layout  beacons  cost  at least  proven  routes m  limit m  worst drift m  with one dead m
+    short         1     1         1  yes         30.0      0.8          0.794            1.050
+    long          2     2         2  yes         60.0      0.8          0.794            2.448
+    """
+    if not isinstance(layouts, Mapping) or not layouts or not all(isinstance(x, Layout) for x in layouts.values()):
+        raise ValueError(f"expected layouts by name, as {{'narrow': place_beacons(...)}}, got {layouts!r}")
+    return LayoutComparison(rows=tuple(_row(name, layout) for name, layout in layouts.items()))
+
+
+def _row(name: str, layout: Layout) -> dict[str, Any]:
+    return {
+        "name": name,
+        "beacons": len(layout.beacons),
+        "existing": len(layout.existing),
+        "cost": layout.cost,
+        "lower_bound": layout.lower_bound,
+        "proven": layout.proven,
+        "routes": len(layout.drifts),
+        "route_m": sum(float(drift.length) for drift in layout.drifts),
+        "max_drift_m": min(layout.max_drift),
+        "worst_drift_m": layout.worst_drift,
+        "worst_single_failure_m": max((x.worst_single_failure for x in layout.importance if x.routes), default=nan),
+    }

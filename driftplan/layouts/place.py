@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -12,23 +13,20 @@ from driftplan.arrays import Bools, keywords_checked, whole
 from driftplan.beacons.beacon import BeaconKind
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.layout import Layout
-from driftplan.layouts.placement.covering import Outcome
-from driftplan.layouts.placement.failures import worst_of_failures
-from driftplan.layouts.placement.fused_routes import fused_routes
-from driftplan.layouts.placement.limit_search import FusedLimitSearch, LimitSearch, Progress
+from driftplan.layouts.placement.covering import Progress
+from driftplan.layouts.placement.drives import worst_of_failures
 from driftplan.layouts.placement.placement_diagnosis import explain
-from driftplan.layouts.placement.problem import PlacementProblem, placement_problem
-from driftplan.layouts.placement.route_table import RouteTable
+from driftplan.layouts.placement.problem import LimitSearch, PlacementProblem, placement_problem
 from driftplan.layouts.scenario import DriftLimit, Scenario
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator, Fix
+from driftplan.planning.status import Status
 from driftplan.world.world import World
 
 _RMS_ROUNDING = 1e-6  # relative: the final check adds the same numbers in another order
 _RADIUS_ROUNDING = 1e-5  # relative: and integrates radii to that
 _CHECK_S_PER_ROUTE = 0.03  # seconds kept for the final check, but at most a quarter of the time
-_MIN_LIMIT_SHARE = 0.02  # without a limit, perfect beacons: segments are cut for this share of the drift without any
 
 
 @keywords_checked(limit=DriftLimit, sites=Sites)
@@ -51,15 +49,14 @@ def place_beacons(
     limit, the layout within a budget whose worst drift is least.
 
     What the robot makes of a reading decides how many beacons it needs. Under ``estimator="reset"``, the default,
-    readings replace the error they measure: exact second moments, no fusion. A robot with a Kalman filter, "filter",
-    needs up to four times fewer. For it a further beacon never hurts, readings that may be missed count by an upper
-    bound, and the drift is that of the linear model (`Drift` says where that stops being right).
+    readings replace the error they measure: exact second moments, no fusion. A coarse or late reading may then be worse
+    than none, so a further beacon can break a layout that holds. A robot with a Kalman filter, "filter", needs up to
+    four times fewer. For it a further beacon never hurts, readings that may be missed count by an upper bound, and the
+    drift is that of the linear model (`Drift` says where that stops being right).
 
-    Under ``reset``, because a coarse or late reading may be worse than none, adding a beacon to a layout that
-    holds can break it; "holds" is decided for the whole layout, and so is the proof. "Everywhere" is meant: on arrival
-    and after every reading and every turn on the spot, and between the computed points, where the rms is bounded to a
-    ten-billionth (see `driftplan.model.worst`). With a ``confidence``, the radius is looked at closely wherever it
-    comes near the limit instead; it has no such bound.
+    "Everywhere" is meant: on arrival and after every reading and every turn on the spot, and between the computed
+    points, where the rms is bounded to a ten-billionth (see `driftplan.model.worst`); a radius, at a ``confidence``,
+    has no such bound and is looked at closely wherever it comes near the limit.
 
     Parameters
     ----------
@@ -69,14 +66,10 @@ def place_beacons(
     limit : metres (one number or one per route), DriftLimit or None
         None, or a `DriftLimit` without ``max_drift``: the least worst drift within ``max_beacons`` and ``budget`` is
         sought.
-    sites : BeaconKind or several, or Sites
-        Kinds alone: sites are generated, as `Sites` says.
-    max_beacons : at most so many new beacons
-    budget : new beacons cost at most this
-    estimator : {"reset", "filter"}
-        What the robot does with a reading. ``filter`` takes no ``confidence`` and no known systematic errors.
-    start_fix : Fix at 0
-        Uncertainty at the start of every route; default: the start is known.
+    sites : where beacons may go; kinds alone: sites are generated, as `Sites` says
+    max_beacons, budget : at most so many new beacons; they cost at most this
+    estimator : what the robot does with a reading; "filter" takes no ``confidence`` and no known systematic errors
+    start_fix : uncertainty at the start of every route, at 0; default: the start is known
     drift_tolerance : without a limit: the worst drift is within this share of the least
     time_limit : seconds. The best layout so far is returned when they are over, and ``status`` says so. The tables of
         the search are made and the layout is verified whatever the limit: a second for 60 routes and 1250 sites, a
@@ -110,14 +103,19 @@ def place_beacons(
     asked = DriftLimit.of(limit)
     scenario = Scenario.of(world, routes, noise, asked, start_fix, estimator)
     problem = placement_problem(scenario, Sites.of(sites), max_beacons=max_beacons, budget=budget)
-    clock = _Clock(began, time_limit, len(scenario.routes), progress)
-    if asked.max_drift is not None:
-        return _cheapest(problem, asked.per_route(len(scenario.routes)), clock)
-    if max_beacons is None and budget is None:
+
+    def tell(_: float, cost: float, bound: float) -> None:
+        if progress is not None:
+            progress(time.monotonic() - began, cost, bound)
+
+    limits = None if asked.max_drift is None else asked.per_route(len(scenario.routes))
+    if limits is None and max_beacons is None and budget is None:
         raise ValueError(
             "expected a limit: max_drift, or max_beacons or budget for the least drift within them, got none"
         )
-    return _least_drift(_search(problem, None, clock), drift_tolerance, clock)
+    least_m = None if limits is None else min(limits)
+    search = LimitSearch.of(problem, least_m, _deadline(began, time_limit, scenario), tell)
+    return _least_drift(search, drift_tolerance, began) if limits is None else _cheapest(search, limits, began)
 
 
 @keywords_checked(sites=Sites)
@@ -170,10 +168,11 @@ def beacon_tradeoff(
         if left <= 0 and curve:
             break
         problem = placement_problem(scenario, allowed, max_beacons=count, budget=budget)
-        clock = _Clock(time.monotonic(), max(left, 0.1), len(scenario.routes))
-        search = _search(problem, None, clock) if search is None else search.like(problem, clock.deadline)
+        start = time.monotonic()
+        deadline = _deadline(start, max(left, 0.1), scenario)
+        search = search.like(problem, deadline) if search else LimitSearch.of(problem, None, deadline)
         try:
-            layout = _least_drift(search, drift_tolerance, clock, known=curve[-1] if curve else None)
+            layout = _least_drift(search, drift_tolerance, start, known=curve[-1] if curve else None)
         except InfeasibleError:  # groups may demand more beacons than these
             continue
         if not curve or layout.worst_drift < curve[-1].worst_drift * (1 - drift_tolerance):
@@ -183,42 +182,24 @@ def beacon_tradeoff(
     return tuple(curve)
 
 
-class _Clock:
-    """When to stop, and who is told how far the search is."""
-
-    def __init__(self, began: float, time_limit: float, routes: int, progress: Progress | None = None):
-        self.began, self._progress = began, progress
-        self.deadline = began + max(time_limit - _CHECK_S_PER_ROUTE * routes, 0.75 * time_limit)
-
-    def tell(self, _: float, cost: float, bound: float) -> None:
-        if self._progress is not None:
-            self._progress(time.monotonic() - self.began, cost, bound)
+def _deadline(began: float, time_limit: float, scenario: Scenario) -> float:
+    """When to stop searching, by the monotonic clock."""
+    return began + max(time_limit - _CHECK_S_PER_ROUTE * len(scenario.routes), 0.75 * time_limit)
 
 
-def _cheapest(problem: PlacementProblem, limits: tuple[float, ...], clock: _Clock) -> Layout:
-    search = _search(problem, min(limits), clock)
+def _cheapest(search: LimitSearch, limits: tuple[float, ...], began: float) -> Layout:
     cover = search.cover(limits)
     if cover.chosen is None:
         raise InfeasibleError(explain(search, limits, cover))
-    proven = cover.outcome is Outcome.OPTIMAL
-    return _checked_layout(problem, cover.chosen, cover.lower_bound, proven, cover.outcome, limits, 0.0, clock)
+    return _checked_layout(search.problem, cover.chosen, cover.lower_bound, cover.status, limits, 0.0, began)
 
 
-def _search(problem: PlacementProblem, least_limit_m: float | None, clock: _Clock) -> LimitSearch:
-    """On tables for the smallest limit that will be asked for (None: the smallest worth asking for)."""
-    if problem.scenario.estimator == "filter":
-        routes = fused_routes(problem.scenario, problem.sites)
-        return FusedLimitSearch(problem, routes, clock.deadline, clock.tell)
-    table = _table_without_limit(problem) if least_limit_m is None else problem.table(least_limit_m)
-    return LimitSearch(problem, table, clock.deadline, clock.tell)
-
-
-def _least_drift(search: LimitSearch, tolerance: float, clock: _Clock, known: Layout | None = None) -> Layout:
+def _least_drift(search: LimitSearch, tolerance: float, began: float, known: Layout | None = None) -> Layout:
     """The layout with the least worst drift; ``known`` is one to start from."""
     if not 0 < tolerance < 1:
         raise ValueError(f"expected drift_tolerance in (0, 1), got {tolerance!r}")
     problem, a_metre = search.problem, (1.0,) * len(search.problem.scenario.routes)
-    start = search.cover(None).chosen
+    start = search.cover([inf for _ in a_metre]).chosen
     if start is None:
         raise InfeasibleError("no layout satisfies the groups together with " + ", ".join(problem.rules))
     if known is not None:
@@ -227,27 +208,18 @@ def _least_drift(search: LimitSearch, tolerance: float, clock: _Clock, known: La
         start = min(hint, start, key=lambda chosen: search.excess(a_metre, chosen))
     least = search.least_factor(a_metre, start, 0.0, tolerance)
     limits = tuple(least.factor * (1 + _RMS_ROUNDING) for _ in a_metre)
-    status = Outcome.OPTIMAL if least.proven else Outcome.STOPPED_EARLY
-    return _checked_layout(problem, least.chosen, 0.0, least.proven, status, limits, least.ruled_out, clock)
-
-
-def _table_without_limit(problem: PlacementProblem) -> RouteTable:
-    """Tables for the smallest limit worth asking for: no beacon is better than its own accuracy."""
-    scenario = problem.scenario
-    bare = max(scenario.worst(scenario.drift(r, problem.existing)) for r in range(len(scenario.routes)))
-    stds = [b.kind.position_std_m or 0.0 for b in problem.sites]
-    return problem.table(max(min(stds) * 2**0.5, _MIN_LIMIT_SHARE * bare, 1e-6))
+    status = Status.OPTIMAL if least.proven else Status.TIME_LIMIT
+    return _checked_layout(problem, least.chosen, 0.0, status, limits, least.ruled_out, began)
 
 
 def _checked_layout(
     problem: PlacementProblem,
     chosen: Bools,
     lower_bound: float,
-    proven: bool,
-    status: Outcome,
+    status: Status,
     limits: tuple[float, ...],
     drift_bound: float,
-    clock: _Clock,
+    began: float,
 ) -> Layout:
     """The layout, once the exact model has agreed that it keeps the limits.
 
@@ -258,7 +230,7 @@ def _checked_layout(
     drifts = tuple(scenario.drift(r, everyone) for r in range(len(limits)))
     worst = np.array([scenario.worst(drift) for drift in drifts])
     if scenario.redundancy > 1:
-        worst = np.maximum(worst, worst_of_failures(scenario, everyone, min(limits)))
+        worst = np.maximum(worst, worst_of_failures(scenario, everyone))
     rounding = _RMS_ROUNDING if scenario.confidence is None else _RADIUS_ROUNDING
     over = worst / np.array(limits)
     r = int(np.argmax(over))
@@ -273,11 +245,11 @@ def _checked_layout(
         existing=problem.existing,
         cost=float(problem.cost @ chosen),
         lower_bound=lower_bound,
-        proven=proven,
+        proven=status is Status.OPTIMAL,
         status=status,
         max_drift=limits,
         drift_bound=drift_bound,
         drifts=drifts,
-        seconds=time.monotonic() - clock.began,
+        seconds=time.monotonic() - began,
         scenario=scenario,
     )

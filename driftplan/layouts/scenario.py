@@ -25,15 +25,9 @@ class DriftLimit:
 
     Parameters
     ----------
-    max_drift : float, one per route, or None
-        Metres. None: there is no limit, the least drift is sought.
+    max_drift : metres, one number or one per route; None: there is no limit, the least drift is sought
     redundancy : the limit holds with any ``redundancy - 1`` beacons dead; 1: all live
-    confidence : float in [0.75, 1), optional
-        The limit is on the radius that holds the estimate with this confidence; None: on the rms.
-
-    Raises
-    ------
-    ValueError : for values out of range
+    confidence : in [0.75, 1), the limit is on the radius that holds the estimate so surely; None: on the rms
 
     Examples
     --------
@@ -63,13 +57,11 @@ class DriftLimit:
         """Metres, for every route."""
         values = np.asarray(self.max_drift, dtype=float)
         if values.shape not in ((), (routes,)):
-            raise ValueError(
-                f"expected max_drift to be one number or one per route ({routes}), got shape {values.shape}"
-            )
+            raise ValueError(f"expected max_drift one number or one per route ({routes}), got shape {values.shape}")
         return tuple(np.broadcast_to(values, (routes,)).tolist())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Scenario:
     """Routes and how drift on them is scored; made by `Scenario.of`."""
 
@@ -103,15 +95,7 @@ class Scenario:
         _check_continuous("noise", noise)
         for k, zone in enumerate(world.zones if world is not None else ()):
             _check_continuous(f"the noise of zone {k}", zone.noise)
-        return cls(
-            world=world,
-            routes=_routes_of(routes),
-            noise=noise,
-            start_fix=start_fix,
-            confidence=limit.confidence,
-            redundancy=limit.redundancy,
-            estimator=estimator,
-        )
+        return cls(world, _routes_of(routes), noise, start_fix, limit.confidence, limit.redundancy, estimator)
 
     def drift(self, route: int, beacons: Sequence[Beacon]) -> Drift:
         """Drift along one route with the given beacons alive."""
@@ -127,16 +111,15 @@ class Scenario:
         """Greatest score anywhere along a route, metres: `worst_rms`, or `worst_radius` at the confidence."""
         return worst_rms(drift) if self.confidence is None else worst_radius(drift, self.confidence)
 
-    def beacons_in_range(self, route: int, beacons: Sequence[Beacon]) -> list[Beacon]:
-        """Those of the beacons that a route comes within range of."""
+    def beacons_in_range(self, route: int, beacons: Sequence[Beacon]) -> list[int]:
+        """Positions of the beacons that a route comes within range of, and in sight where they must be seen."""
         return beacons_in_range(self.world, self.routes[route], beacons)
 
 
-def beacons_in_range(world: World | None, path: Floats, beacons: Sequence[Beacon]) -> list[Beacon]:
-    """Those of the beacons that a path comes within range of, and in sight where they must be seen."""
-    columns = BeaconColumns.of(beacons)
-    found = columns.passes(path, world)
-    return [beacons[i] for i in np.unique(found.beacon)]
+def beacons_in_range(world: World | None, path: Floats, beacons: Sequence[Beacon]) -> list[int]:
+    """Positions of the beacons that a path comes within range of, and in sight where they must be seen."""
+    found: list[int] = np.unique(BeaconColumns.of(beacons).passes(path, world).beacon).tolist()
+    return found
 
 
 def _routes_of(routes: Any) -> tuple[Floats, ...]:

@@ -1,37 +1,26 @@
-"""Sites: where beacons may go, of which kinds, at what cost and in which combinations."""
+"""Sites: where beacons may go, of which kinds, at what cost and in which combinations; points of grids and walls."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, Ints, finite, keywords_checked, not_negative
+from driftplan.arrays import Floats, Ints, finite, keywords_checked, not_negative, positive
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.passes import passes_of
-from driftplan.layouts.site_grids import allowed, grid_sites, route_sites
+from driftplan.beacons.readings import waypoints_of
 from driftplan.world.world import World
 
 
 @dataclass(frozen=True, slots=True)
 class SiteGroup:
-    """Sites of which at least and at most so many may be chosen.
-
-    Parameters
-    ----------
-    members : sequence of int or str
-        Positions in the list of sites, or ids.
-    at_least : int
-    at_most : int or None
-
-    Examples
-    --------
-    >>> SiteGroup(["A1", "A2", "A3"], at_most=1).at_least
-    0
-    """
+    """Sites, by their position in the list or by id, of which at least and at most so many may be chosen."""
 
     members: Sequence[int | str]
     at_least: int = 0
@@ -39,6 +28,7 @@ class SiteGroup:
 
 
 _FACINGS_DEG = (0.0, 90.0, 180.0, 270.0)
+_PLACES = 9  # of metres: sums of spacings are printed as people write them, 9.6 and not 9.600000000000001
 
 
 @keywords_checked()
@@ -48,18 +38,14 @@ class Sites:
 
     Parameters
     ----------
-    kind : BeaconKind or several
-        What may be placed at ``points``; each kind at each point is one site, or four, looking four ways, if it is not
-        seen from everywhere (with ``costs`` or other facings: give Beacons as ``points``).
-    points : (n, 2) in metres, or Beacons
-        None: a grid over the world's free space (without a world: points along the routes), ``spacing_m`` apart
-        (default: the smallest range), as far as a route comes into range.
+    kind : what may be placed at ``points``; each kind at each point is one site, or four, looking four ways, if it is
+        not seen from everywhere (with ``costs`` or other facings: give Beacons as ``points``)
+    points : (n, 2) in metres, or Beacons; None: a grid over the world's free space (without a world: points along the
+        routes), ``spacing_m`` apart (default: the smallest range), as far as a route comes into range
     spacing_m : of generated points
-    costs : (n,), or (n, kinds)
-        Per point, > 0. Default: the kind's cost.
+    costs : per point, (n,) or (n, kinds), > 0; default: the kind's cost
     existing : already there, for nothing; they may die like any other
-    forbidden : sequence of polygons (shapely, or corners)
-        No sites inside.
+    forbidden : polygons (shapely, or corners) with no sites inside
     groups : at least, or at most, so many of these sites
     min_spacing_m : new beacons are at least this far from each other and from existing ones
 
@@ -132,13 +118,11 @@ class Sites:
         numbered = np.array([[b.x, b.y, k] for k, b in enumerate(beacons)])
         kept = allowed(numbered, self.forbidden)[:, 2].astype(np.intp)
         new = [beacons[k] for k in kept.tolist()]
-        _check_ids([*new, *existing])
-        return ListedSites(
-            new=tuple(new),
-            costs=costs[kept],
-            existing=tuple(existing),
-            members=tuple(_members(f"group {g}", group, beacons, kept) for g, group in enumerate(self.groups)),
-        )
+        for name, count in Counter(b.id for b in (*new, *existing)).items():
+            if count > 1:
+                raise ValueError(f"expected every beacon to have its own id, got {name!r} twice")
+        members = tuple(_members(f"group {g}", group, beacons, kept) for g, group in enumerate(self.groups))
+        return ListedSites(tuple(new), costs[kept], tuple(existing), members)
 
     def _beacons(self, world: World | None, routes: Sequence[Floats]) -> list[Beacon]:
         points: Any = self.points
@@ -168,7 +152,7 @@ class Sites:
         return points[in_range]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ListedSites:
     """Sites one by one, each with an id of its own."""
 
@@ -202,9 +186,60 @@ def _named(beacons: Sequence[Beacon], letter: str, taken: set[str]) -> list[Beac
     return named
 
 
-def _check_ids(beacons: Sequence[Beacon]) -> None:
-    seen: set[str] = set()
-    for beacon in beacons:
-        if beacon.id in seen:
-            raise ValueError(f"expected every beacon to have its own id, got {beacon.id!r} twice")
-        seen.add(beacon.id)
+# Points
+
+
+def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
+    """Points of a square grid, ``spacing_m`` apart, where the robot's centre may be: (n, 2), row by row from below.
+
+    Examples
+    --------
+    >>> world = World.from_polygons([[(2, 0), (3, 0), (3, 4), (2, 4)]], bounds=(0, 0, 5, 4), robot_radius=0.4)
+    >>> grid_sites(world, 1.0).shape
+    (16, 2)
+    """
+    spacing = positive("spacing_m", spacing_m)
+    xmin, ymin, xmax, ymax = world.bounds
+    x, y = (
+        low + spacing / 2 + spacing * np.arange(int((high - low) / spacing))
+        for low, high in ((xmin, xmax), (ymin, ymax))
+    )
+    xy = np.round(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2), _PLACES)
+    return allowed(xy[world.is_free(xy)], forbidden)
+
+
+def wall_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
+    """Points on the outlines of the obstacles, at most ``spacing_m`` apart: (n, 2), outline by outline."""
+    found = [np.zeros((0, 2))]
+    for ring in shapely.get_rings(shapely.get_parts(world.obstacles)):
+        found.append(_along(ring, positive("spacing_m", spacing_m))[:-1])
+    return allowed(np.concatenate(found), forbidden)
+
+
+def route_sites(routes: Sequence[Any], spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
+    """Points on the routes, at most ``spacing_m`` apart, ends included: (n, 2), route by route, none twice.
+
+    Examples
+    --------
+    >>> route_sites([[(0, 0), (4, 0)]], 2.0).tolist()
+    [[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]]
+    """
+    spacing = positive("spacing_m", spacing_m)
+    xy = np.concatenate([_along(shapely.LineString(waypoints_of(route)), spacing) for route in routes])
+    _, first = np.unique(np.round(xy, 6), axis=0, return_index=True)
+    return allowed(xy[np.sort(first)], forbidden)
+
+
+def allowed(xy: Floats, forbidden: Sequence[Any]) -> Floats:
+    """The points outside all ``forbidden`` areas: shapely polygons, or (n, 2) arrays of corners."""
+    for area in forbidden:
+        polygon = area if isinstance(area, shapely.Geometry) else shapely.Polygon(np.asarray(area, dtype=float))
+        xy = xy[~shapely.intersects_xy(polygon, xy[:, 0], xy[:, 1])]
+    return xy
+
+
+def _along(line: Any, spacing: float) -> Floats:
+    """Evenly spaced points of a line, both ends included."""
+    parts = max(1, int(np.ceil(line.length / spacing - 1e-9)))
+    places = np.linspace(0.0, line.length, parts + 1)
+    return np.asarray(np.round(shapely.get_coordinates(shapely.line_interpolate_point(line, places)), _PLACES))

@@ -26,20 +26,32 @@ export class Calculator {
 
   /** The drift of one route with all beacons that are alive, or an Error that says why there is none. */
   drift(scene, route, estimator = scene.estimator) {
-    const read = [];
-    for (const beacon of scene.beacons) {
-      if (beacon.dead) continue;
-      const here = this.readingsOn(route, beacon);
-      if (here.length) read.push(here);
+    const known = this.drifts[estimator].get(route), read = this.read(scene.beacons, route, known);
+    const depends = [scene.noise, scene.zones, scene.start_fix];
+    let drift = known?.drift;
+    if (!known || depends.some((x, k) => x !== known.depends[k]) || !same(read, known.read)) {
+      drift = this.computed(scene, route, read.flat(), estimator);
     }
-    const known = this.drifts[estimator].get(route);
-    const depends = [scene.noise, scene.zones, scene.start_fix, ...read];
-    if (known && known.depends.length === depends.length && depends.every((x, k) => x === known.depends[k])) {
-      return known.drift;
-    }
-    const drift = this.computed(scene, route, read.flat(), estimator);
-    this.drifts[estimator].set(route, { depends, drift });
+    this.drifts[estimator].set(route, { beacons: scene.beacons, read, depends, drift });
     return drift;
+  }
+
+  /** The readings of a route, beacon by beacon; if no beacon that it meets has changed, those that are known. */
+  read(beacons, route, known) {
+    if (known?.beacons === beacons) return known.read;
+    const of = (beacon) => (beacon.dead ? [] : this.readingsOn(route, beacon));
+    const changed = known && this.changes(known.beacons, beacons);
+    if (changed?.every((k) => !of(known.beacons[k]).length && !of(beacons[k]).length)) return known.read;
+    return beacons.map(of).filter((here) => here.length);
+  }
+
+  /** Which beacons of a list differ from those of another, or null where their number does. */
+  changes(before, after) {
+    if (this.compared?.before !== before || this.compared?.after !== after) {
+      const places = before.length === after.length ? [...after.keys()].filter((k) => before[k] !== after[k]) : null;
+      this.compared = { before, after, places };
+    }
+    return this.compared.places;
   }
 
   computed(scene, route, readings, estimator) {
@@ -88,4 +100,8 @@ function startReadings(fix) {
   const cov = fix.position_cov, variance = fix.heading_std === null ? null : fix.heading_std ** 2;
   return [{ s: 0, square: cov && cov[0][0] + cov[1][1], skew: cov && [cov[0][0] - cov[1][1], 2 * cov[0][1]],
     headingVar: variance, chance: fix.detection_probability ?? 1, anchor: null, rangeVar: null, bearingVar: null }];
+}
+
+function same(some, others) {
+  return some === others || (some.length === others.length && some.every((x, k) => x === others[k]));
 }

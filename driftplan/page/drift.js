@@ -51,8 +51,7 @@ function cut({ legs, length }, noises, readings) {
   const ends = [0, ...legs.map((leg) => leg.begin + leg.length)], within = Math.max(SAME_PLACE_M, LOST_SHARE * length);
   const places = readings.map(({ s }) => Math.min(s, length)), free = [];
   places.forEach((s, k) => {
-    let after = 1;
-    while (after < ends.length - 1 && ends[after] < s) after++;
+    const after = Math.min(Math.max(lowerBound(ends, s), 1), ends.length - 1);
     const near = s - ends[after - 1] < ends[after] - s ? ends[after - 1] : ends[after];
     if (Math.abs(s - near) <= within) places[k] = near;
     else free.push(k);
@@ -99,9 +98,9 @@ export class Drift {
     Object.assign(this, { engine, path, runs, ...states });
     this.s = [0];
     for (const { length } of runs) this.s.push(this.s[this.s.length - 1] + length);
-    this.N0 = states.arriving.map((state) => engine.error(state).N);
-    this.N1 = states.leaving.map((state) => engine.error(state).N);
-    this.N2 = states.departing.map((state, k) => (state === states.leaving[k] ? this.N1[k] : engine.error(state).N));
+    this.N0 = states.arriving.map((state) => engine.square(state));
+    this.N1 = states.leaving.map((state, k) => (state === states.arriving[k] ? this.N0[k] : engine.square(state)));
+    this.N2 = states.departing.map((state, k) => (state === states.leaving[k] ? this.N1[k] : engine.square(state)));
   }
 
   get length() {
@@ -149,7 +148,7 @@ export class Drift {
   }
 
   worstInside(k, greatest) {
-    const { length, noise } = this.runs[k], inside = (s) => this.engine.error(this.engine.step(this.departing[k], 0, s, noise)).N;
+    const { length, noise } = this.runs[k], inside = (s) => this.engine.square(this.engine.step(this.departing[k], 0, s, noise));
     if (this.engine.constants) {  // of a filter: a cubic that is convex, or a polynomial of degree four
       if (this.engine.systematic || this.engine.constants.length) return greatestOfQuartic(inside, length, greatest);
       return greatest;

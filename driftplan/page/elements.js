@@ -95,6 +95,10 @@ function stretch(length, curvature, headingRate, biasRate, distanceRate, lateral
   const piece = plain ? straight(h, headingRate, along, across)
     : taylorPiece(h, curvature, speed, headingRate, biasRate, scale * speed, covariance, along, across);
   const whole = doubled(piece, halvings);
+  if (curvature === 0) {
+    [whole[0], whole[1], whole[2], whole[3]] = [1, 0, speed * length, 0];
+    return whole;
+  }
   const [mr, mi] = phi(0, curvature * length);
   whole[0] = Math.cos(curvature * length);
   whole[1] = Math.sin(curvature * length);
@@ -106,9 +110,10 @@ function stretch(length, curvature, headingRate, biasRate, distanceRate, lateral
 /** A straight, unbiased piece: its series run in x = headingRate·h alone, so their coefficients are numbers. */
 function straight(h, headingRate, along, across) {
   const x = headingRate * h, d1 = Math.expm1(-x / 2), hx = h * x;
-  const [e1, N, e2, a, b] = STRAIGHT.map((c) => horner(c, x));
-  return [1, 0, h, 0, d1, 0, Math.expm1(-2 * x) - 2 * d1, 0, -2 * d1, hx * e1, 0, h * hx * N + along * h,
-    h * hx * e2 + across * h * phi(-2 * x, 0)[0], 0, hx * a, 0, hx * b, 0];
+  const fall = Math.expm1(-2 * x), spread = x < 1e-100 ? h : h * fall / (-2 * x);
+  return [1, 0, h, 0, d1, 0, fall - 2 * d1, 0, -2 * d1, hx * horner(STRAIGHT[0], x), 0,
+    h * hx * horner(STRAIGHT[1], x) + along * h, h * hx * horner(STRAIGHT[2], x) + across * spread, 0,
+    hx * horner(STRAIGHT[3], x), 0, hx * horner(STRAIGHT[4], x), 0];
 }
 
 function horner(coefficients, x) {

@@ -1,7 +1,7 @@
 // What the two estimators make of driving and of readings: driftplan/model/readings.py (resets) and filter_state.py.
 //
-// An engine has start(pose, readings), step(state, turn, length, noise), read(state, reading), error(state) and
-// slope(state, noise). `error` is {N, e1, e2}: E|e|², E e, E e². A reading: {square, skew, headingVar, chance, anchor,
+// An engine has start(pose, readings), step(state, turn, length, noise), read(state, reading), square(state): E|e|²,
+// error(state): {N, e1, e2}, E|e|², E e, E e², and slope(state, noise). A reading: {square, skew, headingVar, chance, anchor,
 // rangeVar, bearingVar}, null where a thing is not measured.
 
 import { A, B, compose, D, D1, D2, E1, E2, N, nothing, P, U } from "./moments.js";
@@ -49,6 +49,10 @@ export class Resets {
       after[E2 + 1] += placed * skew[1];
     }
     return after;
+  }
+
+  square(state) {
+    return state[N];
   }
 
   error(state) {
@@ -105,6 +109,10 @@ export class AveragedResets {
     return states.map((state) => this.engine.read(state, reading));
   }
 
+  square(states) {
+    return states.reduce((sum, state, k) => sum + this.drives[k].weight * state[N], 0);
+  }
+
   error(states) {
     const mean = { N: 0, e1: [0, 0], e2: [0, 0] };
     states.forEach((state, k) => {
@@ -147,14 +155,14 @@ export class Fusion {
 
   /** Fixes at the start replace what was known about it, whatever the estimator. */
   start(ur, ui, x, y, readings) {
-    const at = new Resets().start(ur, ui, x, y, readings), n = this.size, S = new Float64Array(n * n);
+    const at = new Resets().start(ur, ui, x, y, readings), n = this.size, S = new Array(n * n).fill(0);
     const sum = at[N], C = [at[E2], at[E2 + 1]];
     S[0] = (sum + C[0]) / 2;
     S[n + 1] = (sum - C[0]) / 2;
     S[1] = S[n] = C[1] / 2;
     S[2 * n + 2] = Math.max(-Math.log1p(2 * at[D1] + at[D1] ** 2), 0);
     this.variances.forEach((v, k) => { S[(3 + k) * (n + 1)] = v; });
-    return { ur, ui, x, y, S, mean: this.systematic ? new Float64Array(n) : null };
+    return { ur, ui, x, y, S, mean: this.systematic ? new Array(n).fill(0) : null };
   }
 
   step(state, turn, length, noise) {
@@ -220,6 +228,10 @@ export class Fusion {
     return { ...state, S, mean };
   }
 
+  square({ S, mean }) {
+    return S[0] + S[this.size + 1] + (mean ? mean[0] * mean[0] + mean[1] * mean[1] : 0);
+  }
+
   error({ S, mean }) {
     const n = this.size, mx = mean ? mean[0] : 0, my = mean ? mean[1] : 0;
     return { N: S[0] + S[n + 1] + mx * mx + my * my, e1: [mx, my],
@@ -246,16 +258,20 @@ function sensitivity(turn, length, name) {
 
 /** A S Aᵀ with A the identity and columns [k, x, y, θ]. */
 function driven(S, n, columns) {
-  const half = S.slice(), out = new Float64Array(n * n);
-  for (const [k, ...to] of columns) {
+  const half = S.slice();
+  for (const column of columns) {
+    const k = column[0];
     for (let i = 0; i < 3; i++) {
-      if (to[i] !== 0) for (let j = 0; j < n; j++) half[i * n + j] += to[i] * S[k * n + j];
+      const a = column[i + 1];
+      if (a !== 0) for (let j = 0; j < n; j++) half[i * n + j] += a * S[k * n + j];
     }
   }
-  out.set(half);
-  for (const [k, ...to] of columns) {
+  const out = half.slice();
+  for (const column of columns) {
+    const k = column[0];
     for (let i = 0; i < 3; i++) {
-      if (to[i] !== 0) for (let j = 0; j < n; j++) out[j * n + i] += to[i] * half[j * n + k];
+      const a = column[i + 1];
+      if (a !== 0) for (let j = 0; j < n; j++) out[j * n + i] += a * half[j * n + k];
     }
   }
   return out;
@@ -263,7 +279,7 @@ function driven(S, n, columns) {
 
 /** A state is measured: its row shrinks by a factor, no digit is lost. */
 function readAxis(S, mean, n, axis, variance) {
-  const g = Array.from({ length: n }, (_, k) => S[axis * n + k]), s = g[axis] + variance, weight = s > 0 ? 1 / s : 0;
+  const g = S.slice(axis * n, axis * n + n), s = g[axis] + variance, weight = s > 0 ? 1 / s : 0;
   for (let i = 0; i < n; i++) {
     for (let j = 0; j < n; j++) {
       if (i !== axis && j !== axis) S[i * n + j] -= g[i] * g[j] * weight;

@@ -20,16 +20,18 @@ Lengths are metres, world frame; angles radians, but for names in ``_deg``. All 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import Any
 
 import shapely
+from shapely import MultiPolygon
 
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator, Fix, checked_estimator
 from driftplan.world.world import World
+from driftplan.world.zones import Zone
 
 Scene = dict[str, Any]
 _MAX_POSITIONS = 400_000  # of walls: 20 MB of JSON, and a second for a browser to draw
@@ -81,23 +83,31 @@ def scene_of(
         "zones": [{"polygons": _polygons(zone.polygon), "noise": _rates(zone.noise)} for zone in zones],
         "noise": _rates(noise),
         "routes": [{"name": name, "points": path.tolist(), "limit_m": limit} for path, name, limit in of_routes],
-        "beacons": [*(_beacon(one, True) for one in existing), *(_beacon(one, False) for one in beacons)],
+        "beacons": [*(beacon_said(one, existing=True) for one in existing), *map(beacon_said, beacons)],
         "estimator": estimator,
         "start_fix": None if start_fix is None else _fix(start_fix),
         "notes": list(notes),
     }
 
 
-def noise_of(scene: Scene) -> OdometryNoise:
-    """The noise that holds outside of zones."""
-    return OdometryNoise(**scene["noise"])
+def beacon_said(beacon: Beacon, *, existing: bool = False) -> dict[str, Any]:
+    """A beacon as a scene has it."""
+    kind = {key: value for key, value in asdict(beacon.kind).items() if value is not None}
+    place = {"id": beacon.id, "x": beacon.x, "y": beacon.y, "facing_deg": beacon.facing_deg}
+    return {**place, "existing": existing, "kind": kind}
 
 
 def beacon_of(said: dict[str, Any]) -> Beacon:
     """A beacon of a scene."""
-    known = {field.name for field in fields(BeaconKind)}
-    kind = BeaconKind(**{key: value for key, value in said["kind"].items() if key in known})
-    return Beacon(kind, said["x"], said["y"], id=str(said["id"]), facing_deg=said["facing_deg"])
+    return Beacon(BeaconKind(**said["kind"]), said["x"], said["y"], id=str(said["id"]), facing_deg=said["facing_deg"])
+
+
+def zones_of(scene: Scene) -> tuple[Zone, ...]:
+    """The floors of a scene."""
+    return tuple(
+        Zone(MultiPolygon([(rings[0], rings[1:]) for rings in zone["polygons"]]), OdometryNoise(**zone["noise"]))
+        for zone in scene["zones"]
+    )
 
 
 def _polygons(area: Any) -> list[list[list[list[float]]]]:
@@ -109,16 +119,7 @@ def _rates(noise: OdometryNoise) -> dict[str, float]:
     return {key: value for key, value in asdict(noise).items() if value and isinstance(value, float)}
 
 
-def _beacon(beacon: Beacon, existing: bool) -> dict[str, Any]:
-    kind = {key: value for key, value in asdict(beacon.kind).items() if value is not None}
-    place = {"id": beacon.id, "x": beacon.x, "y": beacon.y, "facing_deg": beacon.facing_deg}
-    return {**place, "existing": existing, "kind": kind}
-
-
 def _fix(fix: Fix) -> dict[str, Any]:
     cov = None if fix.position_cov is None else fix.position_cov.tolist()
-    return {
-        "position_cov": cov,
-        "heading_std": fix.heading_std,
-        "detection_probability": fix.detection_probability,
-    }
+    chance = fix.detection_probability
+    return {"position_cov": cov, "heading_std": fix.heading_std, "detection_probability": chance}

@@ -17,11 +17,10 @@ import shapely
 
 from driftplan.beacons.beacon import BeaconKind
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.placement.problem import placement_problem
+from driftplan.layouts.placement.problem import LimitSearch, placement_problem
 from driftplan.layouts.placement.requirements import DriftRequirements
 from driftplan.layouts.scenario import DriftLimit, Scenario
-from driftplan.layouts.site_grids import grid_sites
-from driftplan.layouts.sites import Sites
+from driftplan.layouts.sites import Sites, grid_sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.world import World
 
@@ -102,7 +101,7 @@ def even_spacing(needs: DriftRequirements, routes: list[np.ndarray], sites: np.n
             line = shapely.LineString(route)
             stops = shapely.line_interpolate_point(line, np.arange(x, line.length, x))
             chosen[tree.nearest(stops)] = True
-        if needs.holds(chosen):
+        if not needs.cuts(chosen):
             return chosen
     return None
 
@@ -131,7 +130,7 @@ def genetic(needs: DriftRequirements, start: np.ndarray, seconds: float, rng: np
         score, worst = fitness(child), int(np.argmax(scores))
         if score < scores[worst]:
             people[worst], scores[worst] = child, score
-    return min((p for p in people if needs.holds(p)), key=lambda p: p.sum(), default=start)
+    return min((p for p in people if not needs.cuts(p)), key=lambda p: p.sum(), default=start)
 
 
 def row(*cells: object) -> None:
@@ -163,7 +162,7 @@ def compare(count: int, least_sites: int, scale: float, kind: str, time_limit: f
     said = "proven" if layout.proven else f">= {layout.lower_bound:g}, gap {100 * layout.gap:.1f} %"
     row(*case, "place_beacons", len(layout.beacons), f"{ours:.2f}", f"{said}, {cpu:.1f} s of processor")
     problem = placement_problem(Scenario.of(world, routes, NOISE, DriftLimit()), Sites(KINDS[kind], sites))
-    needs = problem.requirements(problem.table(limit), [limit] * count)
+    needs = LimitSearch.of(problem, limit, np.inf).requirements([limit] * count)
     begin = time.perf_counter()
     greedy = greedy_cover(needs, len(sites))
     row(*case, "greedy cover", greedy.sum(), f"{time.perf_counter() - begin:.2f}", "without making the tables")

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array
 
-from driftplan.layouts.placement.covering import Outcome, cheapest_cover
+from driftplan.layouts.placement.covering import cheapest_cover
 from driftplan.layouts.placement.cut_pool import Cut, CutPool
 from driftplan.layouts.placement.local_search import LocalSearch
 from driftplan.layouts.placement.relaxation import Relaxation
+from driftplan.planning.status import Status
 
 
 def bits(s, n):
@@ -48,7 +49,7 @@ def test_the_cheapest_accepted_layout_is_found_though_accepted_layouts_form_no_p
     found = cheapest_cover(cost, Family(accepted, n))
     best = min((cost @ bits(s, n) for s in accepted), default=np.inf)
     assert found.cost == pytest.approx(best)
-    assert found.outcome is (Outcome.OPTIMAL if accepted else Outcome.INFEASIBLE)
+    assert found.status is (Status.OPTIMAL if accepted else Status.INFEASIBLE)
     assert found.lower_bound == pytest.approx(best if accepted else found.lower_bound)
 
 
@@ -95,7 +96,7 @@ def test_set_multicover_matches_brute_force(seed, told):
     demands = [oracle.row(i) for i in range(12)] if told == "at once" else []
     found = cheapest_cover(cost, oracle, demands=demands)
     best = min(cost @ bits(s, 9) for s in range(512) if (matrix @ bits(s, 9) >= least).all())
-    assert (found.cost, found.lower_bound, found.outcome) == (best, best, Outcome.OPTIMAL)
+    assert (found.cost, found.lower_bound, found.status) == (best, best, Status.OPTIMAL)
 
 
 def test_of_equally_dear_sites_the_one_listed_first_is_taken():
@@ -110,7 +111,7 @@ def test_of_equally_dear_sites_the_one_listed_first_is_taken():
 def test_a_cut_that_nothing_satisfies_is_handed_back():
     cut = Cut(np.array([0, 1]), np.ones(2), 3.0, (7, 4))
     found = cheapest_cover(np.ones(4), Family({15}, 4), demands=[cut])
-    assert found.outcome is Outcome.INFEASIBLE
+    assert found.status is Status.INFEASIBLE
     assert found.hopeless is cut
 
 
@@ -128,7 +129,7 @@ def test_when_time_is_over_the_best_so_far_comes_back_with_a_bound_below_it():
     found = cheapest_cover(
         np.ones(300), oracle, demands=demands, time_limit=3.0, progress=lambda *news: told.append(news)
     )
-    assert found.outcome is Outcome.STOPPED_EARLY
+    assert found.status is Status.TIME_LIMIT
     assert oracle.cuts(found.chosen) == []
     assert 0 < found.lower_bound < found.cost == found.chosen.sum()
     costs, bounds = [cost for _, cost, _ in told], [bound for *_, bound in told]
@@ -160,7 +161,7 @@ def test_ctrl_c_is_heard_while_the_solver_runs():
 
 def test_stopping_at_the_first_layout_is_said():
     found = cheapest_cover(np.array([5.0, 1.0]), Family({1, 2}, 2), hint=bits(1, 2), stop_at_first=True)
-    assert found.outcome is Outcome.GOOD_ENOUGH
+    assert found.status is Status.GOOD_ENOUGH
     assert found.cost == 5.0
 
 

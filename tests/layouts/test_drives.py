@@ -10,7 +10,7 @@ from driftplan.beacons.readings import drift_with_beacons
 from driftplan.layouts.placement.drives import HOLDS, drives_of, first_breach, worst_squares
 from driftplan.layouts.placement.fresh_fixes import Limit
 from driftplan.layouts.placement.interval_moments import IntervalMoments
-from driftplan.layouts.placement.problem import placement_problem
+from driftplan.layouts.placement.problem import LimitSearch, placement_problem
 from driftplan.layouts.scenario import DriftLimit, Scenario
 from driftplan.layouts.sites import Sites
 from driftplan.model.drift import predict_drift
@@ -44,8 +44,8 @@ SITES = [Beacon(TAG, 5, 1), Beacon(SIGN, 12, 2), Beacon(TAG, 14, -4), Beacon(SIG
 
 def table_of(noise, sites=SITES, limit=0.5, path=PATH):
     problem = placement_problem(Scenario.of(None, path, noise, DriftLimit()), Sites(points=sites))
-    table = problem.table(limit)
-    return table, problem.requirements(table, [limit])
+    needs = LimitSearch.of(problem, limit, np.inf).requirements([limit])
+    return needs.table, needs
 
 
 @pytest.mark.parametrize("noise", [NOISE, SYSTEMATIC, WILD])
@@ -145,7 +145,7 @@ def test_a_limit_broken_only_inside_a_piece_is_seen():
     far = [Beacon(TAG, 99, 99)]
     for limit, holds in ((peak * (1 - 1e-7), False), (peak * (1 + 1e-7), True)):
         table, needs = table_of(noise, far, limit, path)
-        assert needs.holds(np.array([False])) is holds
+        assert (not needs.cuts(np.array([False]))) is holds
         for stepwise in (False, True):
             intervals = IntervalMoments(table)
             intervals.forgets[:] = stepwise
@@ -158,9 +158,9 @@ def test_a_radius_is_judged_by_its_quantile():
     path = np.array([(0, 0), (30, 0)])
     radius = float(predict_drift(path, NOISE).end.radius(0.9))
     problem = placement_problem(Scenario.of(None, path, NOISE, DriftLimit(confidence=0.9)), Sites(points=far))
-    table = problem.table(radius)
+    search = LimitSearch.of(problem, radius, np.inf)
     for limit, holds in ((0.999 * radius, False), (1.001 * radius, True)):
-        assert problem.requirements(table, [limit]).holds(np.array([False])) is holds
+        assert (not search.requirements([limit]).cuts(np.array([False]))) is holds
     assert Limit(np.array([radius]), 0.9).confidence == 0.9
     assert HOLDS < 0
 
@@ -173,12 +173,13 @@ def test_a_radius_beyond_the_limit_only_inside_a_piece_is_seen():
     problem = placement_problem(
         Scenario.of(None, path, noise, DriftLimit(confidence=0.9)), Sites(points=[Beacon(TAG, 99, 99)])
     )
-    table = problem.table(peak)
+    search = LimitSearch.of(problem, peak, np.inf)
+    table = search.routes
     at_borders = peak * (1 - 1e-5)  # segments are short: their breakpoints come that near to the peak
     assert not Limit(np.array([at_borders]), 0.9).judged(_along(table), np.zeros(len(table.length), int))[0].any()
     for limit, holds in ((at_borders, False), (peak * (1 + 1e-6), True)):
-        needs = problem.requirements(table, [limit])
-        assert needs.holds(np.array([False])) is holds
+        needs = search.requirements([limit])
+        assert (not needs.cuts(np.array([False]))) is holds
         stepwise = IntervalMoments(table)
         stepwise.forgets[:] = True
         slot, _ = first_breach(stepwise, drives_of(table, np.array([False]), np.arange(1)), needs.limit)
@@ -201,7 +202,7 @@ TWO_ROUTES = [PATH, np.array([(4, -6), (12, 3), (5, 1.25), (14, -4)], dtype=floa
 
 def drives_on_two_routes(noise, limit):
     problem = placement_problem(Scenario.of(None, TWO_ROUTES, noise, DriftLimit(redundancy=2)), Sites(points=ALL_KINDS))
-    table = problem.table(limit)
+    table = LimitSearch.of(problem, limit, np.inf).routes
     rng = np.random.default_rng(5)
     chosen = [rng.random(len(ALL_KINDS)) < 0.6 for _ in range(12)]
     return table, chosen, [drives_of(table, c, np.arange(2), 2) for c in chosen]

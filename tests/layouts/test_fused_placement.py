@@ -33,7 +33,7 @@ def scenario_of(instance, start_fix=None):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("seed", range(600, 604))
+@pytest.mark.parametrize("seed", [600, pytest.param(601, marks=pytest.mark.slow)])
 def test_the_greatest_drift_of_a_set_of_sites_is_that_of_the_prediction(name, seed, one_of_them):
     instance, start_fix = one_of_them(name, seed), Fix.full(0.0, position_std_m=0.2, heading_std=0.03)
     scenario, rng = scenario_of(instance, start_fix), np.random.default_rng(seed)
@@ -50,7 +50,7 @@ def test_the_greatest_drift_of_a_set_of_sites_is_that_of_the_prediction(name, se
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("seed", range(610, 614))
+@pytest.mark.parametrize("seed", [610, pytest.param(611, marks=pytest.mark.slow)])
 def test_a_site_more_never_hurts(name, seed, one_of_them):
     instance = one_of_them(name, seed)
     for route in fused_routes(scenario_of(instance), instance.sites):
@@ -61,7 +61,7 @@ def test_a_site_more_never_hurts(name, seed, one_of_them):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("seed", range(620, 622))
+@pytest.mark.parametrize("seed", [620, pytest.param(621, marks=pytest.mark.slow)])
 def test_every_cut_is_kept_by_every_layout_that_holds_and_missed_by_the_one_asked_about(name, seed, one_of_them):
     instance = replace(one_of_them(name, seed), estimator="filter")
     routes, limits = fused_routes(scenario_of(instance), instance.sites), [instance.limit] * len(instance.paths)
@@ -80,7 +80,7 @@ def test_every_cut_is_kept_by_every_layout_that_holds_and_missed_by_the_one_aske
         assert chosen is None or chosen[cut.columns] @ cut.weights < cut.least
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_a_real_filter_keeps_the_limit_with_the_layout(seed):
     rng = np.random.default_rng(seed)
     path = np.cumsum(rng.uniform(-15, 15, (6, 2)), axis=0)
@@ -92,7 +92,7 @@ def test_a_real_filter_keeps_the_limit_with_the_layout(seed):
     just_before = [fix.s_m - 0.01 for fix in fixes if fix.s_m > 0.01]  # where the drift is greatest
     stops = np.unique(np.concatenate([corners, just_before, np.arange(0.0, line.length, 2.0)]))
     points = shapely.get_coordinates(shapely.line_interpolate_point(line, stops))
-    errors = simulate_drift(points, NOISE, fixes=fixes, estimator="filter", runs=4000, rng=rng)
+    errors = simulate_drift(points, NOISE, fixes=fixes, estimator="filter", runs=2000, rng=rng)
     rms = np.sqrt((errors**2).sum(axis=-1).mean(axis=0))
     assert 0.45 < rms.max() <= 0.5 * 1.03
 
@@ -162,9 +162,10 @@ def test_where_the_heading_is_too_uncertain_for_a_filter_the_layout_says_so():
     assert "On 1 of 1 routes, the first of them route 0" in layout.note
 
 
-@pytest.mark.parametrize("seed", range(640, 644))
+@pytest.mark.parametrize("seed", range(640, 642))
 def test_the_layout_that_the_search_starts_from_holds_wherever_one_does(seed, one_of_them):
     instance = replace(one_of_them("mixed", seed), estimator="filter", redundancy=1)
     limits, n = [instance.limit] * len(instance.paths), len(instance.sites)
     requirements = FusedRequirements(fused_routes(scenario_of(instance), instance.sites), limits)
-    assert requirements.holds(requirements.driven_along(np.zeros(n, dtype=bool))) == instance.acceptable(2**n - 1)
+    start = requirements.driven_along(np.zeros(n, dtype=bool))
+    assert (not requirements.cuts(start)) == instance.acceptable(2**n - 1)

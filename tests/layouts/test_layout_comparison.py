@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.layouts.layout_comparison import compare_layouts
+from driftplan.layouts.layout import compare_layouts
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites

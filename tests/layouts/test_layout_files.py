@@ -10,9 +10,10 @@ import pytest
 import shapely
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.beacon_files import beacons_geojson, load_beacons
 from driftplan.beacons.readings import beacon_passes, drift_with_beacons
 from driftplan.errors import MapError
-from driftplan.layouts.layout_files import beacons_geojson, installer_table, layout_csv, layout_geojson, load_beacons
+from driftplan.layouts.layout import installer_table, layout_csv, layout_geojson
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise

@@ -38,7 +38,7 @@ KINDS = [
 def worst_of_each_engine(path, noise, beacons, start_fix=None):
     """The greatest rms by prediction, itinerary and placement, metres."""
     path, fixes = np.asarray(path, dtype=float), [] if start_fix is None else [start_fix]
-    table = route_table([path], noise, beacons, None, start_fix=start_fix, least_limit_m=0.1)
+    table = route_table(Scenario.of(None, path, noise, DriftLimit(), start_fix), beacons, 0.1)
     everyone = drives_of(table, np.ones(len(beacons), dtype=bool), np.array([0]))
     return (
         worst_rms(drift_with_beacons(path, noise, beacons, fixes=fixes)),

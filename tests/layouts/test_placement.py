@@ -13,7 +13,6 @@ from driftplan.beacons.readings import beacon_fixes, beacon_passes, drift_with_b
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.placement import covering
-from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.placement.relaxation import Solution
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import SiteGroup, Sites
@@ -21,7 +20,9 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
 from driftplan.model.worst import worst_rms
+from driftplan.planning.status import Status
 
+SLOW = pytest.mark.slow
 NAMES = ["tags", "perfect", "coarse", "two full", "mixed", "with compass", "unsure", "everything"]
 FUSED_NAMES = ["ranges", "lights", "seen from in front"]
 NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
@@ -69,7 +70,7 @@ def check_against_brute_force(instance, allowed=lambda subset: True, **options):
         return
     assert layout is not None, f"brute force finds cost {best}"
     assert layout.proven
-    assert layout.status is Outcome.OPTIMAL
+    assert layout.status is Status.OPTIMAL
     assert layout.cost == layout.lower_bound == best
     subset = subset_of(instance, layout)
     assert instance.acceptable(subset)
@@ -86,7 +87,7 @@ def test_the_optimum_is_that_of_brute_force(name, seed, estimator, one_of_them):
 
 
 @pytest.mark.parametrize("name", FUSED_NAMES)
-@pytest.mark.parametrize("seed", [200, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(201, 221))])
+@pytest.mark.parametrize("seed", [200, *(pytest.param(seed, marks=SLOW) for seed in range(201, 221))])
 def test_with_readings_only_for_a_filter_the_optimum_is_that_of_brute_force(name, seed, one_of_them):
     check_against_brute_force(replace(one_of_them(name, seed), estimator="filter"))
 
@@ -121,7 +122,7 @@ def test_the_200_instances_have_every_variation(one_of_them):
     assert min(count.values()) >= 15, count
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=SLOW)])
 def test_with_a_confidence_the_optimum_is_that_of_brute_force(seed, make_instance, kinds_named):
     instance = make_instance(500 + seed, kinds_named["mixed"], sites=(3, 4))
     instance.confidence = 0.9
@@ -137,7 +138,9 @@ def test_with_a_confidence_the_optimum_is_that_of_brute_force_for_all_kinds(name
     check_against_brute_force(instance)
 
 
-@pytest.mark.parametrize(("name", "seed"), [("with compass", 301), ("with compass", 305), ("with compass", 316)])
+@pytest.mark.parametrize(
+    ("name", "seed"), [("with compass", 305), *(pytest.param("with compass", k, marks=SLOW) for k in (301, 316))]
+)
 def test_when_only_the_combination_fails_the_least_drift_of_all_combinations_is_told(name, seed, one_of_them):
     instance = one_of_them(name, seed)
     assert instance.cheapest() == np.inf
@@ -159,7 +162,9 @@ def test_when_only_the_combination_fails_the_least_drift_of_all_combinations_is_
     assert 0 <= start <= end <= shapely.LineString(instance.paths[route]).length
 
 
-@pytest.mark.parametrize(("name", "seed"), [("mixed", 304), ("tags", 309), ("unsure", 301), ("two full", 306)])
+@pytest.mark.parametrize(
+    ("name", "seed"), [("mixed", 304), ("tags", 309), pytest.param("unsure", 301, marks=SLOW), ("two full", 306)]
+)
 @pytest.mark.parametrize("rounds", [0, 1, 2])
 def test_stopped_early_the_optimum_lies_between_the_bound_and_the_cost(name, seed, rounds, one_of_them, monkeypatch):
     """Whatever the search is stopped after; nothing is called proven that brute force beats."""
@@ -180,7 +185,7 @@ def test_stopped_early_the_optimum_lies_between_the_bound_and_the_cost(name, see
     if layout is None:
         return
     assert layout.lower_bound <= best <= layout.cost
-    assert layout.proven == (layout.status is Outcome.OPTIMAL)
+    assert layout.proven == (layout.status is Status.OPTIMAL)
     if layout.proven:
         assert layout.cost == best
     assert instance.acceptable(subset_of(instance, layout))
@@ -220,7 +225,7 @@ def test_groups_caps_and_spacing_are_those_of_brute_force(seed, estimator, make_
 
 def test_with_redundancy_three_any_two_may_die(one_of_them):
     path = np.array([(0, 0), (30, 0), (30, 12)], dtype=float)
-    sites = [Beacon(SIGN, x, 0.5, f"s{x}") for x in range(4, 30, 2)]
+    sites = [Beacon(SIGN, x, 0.5, f"s{x}") for x in range(4, 30, 3)]
     layouts = [place_beacons(None, path, NOISE, DriftLimit(0.9, redundancy=k), Sites(points=sites)) for k in (1, 2, 3)]
     assert [x.proven for x in layouts] == [True] * 3
     counts = [len(x.beacons) for x in layouts]
@@ -383,9 +388,9 @@ def check_against_flow(paths, spacing_m, limit):
     return layout
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=SLOW)])
 def test_perfect_full_fixes_cost_what_a_flow_formulation_finds(seed):
-    layout = check_against_flow(street_routes(np.random.default_rng(seed), 5), 5.0, 0.5)
+    layout = check_against_flow(street_routes(np.random.default_rng(seed), 4), 5.0, 0.5)
     assert len(layout.beacons) > 1
 
 
@@ -397,7 +402,7 @@ def test_perfect_full_fixes_cost_what_a_flow_formulation_finds_on_medium_instanc
     assert len(layout.beacons) > 5
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_on_one_route_with_perfect_fixes_going_as_far_as_possible_is_as_good(seed):
     rng = np.random.default_rng(seed)
     path = np.cumsum(np.concatenate([[[0, 0]], rng.uniform(2, 12, (6, 2))]), axis=0)  # to the upper right: never back
@@ -424,7 +429,7 @@ def _holds_until(path, fixes, site, limit):
     [
         SIGN,
         BeaconKind.rfid(range_m=1.5, position_std_m=0.1),
-        BeaconKind.landmark(2.0, 0.05, 0.01, detection_probability=0.8, line_of_sight=False),
+        pytest.param(BeaconKind.landmark(2, 0.05, 0.01, detection_probability=0.8, line_of_sight=False), marks=SLOW),
     ],
     ids=["full fixes", "position fixes", "fixes that may fail"],
 )
@@ -433,7 +438,7 @@ def test_monte_carlo_finds_the_limit_kept_everywhere(kind):
     limit = 0.5
     layout = place_beacons(None, path, NOISE, limit, Sites(kind, spacing_m=2.0))
     dense = _with_corners(path, 90)
-    errors = simulate_drift(dense, NOISE, runs=4000, rng=3, fixes=beacon_fixes(path, layout.beacons), substep_m=0.5)
+    errors = simulate_drift(dense, NOISE, runs=2000, rng=3, fixes=beacon_fixes(path, layout.beacons), substep_m=0.5)
     square = (errors**2).sum(-1)
     standard_error = square.std(0) / np.sqrt(len(square))
     assert (square.mean(0) <= limit**2 + 4 * standard_error).all()

@@ -11,14 +11,13 @@ from driftplan.beacons.readings import beacon_passes, drift_with_beacons
 from driftplan.errors import InfeasibleError, KeywordError
 from driftplan.layouts.place import beacon_tradeoff, place_beacons
 from driftplan.layouts.placement import covering
-from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.placement.relaxation import Solution
 from driftplan.layouts.scenario import DriftLimit
-from driftplan.layouts.site_grids import grid_sites, route_sites, wall_sites
-from driftplan.layouts.sites import SiteGroup, Sites
+from driftplan.layouts.sites import SiteGroup, Sites, grid_sites, route_sites, wall_sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.worst import worst_radius, worst_rms
+from driftplan.planning.status import Status
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
@@ -229,7 +228,7 @@ def test_when_time_runs_out_in_the_solver_the_greedy_layout_comes_back_and_says_
     layout = place_beacons(
         None, ROUTES, NOISE, 0.5, Sites(SIGN, spacing_m=4.0), time_limit=2.0, progress=lambda *x: told.append(x)
     )
-    assert layout.status is Outcome.STOPPED_EARLY
+    assert layout.status is Status.TIME_LIMIT
     assert not layout.proven
     assert layout.worst_drift <= 0.5
     assert layout.lower_bound == 1.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from driftplan.layouts.placement.problem import placement_problem
+from driftplan.layouts.placement.problem import LimitSearch, placement_problem
 from driftplan.layouts.scenario import DriftLimit, Scenario
 from driftplan.layouts.sites import Sites
 
@@ -17,8 +17,8 @@ def satisfied(cut, chosen):
 def check_all_layouts(instance):
     limit = DriftLimit(redundancy=instance.redundancy)
     problem = placement_problem(Scenario.of(None, instance.paths, instance.noise, limit), Sites(points=instance.sites))
-    table = problem.table(instance.limit)
-    requirements = problem.requirements(table, [instance.limit] * len(instance.paths))
+    search = LimitSearch.of(problem, instance.limit, np.inf)
+    requirements = search.requirements([instance.limit] * len(instance.paths))
     layouts = [
         np.array([s >> i & 1 for i in range(len(instance.sites))], dtype=bool) for s in range(2 ** len(instance.sites))
     ]
@@ -55,11 +55,12 @@ def test_looking_near_a_site_finds_what_looking_everywhere_finds(name, make_inst
     problem = placement_problem(
         Scenario.of(None, instance.paths, instance.noise, DriftLimit()), Sites(points=instance.sites)
     )
-    requirements = problem.requirements(problem.table(instance.limit), [instance.limit] * len(instance.paths))
+    search = LimitSearch.of(problem, instance.limit, np.inf)
+    requirements = search.requirements([instance.limit] * len(instance.paths))
     n = len(instance.sites)
     for s in range(2**n):
         chosen = np.array([s >> i & 1 for i in range(n)], dtype=bool)
-        if not requirements.holds(chosen):
+        if requirements.cuts(chosen):
             continue
         for site in range(n):
             changed = chosen.copy()

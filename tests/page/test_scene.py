@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from driftplan import Beacon, BeaconKind, OdometryNoise, World, Zone
-from driftplan.page.scene import beacon_of, noise_of, scene_of
+from driftplan.page.scene import beacon_of, scene_of, zones_of
 
 NOISE = OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-3)
 ROUTE = [np.array([[1.0, 1.0], [8.0, 1.0]])]
@@ -20,7 +20,7 @@ def test_beacons_and_noise_come_back_as_they_went():
     scene = json.loads(json.dumps(scene_of(None, ROUTE, NOISE, beacons=[tag], existing=[radio]), allow_nan=False))
     assert [beacon_of(one) for one in scene["beacons"]] == [radio, tag]
     assert [one["existing"] for one in scene["beacons"]] == [True, False]
-    assert noise_of(scene) == NOISE
+    assert OdometryNoise(**scene["noise"]) == NOISE
 
 
 def test_walls_are_what_blocks_sight_and_zones_keep_their_order():
@@ -31,6 +31,7 @@ def test_walls_are_what_blocks_sight_and_zones_keep_their_order():
     (ring,) = scene["walls"][0]
     assert np.allclose(sorted(ring[:-1]), [(4, 4), (6, 4), (6, 6)], atol=1e-5)
     assert [zone["noise"]["heading_var_per_m"] for zone in scene["zones"]] == pytest.approx([4e-4, 9e-4])
+    assert [(zone.polygon.area, zone.noise) for zone in zones_of(scene)] == [(6.0, zone.noise) for zone in zones]
 
 
 def test_noise_per_step_is_refused():

@@ -22,7 +22,7 @@ from driftplan import (
     predict_drift,
     save_noise,
 )
-from driftplan.layouts.layout_files import beacons_geojson
+from driftplan.beacons.beacon_files import beacons_geojson
 from driftplan.planning.ompl.solve import PLANNERS as OMPL_PLANNERS
 from driftplan.planning.roadmap.prices import exact_drift
 from driftplan.planning.routes import ROADMAP

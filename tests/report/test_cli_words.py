@@ -13,7 +13,7 @@ import pytest
 import shapely
 
 from driftplan import Beacon, BeaconKind, OdometryNoise, World, plan_route, predict_drift, save_world
-from driftplan.layouts.layout_files import beacons_geojson
+from driftplan.beacons.beacon_files import beacons_geojson
 from driftplan.report.cli import in_options
 from driftplan.report.commands import COMMANDS
 from driftplan.report.commands.answer import Progress

@@ -9,10 +9,10 @@ import pytest
 from matplotlib.figure import Figure
 
 from driftplan.beacons.beacon import BeaconKind
+from driftplan.beacons.beacon_files import load_beacons
 from driftplan.errors import TrajectoryError
 from driftplan.layouts.co_design.co_design import co_design
-from driftplan.layouts.co_design.trips import Trip, load_trips
-from driftplan.layouts.layout_files import load_beacons
+from driftplan.layouts.co_design.design import Trip, load_trips
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.layouts.layout_files import beacons_geojson
+from driftplan.beacons.beacon_files import beacons_geojson
 from driftplan.model.noise import OdometryNoise
 from driftplan.report.cli import build_parser
 from driftplan.report.commands.plan import itinerary_as_json, itinerary_text, planned_route

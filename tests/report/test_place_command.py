@@ -6,7 +6,7 @@ from math import radians
 import pytest
 
 from driftplan.beacons.beacon import BeaconKind
-from driftplan.layouts.layout_files import load_beacons
+from driftplan.beacons.beacon_files import load_beacons
 from driftplan.report.cli import build_parser
 from driftplan.report.commands.shared import kind_from
 

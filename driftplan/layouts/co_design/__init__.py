@@ -2,6 +2,5 @@
 
 co_design       the search
 design_problem  its two halves: beacons for routes, routes among beacons
-design          what it answers
-trips           what is driven, in Python or from a file
+design          what it is asked and answers: trips and designs
 """

@@ -27,9 +27,8 @@ from numpy.typing import ArrayLike
 from driftplan.arrays import Floats, keywords_checked, positive, whole
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.errors import InfeasibleError
-from driftplan.layouts.co_design.design import CoDesign, Design, DesignStatus
+from driftplan.layouts.co_design.design import CoDesign, Design, Trip, trips_of
 from driftplan.layouts.co_design.design_problem import DesignProblem
-from driftplan.layouts.co_design.trips import Trip, trips_of
 from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
@@ -38,6 +37,7 @@ from driftplan.planning.request import DEFAULT_DETOUR, Reliance, check_continuou
 from driftplan.planning.roadmap.beacon_walks import ROUNDING
 from driftplan.planning.roadmap.prices import length_of
 from driftplan.planning.routes import route_along
+from driftplan.planning.status import Status
 from driftplan.world.world import World
 
 _MIN_GAIN = 1e-6  # least relative gain that counts
@@ -73,21 +73,13 @@ def co_design(
 
     Parameters
     ----------
-    world : its walls block sight, its zones override ``noise``
+    world, noise, sites, estimator, start_fix : as for `place_beacons`
     trips : sequence of Trip, or of (start, goal) or (start, goal, weight)
-    noise : of the continuous kind (no ``step_m``)
-    limit : metres (one number or one per trip), or DriftLimit
-        On the rms drift anywhere on any route; with ``redundancy=2`` it holds with any one beacon dead.
-    sites : BeaconKind or several, or Sites
-        Kinds alone: sites are a grid over the free space, as `Sites` says.
+    limit : on the rms, metres (one number or one per trip); or DriftLimit, with a ``redundancy`` of 1 or 2
     price_per_m : of driving one metre once, in the unit of the beacons' cost, > 0
     max_detour : no route is longer than this multiple of the shortest, >= 1
-    min_capture : float in [0, 1)
-        The limit holds without readings that a robot that has drifted comes within range of less surely than this; the
+    min_capture : the limit holds without readings that a drifted robot gets less surely than this, in [0, 1); the
         chances are in ``routes[k].captures``. 0: all count, as in `place_beacons`.
-    estimator : what the robots do with a reading, "reset" or "filter", as in `place_beacons`
-    start_fix : Fix at 0
-        Uncertainty at the start of every trip; default: the start is known.
     max_nodes : of every roadmap, about
     rounds : passes over all neighbours, at most; 0: only the baseline, with its routes as short as its beacons allow
     time_limit : seconds; it only stops the search, and ``status`` then says so. The baseline is found in any case.
@@ -154,9 +146,7 @@ def co_design(
     )
     problem.shortest = [problem.shortest_path(k) for k in range(len(driven))]
     problem.longest_m = [max_detour * length_of(path) * (1 + ROUNDING) for path in problem.shortest]
-    search = _DesignSearch(problem, began, progress)
-    status, done = search.run(rounds)
-    return search.result(status, done, time.monotonic() - began)
+    return _DesignSearch(problem, began, progress).run(rounds)
 
 
 class _DesignSearch:
@@ -170,21 +160,13 @@ class _DesignSearch:
         self.tried = 0
         self._begun: set[bytes] = set()  # routes that have been started from
 
-    def run(self, rounds: int) -> tuple[DesignStatus, int]:
-        self._start()
-        done = 0
-        while done < rounds:
-            done += 1
-            gained = self._pass()
-            if self.problem.cut_short:
-                return DesignStatus.TIME_LIMIT, done
-            if not gained:
-                return DesignStatus.LOCAL_OPTIMUM, done
-        return DesignStatus.TIME_LIMIT if self.problem.cut_short else DesignStatus.ROUNDS_DONE, done
-
-    def result(self, status: DesignStatus, rounds: int, seconds: float) -> CoDesign:
-        problem, best = self.problem, self.best
-        assert best is not None
+    def run(self, rounds: int) -> CoDesign:
+        best, done, gained, problem = self._start(), 0, True, self.problem
+        while done < rounds and gained and not problem.cut_short:
+            gained, done = self._pass(best), done + 1
+            assert self.best is not None
+            best = self.best
+        status = Status.TIME_LIMIT if problem.cut_short else Status.ROUNDS_DONE if gained else Status.LOCAL_OPTIMUM
         everyone = (*best.layout.existing, *best.layout.beacons)
         routes = [route_along(problem.search(k, everyone), path, "length") for k, path in enumerate(best.paths)]
         return CoDesign(
@@ -195,13 +177,13 @@ class _DesignSearch:
             routes=tuple(routes),
             baseline=self.baseline,
             status=status,
-            rounds=rounds,
+            rounds=done,
             tried=self.tried,
             history=tuple(self.history),
-            seconds=seconds,
+            seconds=time.monotonic() - self.began,
         )
 
-    def _start(self) -> None:
+    def _start(self) -> Design:
         """Shortest routes, then beacons; where none hold the limit on those, routes among beacons at all sites."""
         problem = self.problem
         shortest = tuple(problem.shortest)
@@ -212,7 +194,7 @@ class _DesignSearch:
         else:
             self.baseline = problem.design(shortest, layout)
             self._offer(self.baseline)
-            return
+            return self.baseline
         everywhere = (*problem.listed.existing, *problem.listed.new)
         paths = []
         for k in range(len(shortest)):
@@ -232,11 +214,10 @@ class _DesignSearch:
         self._alternate(tuple(paths))
         if self.best is None:
             raise InfeasibleError(f"no layout keeps the limit on the routes found; on the shortest: {on_shortest}")
+        return self.best
 
-    def _pass(self) -> bool:
+    def _pass(self, design: Design) -> bool:
         """Restart from every neighbour of the best design; whether one led to a cheaper design."""
-        design = self.best
-        assert design is not None
         for paths in self._neighbours(design):
             if self.problem.late():
                 break
@@ -244,8 +225,7 @@ class _DesignSearch:
             if paths is not None and (key := b"".join(path.tobytes() for path in paths)) not in self._begun:
                 self._begun.add(key)
                 self._alternate(paths)
-        assert self.best is not None
-        return self.best.cost < design.cost * (1 - _MIN_GAIN)
+        return self.best is not None and self.best.cost < design.cost * (1 - _MIN_GAIN)
 
     def _neighbours(self, design: Design) -> Iterator[tuple[Floats, ...] | None]:
         """Routes to start from; None where a trip has none that could pay."""
@@ -266,7 +246,8 @@ class _DesignSearch:
         """Beacons that might be done without, the sets that save most first; of equals in the seed's order."""
         problem, beacons = self.problem, design.layout.beacons
         order = {b: k for k, b in enumerate(beacons)}
-        on_trip = [set(design.layout.scenario.beacons_in_range(k, beacons)) for k in range(len(problem.trips))]
+        scenario = design.layout.scenario
+        on_trip = [{beacons[i] for i in scenario.beacons_in_range(k, beacons)} for k in range(len(problem.trips))]
         sets = {frozenset([b]) for b in beacons}
         for k, here in enumerate(on_trip):
             elsewhere = set().union(*on_trip[:k], *on_trip[k + 1 :])
@@ -297,7 +278,7 @@ class _DesignSearch:
         """Routes in which one trip uses what is, or could be, on the route of another."""
         problem = self.problem
         layout = design.layout
-        saved = problem.beacon_cost(layout.scenario.beacons_in_range(rider, layout.beacons))
+        saved = problem.beacon_cost(layout.beacons[i] for i in layout.scenario.beacons_in_range(rider, layout.beacons))
         if saved == 0:
             return None
         longest_m = length_of(paths[rider]) + _DETOUR_COST_SHARE * saved / problem.metre_price(rider)

@@ -12,18 +12,17 @@ import numpy as np
 from driftplan.arrays import Bools, Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
-from driftplan.layouts.co_design.design import Design
-from driftplan.layouts.co_design.trips import Trip
+from driftplan.layouts.co_design.design import Design, Trip
 from driftplan.layouts.layout import Layout
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.placement.covering import Outcome
 from driftplan.layouts.scenario import DriftLimit, beacons_in_range
-from driftplan.layouts.sites import ListedSites, SiteGroup, Sites
+from driftplan.layouts.sites import ListedSites, Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator
 from driftplan.planning.request import Reliance, check_connected, checked_ends
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.prices import length_of
+from driftplan.planning.status import Status
 from driftplan.world.world import World
 
 _MIN_PLACE_S = 5.0  # however little time is left
@@ -126,59 +125,46 @@ class DesignProblem:
             sure &= [site not in unsure for site in self.listed.new]
 
     def _place_at(self, paths: Sequence[Floats], sure: Bools) -> Layout:
-        new, groups = self.listed.new, list(zip(self.sites.groups, self.listed.members, strict=True))
-        offered = np.isin([site.id for site in new], [b.id for path in paths for b in self.in_range(path)])
-        for group, members in groups:
-            offered[members] |= group.at_least > 0
-        offered &= sure
-        if not offered.any():
-            if not sure.all():  # and what exists is not enough, or nothing else had been tried
-                raise InfeasibleError(
-                    f"no site near these routes is left whose readings are at least {self.reliance.min_capture:g} sure"
-                )
-            offered[0] = True
+        if not sure.any():
+            raise InfeasibleError(f"no site is left whose readings are at least {self.reliance.min_capture:g} sure")
+        new, groups = self.listed.new, zip(self.sites.groups, self.listed.members, strict=True)
+        sites = Sites(
+            points=[new[k] for k in np.flatnonzero(sure)],
+            costs=self.listed.costs[sure],
+            existing=self.listed.existing,
+            groups=[replace(group, members=[new[k].id for k in members if sure[k]]) for group, members in groups],
+            min_spacing_m=self.sites.min_spacing_m,
+        )
         layout = place_beacons(
             self.world,
             list(paths),
             self.noise,
             DriftLimit(self.limits_m, redundancy=self.reliance.redundancy),
-            Sites(
-                points=[new[k] for k in np.flatnonzero(offered)],
-                costs=self.listed.costs[offered],
-                existing=self.listed.existing,
-                groups=[
-                    SiteGroup([new[k].id for k in members if offered[k]], group.at_least, group.at_most)
-                    for group, members in groups
-                ],
-                min_spacing_m=self.sites.min_spacing_m,
-            ),
+            sites,
             estimator=self.estimator,
             start_fix=self.reliance.start_fix,
             time_limit=max(min(self.deadline - time.monotonic(), self.place_s), _MIN_PLACE_S),
         )
-        self.cut_short |= layout.status is Outcome.STOPPED_EARLY
+        self.cut_short |= layout.status is Status.TIME_LIMIT
         return layout
 
     def in_range(self, path: Floats) -> list[Beacon]:
         """Sites that a path comes within range of."""
-        return beacons_in_range(self.world, path, self.listed.new)
+        return [self.listed.new[i] for i in beacons_in_range(self.world, path, self.listed.new)]
 
     def _unsure(self, paths: Sequence[Floats], layout: Layout) -> set[Beacon]:
         """New beacons with readings that are too unsure, on routes that do not keep the limit without those."""
         found: set[Beacon] = set()
-        if self.reliance.min_capture == 0:
-            return found
-        for k, path in enumerate(paths):
-            check = self.search(k, (*layout.existing, *layout.beacons)).check
-            limit = self.limits_m[k]
-            if check.verdict(path, limit).worst > limit * (1 + _LIMIT_ROUNDING):
-                unsure = {
-                    chance.beacon for chance in check.captures(path) if chance.probability < self.reliance.min_capture
-                }
-                if not unsure & set(layout.beacons):
-                    raise InfeasibleError(
-                        f"{self.name(k)}: no layout keeps the drift under {limit:g} m with readings that are at least "
-                        f"{self.reliance.min_capture:g} sure"
-                    )
-                found |= unsure & set(layout.beacons)
+        least = self.reliance.min_capture
+        for k, path in enumerate(paths if least > 0 else ()):
+            check, limit = self.search(k, (*layout.existing, *layout.beacons)).check, self.limits_m[k]
+            if check.verdict(path, limit).worst <= limit * (1 + _LIMIT_ROUNDING):
+                continue
+            unsure = {c.beacon for c in check.captures(path) if c.probability < least} & set(layout.beacons)
+            if not unsure:
+                raise InfeasibleError(
+                    f"{self.name(k)}: no layout keeps the drift under {limit:g} m with readings that are at least "
+                    f"{least:g} sure"
+                )
+            found |= unsure
         return found

@@ -23,7 +23,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from math import ceil, inf
 from typing import Protocol
 
@@ -33,6 +32,7 @@ from driftplan.arrays import Bools, Floats
 from driftplan.layouts.placement.cut_pool import EPS, Cut, CutPool
 from driftplan.layouts.placement.local_search import LocalSearch
 from driftplan.layouts.placement.relaxation import LP_ROOM, Relaxation, Solution
+from driftplan.planning.status import Status
 
 _LONGEST_S = 600.0  # of a search, as far as it is divided into parts
 _PATIENCE = 6  # rounds of the linear relaxation that may pass without raising its bound by a thousandth
@@ -53,21 +53,11 @@ class Oracle(Protocol):
         ...
 
 
-class Outcome(Enum):
-    """How a search ended."""
-
-    OPTIMAL = "Proven optimal."
-    GOOD_ENOUGH = "Good enough for what was asked; not proven optimal."
-    STOPPED_EARLY = "Time limit reached; this is the best answer so far, see `gap`."
-    INFEASIBLE = "Proven that no layout will do."
-    UNKNOWN = "Time limit reached before any answer was found."
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Cover:
     """Result of `cheapest_cover`."""
 
-    outcome: Outcome
+    status: Status
     chosen: Bools | None
     cost: float  # inf without a layout
     lower_bound: float
@@ -98,14 +88,10 @@ def cheapest_cover(
     Parameters
     ----------
     cost : array (n,), > 0 (fixed sites may cost 0)
-    oracle : Oracle
-    demands, caps : sequences of Cut
-    fixed : bool array (n,)
-        Sites that are there anyway.
-    hint : bool array (n,)
-        A layout to start from.
+    fixed : bool array (n,), sites that are there anyway
+    hint : bool array (n,), a layout to start from
     separate : gives cuts that every acceptable layout satisfies and a fractional y, (n,), perhaps not
-    stop_at_first : stop at the first acceptable layout (`Outcome.GOOD_ENOUGH`) instead of looking for the cheapest
+    stop_at_first : stop at the first acceptable layout (`Status.GOOD_ENOUGH`) instead of looking for the cheapest
     time_limit : seconds
     progress : called with seconds, cost of the best layout and lower bound whenever one of them changes
 
@@ -118,63 +104,67 @@ def cheapest_cover(
     ...         ok = (chosen[:-1] & chosen[1:]).any()
     ...         return [] if ok else [Cut(np.flatnonzero(~chosen), np.ones((~chosen).sum()), 1.0)]
     >>> found = cheapest_cover(np.array([3.0, 1.0, 2.0]), Neighbours())
-    >>> found.chosen.tolist(), found.cost, found.outcome.name
+    >>> found.chosen.tolist(), found.cost, found.status.name
     ([False, True, True], 3.0, 'OPTIMAL')
     """
-    return _CoverSearch(cost, oracle, demands, caps, fixed, separate, time_limit, progress).run(hint, stop_at_first)
+    cost = np.asarray(cost, dtype=float)
+    fixed = np.zeros(len(cost), dtype=bool) if fixed is None else np.asarray(fixed, dtype=bool)
+    rows, limits = CutPool(len(cost), demands), CutPool(len(cost), caps)
+    search = _CoverSearch(cost, oracle, rows, limits, fixed, separate, time_limit, progress)
+    return search.run(hint, stop_at_first)
 
 
 class _CoverSearch:
+    best: Bools | None = None
+    best_cost, bound, rounds = inf, 0.0, 0
+    core: Bools | None = None  # sites that look best: where the master is too hard they are looked at closely, once
+
     def __init__(
         self,
         cost: Floats,
         oracle: Oracle,
-        demands: Sequence[Cut],
-        caps: Sequence[Cut],
-        fixed: Bools | None,
+        rows: CutPool,
+        caps: CutPool,
+        fixed: Bools,
         separate: Separator | None,
         time_limit: float,
         progress: Progress | None,
     ):
-        self.cost, self.oracle = np.asarray(cost, dtype=float), oracle
-        self.separate, self.progress = separate, progress
-        self.n = len(self.cost)
-        self.fixed = np.zeros(self.n, dtype=bool) if fixed is None else np.asarray(fixed, dtype=bool)
-        self.rows, self.caps = CutPool(self.n, demands), CutPool(self.n, caps)
+        self.cost, self.oracle, self.separate, self.progress = cost, oracle, separate, progress
+        self.n, self.fixed, self.rows, self.caps = len(cost), fixed, rows, caps
         self.began = time.monotonic()
-        self.deadline, self.step = self.began + time_limit, _common_step(self.cost)
-        self.best: Bools | None = None
-        self.best_cost, self.bound = inf, 0.0
-        self.rounds = 0
+        self.deadline, self.step = self.began + time_limit, _common_step(cost)
         self.hopeless = next((cut for cut in self.rows.cuts if cut.hopeless), None)
-        self.impossible = False  # as a whole, with no single cut to blame
+        self.impossible = self.hopeless is not None  # perhaps as a whole, with no single cut to blame
         self.relaxation = Relaxation(self.cost, self.rows, self.caps, self.fixed, self.step)
-        self.core: Bools | None = None  # sites to look at closely, once
 
     # The loop
 
     def run(self, hint: Bools | None, stop_at_first: bool) -> Cover:
-        if self._impossible():
-            return self._result(Outcome.INFEASIBLE)
+        if self.impossible:
+            return self._result(Status.INFEASIBLE)
         self._complete(self.fixed if hint is None else hint | self.fixed)
         if hint is not None and self.best is None:
             self._complete(self.fixed)
-        if not (self._closed() or self._impossible() or (stop_at_first and self.best is not None)):
+        if not (self._closed() or self.impossible or (stop_at_first and self.best is not None)):
             self._tighten()
-        while not self._impossible() and not self._closed():
+        while not self.impossible and not self._closed():
             if stop_at_first and self.best is not None:
-                return self._result(Outcome.GOOD_ENOUGH)
+                return self._result(Status.GOOD_ENOUGH)
             if time.monotonic() >= self.deadline:
-                return self._result(Outcome.UNKNOWN if self.best is None else Outcome.STOPPED_EARLY)
+                return self._result(Status.TIME_LIMIT)
             if not self._round() and self.core is not None:
                 core, self.core = self.core, None
-                self._look_closely(core)
+                self._improve_locally(core)
+                if 2 * np.count_nonzero(core) < self.n and not self._closed():
+                    self._confine(core, 0.6)
+                    self._improve_locally(core)
         if self.best is None:
-            return self._result(Outcome.INFEASIBLE)
-        if self._impossible():
+            return self._result(Status.INFEASIBLE)
+        if self.impossible:
             raise RuntimeError("the cuts exclude a layout that the oracle accepts: a bug in the oracle")
         self._settle()
-        return self._result(Outcome.OPTIMAL)
+        return self._result(Status.OPTIMAL)
 
     def _tighten(self) -> None:
         """The linear relaxation with as many rows as it takes, and layouts made from its solution."""
@@ -187,7 +177,7 @@ class _CoverSearch:
             best, stale = (bound, 0) if bound > best * 1.001 else (best, stale + 1)
             if not (self.rows.activate(y) or self._separated(y)):
                 break
-        if y is None or self._impossible():
+        if y is None or self.impossible:
             return
         if not self._closed():
             self._complete(self.fixed | (y > 0.999), lean=y)
@@ -200,13 +190,6 @@ class _CoverSearch:
         fresh = [] if self.separate is None else self.separate(y)
         self.rows.add(fresh, active=False)
         return bool(fresh) and (self.rows.activate(y) or self._separated(y))
-
-    def _look_closely(self, core: Bools) -> None:
-        """Where the master is too hard: local search, and HiGHS, among the few sites that look best."""
-        self._improve_locally(core)
-        if 2 * np.count_nonzero(core) < self.n and not self._closed():
-            self._confine(core, 0.6)
-            self._improve_locally(core)
 
     def _improve_locally(self, sites: Bools) -> None:
         """Cheaper layouts of these sites and those of the best, by local search, as long as it finds any."""
@@ -233,7 +216,7 @@ class _CoverSearch:
         """A layout of these sites only, few enough for the master to choose well, in a share of the time left."""
         sites = sites if self.best is None else sites | self.best
         until, chosen = time.monotonic() + share * self._left(), None
-        while time.monotonic() < until and not self._impossible():
+        while time.monotonic() < until and not self.impossible:
             y = self.relaxation.among(sites, min(self.deadline, until) - time.monotonic())
             if y is None:
                 break
@@ -253,12 +236,9 @@ class _CoverSearch:
         if y is None:
             return solved
         chosen = y > 0.5
-        if self.rows.activate(chosen):
-            self._complete(chosen)
-        elif not self._judge(chosen):
+        if not self.rows.activate(chosen) and not self._judge(chosen):
             self._accept(chosen)
-            if solved:
-                self._raise_bound(float(self.cost @ chosen))
+            self._raise_bound(float(self.cost @ chosen) if solved else 0.0)
         elif not self._closed():
             self._complete(chosen)
         return solved
@@ -267,12 +247,9 @@ class _CoverSearch:
         """Seconds that are left, no more than are worth dividing up."""
         return min(self.deadline - time.monotonic(), _LONGEST_S)
 
-    def _result(self, outcome: Outcome) -> Cover:
-        bound = self.best_cost if outcome is Outcome.OPTIMAL else min(self.bound, self.best_cost)
-        return Cover(outcome, self.best, self.best_cost, bound, self.hopeless, self.rounds, len(self.rows.cuts))
-
-    def _impossible(self) -> bool:
-        return self.impossible or self.hopeless is not None
+    def _result(self, status: Status) -> Cover:
+        bound = self.best_cost if status is Status.OPTIMAL else min(self.bound, self.best_cost)
+        return Cover(status, self.best, self.best_cost, bound, self.hopeless, self.rounds, len(self.rows.cuts))
 
     def _closed(self) -> bool:
         return self.best is not None and self.best_cost <= self.bound + 1e-9 * max(1.0, self.best_cost)
@@ -299,6 +276,7 @@ class _CoverSearch:
         cuts = self.oracle.cuts(chosen)
         self.rows.add(cuts)
         self.hopeless = self.hopeless or next((cut for cut in cuts if cut.hopeless), None)
+        self.impossible = self.impossible or self.hopeless is not None
         return cuts
 
     def _relaxed(self, *, whole: bool, until: float = inf) -> Solution:
@@ -323,7 +301,7 @@ class _CoverSearch:
             cuts = self._judge(chosen)
             if not cuts:
                 break
-            if time.monotonic() > self.deadline or self._impossible():
+            if time.monotonic() > self.deadline or self.impossible:
                 return
         else:
             return
@@ -383,12 +361,9 @@ class _CoverSearch:
         missing = self.rows.missing(without)
         short = np.flatnonzero(missing > EPS)
         fit = (np.arange(self.n) < site) & ~chosen & (self.cost == self.cost[site])
-        if len(short):
-            rows = self.rows.matrix[0][short].tocsc()
-            columns = np.flatnonzero(fit)
-            enough = (rows[:, columns].toarray() >= missing[short, None] - EPS).all(axis=0)
-            return [int(i) for i in columns[enough]]
-        return [int(i) for i in np.flatnonzero(fit)]
+        columns = np.flatnonzero(fit)
+        given = self.rows.matrix[0][short].tocsc()[:, columns].toarray()
+        return [int(i) for i in columns[(given >= missing[short, None] - EPS).all(axis=0)]]
 
 
 def _common_step(cost: Floats) -> float:

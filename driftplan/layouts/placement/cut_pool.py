@@ -39,7 +39,7 @@ class CutPool:
         self.cuts: list[Cut] = []
         self.active = np.zeros(0, dtype=bool)
         self._seen: set[tuple[bytes, bytes, float]] = set()
-        self._built: tuple[int, Any, Any, Floats] | None = None
+        self._built: tuple[Any, Any, Floats] | None = None
         self.add(cuts, active=False)
         self._begin()
 
@@ -52,21 +52,22 @@ class CutPool:
                 self.cuts.append(cut)
         fresh = len(self.cuts) - len(self.active)
         self.active = np.concatenate([self.active, np.full(fresh, active)])
+        self._built = None if fresh else self._built
 
     @property
     def matrix(self) -> tuple[Any, Any, Floats]:
         """All rows as CSR and as CSC, and their least activities."""
         from scipy.sparse import csr_array
 
-        if self._built is None or self._built[0] != len(self.cuts):
+        if self._built is None:
             sizes = [len(cut.columns) for cut in self.cuts]
             data = np.concatenate([np.zeros(0), *(cut.weights for cut in self.cuts)])
             index = np.concatenate([np.zeros(0, dtype=np.intp), *(cut.columns for cut in self.cuts)])
             starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
             rows = csr_array((data, index, starts), (len(sizes), self.columns))
             least = np.array([cut.least for cut in self.cuts], dtype=float)
-            self._built = (len(self.cuts), rows, rows.tocsc(), least)
-        return self._built[1:]
+            self._built = (rows, rows.tocsc(), least)
+        return self._built
 
     @property
     def active_rows(self) -> tuple[Any, Floats]:
@@ -94,24 +95,23 @@ class CutPool:
         _, by_column, _ = self.matrix
         short = np.maximum(missing, 0.0)[by_column.indices]
         given = np.where(short > EPS, np.minimum(by_column.data, short), 0.0)
-        column = np.repeat(np.arange(self.columns), np.diff(by_column.indptr))
-        return np.asarray(np.bincount(column, weights=given, minlength=self.columns), dtype=float)
+        return np.asarray(np.bincount(self._column_of(by_column), weights=given, minlength=self.columns), dtype=float)
 
     def column(self, site: int) -> Floats:
         """The weights of one column in all rows."""
-        _, by_column, least = self.matrix
-        out = np.zeros(len(least))
-        part = slice(by_column.indptr[site], by_column.indptr[site + 1])
-        out[by_column.indices[part]] = by_column.data[part]
-        return out
+        return np.asarray(self.matrix[1][:, [site]].toarray()[:, 0], dtype=float)
 
     def forbids(self, room: Floats) -> Bools:
         """Columns whose addition some row, of which ``room`` is left, does not allow."""
         _, by_column, _ = self.matrix
-        column = np.repeat(np.arange(self.columns), np.diff(by_column.indptr))
         over = by_column.data + room[by_column.indices] < -EPS
-        counts: Ints = np.bincount(column[over], minlength=self.columns)
-        return np.asarray(counts > 0)
+        forbidden = np.zeros(self.columns, dtype=bool)
+        forbidden[self._column_of(by_column)[over]] = True
+        return forbidden
+
+    def _column_of(self, by_column: Any) -> Ints:
+        """The column of every entry."""
+        return np.repeat(np.arange(self.columns), np.diff(by_column.indptr))
 
     def _begin(self) -> None:
         """The rows a relaxation starts with: all if they are few, else short ones that share no column."""

@@ -6,21 +6,25 @@ is then judged at all breakpoints between, and inside the segments where that le
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from driftplan.arrays import Bools, Floats, Ints
+from driftplan.beacons.beacon import Beacon
 from driftplan.layouts.placement.fresh_fixes import Limit
+from driftplan.layouts.placement.fused_routes import fused_routes
 from driftplan.layouts.placement.interval_moments import IntervalMoments
-from driftplan.layouts.placement.route_table import RouteTable
+from driftplan.layouts.placement.route_table import RouteTable, route_table
+from driftplan.layouts.scenario import Scenario
 from driftplan.model.drive import drive_many
 from driftplan.model.moments import Moments, compose
 from driftplan.model.worst import ceiling, greatest_between
 
 HOLDS = -1
+Failure = tuple[int, tuple[int, ...]]  # a route, and the beacons that are dead, by position
 _BREAKPOINTS_AT_ONCE = 200_000  # what more drives than that would take in memory
 
 
@@ -65,9 +69,8 @@ def drives_of(table: RouteTable, chosen: Bools, routes: Ints, redundancy: int = 
 
 def worst_squares(intervals: IntervalMoments, sets: ReadingSets) -> Floats:
     """Greatest E|e|² anywhere on each drive, as `driftplan.model.worst.worst_rms` means it, m²."""
-    return np.concatenate(
-        [np.zeros(0), *(_worst_squares(intervals, part) for part in sets.parts(intervals.table.slots))]
-    )
+    parts = sets.parts(intervals.table.slots)
+    return np.concatenate([np.zeros(0), *(_worst_squares(intervals, part) for part in parts)])
 
 
 def _worst_squares(intervals: IntervalMoments, sets: ReadingSets) -> Floats:
@@ -79,24 +82,16 @@ def _worst_squares(intervals: IntervalMoments, sets: ReadingSets) -> Floats:
     some = np.flatnonzero((driven.e < driven.j) & higher)
     if not len(some):
         return found
-    segment, begun = driven.segment[some], driven.begun(intervals, some)
-    return greatest_between(
-        begun,
-        table.length[segment],
-        table.noise_of[segment],
-        table.noises,
-        driven.square[some],
-        driven.drive[some],
-        found,
-    )
+    begun, segment, drive = driven.begun(intervals, some), driven.segment[some], driven.drive[some]
+    stretches = table.length[segment], table.noise_of[segment], table.noises, driven.square[some]
+    return greatest_between(begun, *stretches, drive, found)
 
 
 def first_breach(intervals: IntervalMoments, sets: ReadingSets, limit: Limit) -> tuple[Ints, Bools]:
     """The first slot of each drive in which the limit breaks (`HOLDS`: none), and whether at the slot's start."""
     found = [_first_breach(intervals, part, limit) for part in sets.parts(intervals.table.slots)]
-    if not found:
-        return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
-    slots, early = zip(*found, strict=True)
+    nothing = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
+    slots, early = zip(nothing, *found, strict=True)
     return np.concatenate(slots), np.concatenate(early)
 
 
@@ -178,3 +173,37 @@ def _in_doubt(intervals: IntervalMoments, limit: Limit, driven: _Driven, route: 
         return doubt
     begun = driven.begun(intervals, doubt)
     return doubt[limit.broken_between(begun, square[doubt], route[doubt], table, driven.segment[doubt])]
+
+
+# With beacons dead
+
+
+def failures(scenario: Scenario, beacons: Sequence[Beacon]) -> list[Failure]:
+    """Every route with every set of at most redundancy - 1 dead beacons of those it comes within range of."""
+    routes = range(len(scenario.routes))
+    numbers = range(scenario.redundancy)
+    in_range = [scenario.beacons_in_range(r, beacons) if scenario.redundancy > 1 else () for r in routes]
+    return [(r, dead) for r in routes for number in numbers for dead in combinations(in_range[r], number)]
+
+
+def worst_drifts(scenario: Scenario, beacons: Sequence[Beacon], cases: Sequence[Failure]) -> Floats:
+    """Greatest score anywhere in each case, metres."""
+    if scenario.confidence is not None or not cases:
+        alive = [(r, [b for k, b in enumerate(beacons) if k not in dead]) for r, dead in cases]
+        return np.array([scenario.worst(scenario.drift(r, living)) for r, living in alive])
+    if scenario.estimator == "filter":
+        routes, everyone = fused_routes(scenario, beacons), frozenset(range(len(beacons)))
+        return np.array([routes[r].worst(everyone.difference(dead)) for r, dead in cases])
+    table = route_table(scenario, beacons)
+    readings = [np.arange(len(table.site))[table.readings_of(r)] for r, _ in cases]
+    readings = [e[~np.isin(table.site[e], dead)] for e, (_, dead) in zip(readings, cases, strict=True)]
+    drive = np.repeat(np.arange(len(cases)), [len(e) for e in readings])
+    drives = ReadingSets(np.array([r for r, _ in cases]), drive, np.concatenate(readings).astype(np.intp))
+    return np.sqrt(worst_squares(IntervalMoments(table), drives))
+
+
+def worst_of_failures(scenario: Scenario, beacons: Sequence[Beacon]) -> Floats:
+    """Greatest score on every route with the worst set of at most redundancy - 1 dead beacons, metres, (routes,)."""
+    cases, worst = failures(scenario, beacons), np.zeros(len(scenario.routes))
+    np.maximum.at(worst, [r for r, _ in cases], worst_drifts(scenario, beacons, cases))
+    return worst

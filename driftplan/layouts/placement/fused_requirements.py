@@ -35,15 +35,8 @@ _ROUNDING = 1e-9  # relative, of tr P
 
 
 class FusedRequirements:
-    """Oracle for `covering.cheapest_cover`: does a layout keep the limits of fused routes?
-
-    Parameters
-    ----------
-    routes : sequence of FusedRoute
-    limits_m : on the rms, one per route
-    redundancy : 1: all beacons live; k: any k - 1 of them may be dead
-    seed : int
-    """
+    """Oracle for `covering.cheapest_cover`: does a layout keep the limits, metres of rms, on every route, with any
+    ``redundancy`` - 1 beacons dead?"""
 
     def __init__(self, routes: Sequence[FusedRoute], limits_m: Sequence[float], redundancy: int = 1, seed: int = 0):
         self.routes, self.redundancy = tuple(routes), redundancy
@@ -61,7 +54,8 @@ class FusedRequirements:
         found = []
         for r, route in enumerate(self.routes):
             stretches = route.unread(self.most[r])
-            sets = [self._read_between(route, first, last) for first, last in stretches]
+            read = ((reading.site for here in route.readings[a:b] for reading in here) for a, b in stretches)
+            sets = [frozenset(sites) for sites in read]
             bits = [sum(1 << site for site in sites) for sites in sets]
             for mine, sites, (_, last) in zip(bits, sets, stretches, strict=True):
                 if not any(other != mine and other & mine == other for other in bits):
@@ -88,31 +82,25 @@ class FusedRequirements:
         """A cut of the largest set that fails of the sites that ``y`` has most of, on a route, if ``y`` violates it."""
         route = self.routes[r]
         some = sorted((site for site in route.sites if y[site] > EPS), key=lambda site: -y[site])
-        low, high = 0, len(some) + 1  # of these the first ``low`` fail, ``high`` not
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (middle, high) if self._fails(r, some[:middle]) else (low, middle)
-        if low == 0 and not self._fails(r, []):
+        counts = range(len(some) + 1)  # the first so many of these fail, one more not
+        number = bisect_left(counts, True, key=lambda n: self._breach(r, frozenset(some[:n])) == NEVER) - 1
+        if number < 0:
             return None
-        border = self._breach(r, frozenset(some[:low]))
-        cut = self._at_least(self._outside(r, set(some[:low]), border), (r, border))
+        border = self._breach(r, frozenset(some[:number]))
+        cut = self._at_least(self._outside(r, set(some[:number]), border), (r, border))
         return cut if y[cut.columns].sum() < cut.least - _MISSED else None
-
-    def _fails(self, r: int, alive: Sequence[int]) -> bool:
-        return self._breach(r, frozenset(alive)) != NEVER
 
     def _weighted(self, y: Floats) -> list[Cut]:
         """Weighted cuts on stretches for which ``y`` may be least enough, the worst of every route before others."""
         sums = [stretches.least(y) for _, stretches in self._stretches]
-        ranks: dict[int, int] = {}
+        ranks = [0] * len(self.routes)
         order = []
         for k in np.argsort(sums, kind="stable").tolist():
-            if sums[k] < 1 - _MISSED:
-                r = self._stretches[k][0].r
-                ranks[r] = ranks.get(r, -1) + 1
-                order.append((ranks[r], sums[k], k))
+            r = self._stretches[k][0].r
+            order.append((ranks[r], sums[k], k))
+            ranks[r] += 1
         work, taken, found = 0, set(), []
-        for _, _, k in sorted(order):
+        for _, _, k in sorted(entry for entry in order if entry[1] < 1 - _MISSED):
             weighted, stretches = self._stretches[k]
             found += weighted.of(stretches)
             taken.add(k)
@@ -150,18 +138,6 @@ class FusedRequirements:
                 alive.add(site)
                 chosen[site] = True
         return chosen
-
-    def holds(self, chosen: Bools) -> bool:
-        """Whether the layout keeps the limits."""
-        return not self.cuts(chosen)
-
-    def excess(self, chosen: Bools) -> float:
-        """The greatest drift over its limit, on any route, with the beacons dead that may be."""
-        everyone, worst = set(np.flatnonzero(chosen).tolist()), 0.0
-        for r, route in enumerate(self.routes):
-            drift = max(route.worst(alive) for alive in self._survivors(r, everyone))
-            worst = max(worst, drift / self.limits_m[r])
-        return worst
 
     def _survivors(self, r: int, everyone: set[int]) -> Iterator[frozenset[int]]:
         """Sites of a route that live, for every set that may be dead: as many as may, fewer fail only if these do."""
@@ -213,9 +189,6 @@ class FusedRequirements:
                 arriving = route.driven(state, here, stop) if stop > here else state
                 state, here = route.read(arriving, stop, inside), stop
         return outside
-
-    def _read_between(self, route: FusedRoute, first: int, last: int) -> frozenset[int]:
-        return frozenset(reading.site for here in route.readings[first:last] for reading in here)
 
     def _at_least(self, sites: set[int] | frozenset[int], where: tuple[int, int]) -> Cut:
         """At least as many of these as leave one whichever others are dead."""

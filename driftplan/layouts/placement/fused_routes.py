@@ -9,23 +9,22 @@ holds everywhere.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns, floor_of, readings_on
+from driftplan.layouts.placement.route_table import SegmentedRoute
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.covariance import Legs, legs
 from driftplan.model.filter_state import FilterState, LegColumns, Row
 from driftplan.model.fusion import belief_at_start
-from driftplan.model.noise import Noises, noise_of_legs
-from driftplan.model.paths import read_path
-from driftplan.model.readings import Readings
 
 NEVER = -1  # stands for a border at which a limit fails where none does
 
@@ -68,40 +67,53 @@ class FusedRoute:
         return len(self.readings) - 1
 
     @cached_property
-    def lever(self) -> Floats:
-        """Transition of position by heading from the start to every border, (m + 1, 2)."""
-        return np.concatenate([np.zeros((1, 2)), np.cumsum(self.legs.A[:, :2, 2], axis=0)])
+    def _unaided(self) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+        """At every border, when a perfectly known robot drives there and reads nothing, the covariance, and the
+        transition of position by heading."""
+        state = FilterState.at_start()
+        found: list[tuple[tuple[float, ...], tuple[float, ...]]] = []
+        lever = np.concatenate([np.zeros((1, 2)), np.cumsum(self.legs.A[:, :2, 2], axis=0)]).tolist()
+        for (x, y), leg in zip(lever, [*self.legs.columns(), None], strict=True):
+            found.append((state.P, (x, y)))
+            state = state if leg is None else state.driven(leg)
+        return found
 
     @cached_property
-    def _unaided(self) -> list[tuple[float, ...]]:
-        """The covariance at every border when a perfectly known robot drives there and reads nothing."""
-        state, found = FilterState.at_start(), []
-        for leg in self.legs.columns():
-            found.append(state.P)
-            state = state.driven(leg)
-        return [*found, state.P]
+    def _unaided_columns(self) -> Floats:
+        """The same as arrays, six rows and two, (8, m + 1)."""
+        return np.array([(*P, *lever) for P, lever in self._unaided]).T
 
-    @cached_property
-    def unaided(self) -> Floats:
-        """The same as upper triangles, (m + 1, 6)."""
-        return np.array(self._unaided)
+    def _at(self, border: Any) -> tuple[Any, Any]:
+        """The same at one border in Python's numbers, or at an array of them."""
+        if isinstance(border, int):
+            return self._unaided[border]
+        columns = self._unaided_columns[:, border]
+        return columns[:6], columns[6:]
 
-    @cached_property
-    def _unaided_trace(self) -> Floats:
-        return np.asarray(self.unaided[:, 0] + self.unaided[:, 3])
-
-    @cached_property
-    def _levers(self) -> list[tuple[float, float]]:
-        return [(x, y) for x, y in self.lever.tolist()]
-
-    def driven(self, state: FilterState, first: int, last: int) -> FilterState:
+    def driven(self, state: FilterState, first: Any, last: Any) -> FilterState:
         """On arrival at border ``last``, from ``state`` after the readings at ``first``, with none in between.
 
-        With U the covariances of a drive without readings, P grows to A (P - U_first) Aᵀ + U_last.
+        With U the covariances of a drive without readings, P grows to A (P - U_first) Aᵀ + U_last. Of many drives at
+        once where the borders are arrays.
         """
-        excess = tuple(p - u for p, u in zip(state.P, self._unaided[first], strict=True))
-        (x0, y0), (x1, y1) = self._levers[first], self._levers[last]
-        return FilterState(excess).driven(LegColumns((x1 - x0, y1 - y0), self._unaided[last], None))
+        (before, (x0, y0)), (after, (x1, y1)) = self._at(first), self._at(last)
+        excess = tuple(p - u for p, u in zip(state.P, before, strict=True))
+        return FilterState(excess).driven(LegColumns((x1 - x0, y1 - y0), tuple(after), None))
+
+    def traces(self, state: FilterState, first: Any, ends: Any) -> Floats:
+        """tr P at borders ``ends`` when nothing is read between ``first`` and these; columns (n, 1) of states and
+        borders give (n, ends)."""
+        before, (x0, y0) = self._at(first)
+        xx, _, xt, yy, yt, tt = (p - u for p, u in zip(state.P, before, strict=True))
+        (ux, _, _, uy, _, _), (x, y) = self._at(ends)
+        x, y = x - x0, y - y0
+        return np.asarray(ux + uy + (xx + yy) + 2 * (xt * x + yt * y) + tt * (x * x + y * y))
+
+    def first_over(self, state: FilterState, first: int, limit: float, last: int | None = None) -> int:
+        """The first border at which tr P exceeds ``limit`` (m²) when nothing is read after ``first``, or `NEVER`."""
+        last = self.end if last is None else last
+        over = np.flatnonzero(self.traces(state, first, slice(first + 1, last + 1)) > limit)
+        return first + 1 + int(over[0]) if len(over) else NEVER
 
     def read(self, state: FilterState, border: int, alive: AbstractSet[int]) -> FilterState:
         """After the readings at a border."""
@@ -110,10 +122,16 @@ class FusedRoute:
                 state = state.read(reading.rows, reading.chance)
         return state
 
-    def stops(self, alive: AbstractSet[int], first: int, last: int) -> list[int]:
-        """Borders after ``first`` and before ``last`` where one of these sites is read."""
+    def hops(
+        self, state: FilterState, first: int, last: int, alive: AbstractSet[int]
+    ) -> Iterator[tuple[FilterState, int, int]]:
+        """The way from border to border at which one of these sites is read, from ``state`` after the readings at
+        ``first``: the states after the readings where hops begin, and the borders where they begin and end."""
         borders = (border for site in alive & self.sites for border in self.borders_of[site])
-        return sorted({border for border in borders if first < border < last})
+        for stop in sorted({border for border in borders if first < border < last}):
+            yield state, first, stop
+            state, first = self.read(self.driven(state, first, stop), stop, alive), stop
+        yield state, first, last
 
     @cached_property
     def best(self) -> list[FilterState]:
@@ -127,73 +145,42 @@ class FusedRoute:
 
     def breach(self, alive: AbstractSet[int], limit: float) -> int:
         """The first border at which tr P exceeds ``limit`` (m²) with these sites alive, or `NEVER`."""
-        return self.breach_from(self.read(self.start, 0, alive), 0, alive, limit)
-
-    def breach_from(self, state: FilterState, first: int, alive: AbstractSet[int], limit: float) -> int:
-        """The same from ``state`` after the readings at border ``first``."""
-        here = first
-        for stop in [*self.stops(alive, first, self.end), self.end]:
-            over = np.flatnonzero(self._traces(state, here, stop) > limit)
-            if len(over):
-                return here + 1 + int(over[0])
-            state, here = self.read(self.driven(state, here, stop), stop, alive), stop
+        for hop in self.hops(self.read(self.start, 0, alive), 0, self.end, alive):
+            border = self.first_over(*hop[:2], limit, hop[2])
+            if border != NEVER:
+                return border
         return NEVER
 
     def arriving(self, state: FilterState, first: int, last: int, alive: AbstractSet[int]) -> FilterState:
         """On arrival at ``last``, from ``state`` after the readings at ``first``, with these sites alive."""
-        here = first
-        for stop in self.stops(alive, first, last):
-            state, here = self.read(self.driven(state, here, stop), stop, alive), stop
-        return self.driven(state, here, last)
+        *_, hop = self.hops(state, first, last, alive)
+        return self.driven(*hop)
 
     def worst(self, alive: AbstractSet[int]) -> float:
         """Greatest rms anywhere, metres."""
-        square, state, here = 0.0, self.read(self.start, 0, alive), 0
-        for stop in [*self.stops(alive, 0, self.end), self.end]:
-            square = max(square, float(self._traces(state, here, stop).max(initial=0.0)))
-            state, here = self.read(self.driven(state, here, stop), stop, alive), stop
-        return float(np.sqrt(square))
-
-    def _traces(self, state: FilterState, first: int, last: int) -> Floats:
-        """tr P at the borders after ``first`` up to ``last`` when nothing is read between, (last - first,)."""
-        Dxx, Dxt, Dyy, Dyt, Dtt = (state.P[k] - self._unaided[first][k] for k in (0, 2, 3, 4, 5))
-        x, y = (self.lever[first + 1 : last + 1] - self.lever[first]).T
-        turned = 2 * (Dxt * x + Dyt * y) + Dtt * (x * x + y * y)
-        return np.asarray(self._unaided_trace[first + 1 : last + 1] + (Dxx + Dyy) + turned)
+        hops = self.hops(self.read(self.start, 0, alive), 0, self.end, alive)
+        squares = (self.traces(state, here, slice(here + 1, stop + 1)) for state, here, stop in hops)
+        return float(np.sqrt(max(square.max(initial=0.0) for square in squares)))
 
     def unread(self, limit: float) -> list[tuple[int, int]]:
-        """Stretches that fail in the best of cases when nothing is read inside them, as short as they come.
-
-        Returns
-        -------
-        list of first, last : int
-            Borders: something has to be read at one of first … last - 1, or the limit fails at last.
-        """
-        until = []
-        for state, border in [(self.start, 0), *((state, border) for border, state in enumerate(self.best[:-1]))]:
-            over = np.flatnonzero(self._traces(state, border, self.end) > limit)
-            until.append(border + 1 + int(over[0]) if len(over) else NEVER)
+        """Stretches that fail in the best of cases when nothing is read inside them, as short as they come: borders
+        (first, last), and something has to be read at one of first … last - 1, or the limit fails at last."""
+        until = [self.first_over(self.start, 0, limit)]
+        until += [self.first_over(state, border, limit) for border, state in enumerate(self.best[:-1])]
         later = [*until[1:], NEVER]
-        return [
-            (first, last)
-            for first, (last, next_) in enumerate(zip(until, later, strict=True))
-            if last not in (NEVER, next_)
-        ]
+        stretches = enumerate(zip(until, later, strict=True))
+        return [(first, last) for first, (last, next_) in stretches if last not in (NEVER, next_)]
 
 
 def fused_routes(scenario: Scenario, sites: Sequence[Beacon]) -> tuple[FusedRoute, ...]:
-    """The routes of a scenario with the readings of all ``sites``.
-
-    Raises
-    ------
-    ValueError
-        For odometry with a known systematic error: a filter does not correct it, and then more beacons may be worse.
-    """
+    """The routes of a scenario with the readings of all ``sites``; no odometry with a known systematic error, which a
+    filter does not correct: then more beacons may be worse."""
     columns, start = BeaconColumns.of(sites), belief_at_start(scenario.start_fix)
     found = []
     for path in scenario.routes:
         readings = readings_on(path, columns, scenario.world)
-        route = _route(*floor_of(path, scenario.noise, scenario.world), readings, start)
+        segmented = SegmentedRoute(*floor_of(path, scenario.noise, scenario.world), readings)
+        route = _route(segmented, complex(*path[0]), start)
         if route.legs.shift.any():
             raise ValueError(
                 "expected odometry without a known systematic error (heading_bias_per_m, heading_bias_per_rad, "
@@ -203,22 +190,14 @@ def fused_routes(scenario: Scenario, sites: Sequence[Beacon]) -> tuple[FusedRout
     return tuple(found)
 
 
-def _route(path: Floats, noise: Noises, readings: Readings, start: FilterState) -> FusedRoute:
-    runs = read_path(path)
-    noises, which = noise_of_legs(noise, len(runs.lengths), 1)
-    runs, at, old = runs.cut(readings.s_m)
-    turns = runs.turns != 0
-    parts = 1 + turns  # of a leg: its turn, its run
-    first = 1 + np.concatenate([[0], np.cumsum(parts)])  # of a leg's parts, and the border where it begins
-    turned, lengths = np.zeros(first[-1]), np.append(0.0, np.repeat(runs.lengths, parts))
-    turned[first[:-1][turns]], lengths[first[:-1][turns]] = runs.turns[turns], 0.0
-    headings = float(runs.heading) + np.cumsum(turned) - turned
-    which = np.append(which[:1], np.repeat(np.repeat(which, np.diff(old)), parts))
-    driven = legs(headings, turned, lengths, np.zeros(first[-1]), noises, which)
-    positions = np.concatenate([[0.0], np.cumsum(driven.moves)]) + complex(runs.start)
-    here: list[list[FusedReading]] = [[] for _ in positions]
-    for k in np.lexsort((readings.source, readings.rank, at)).tolist():
-        border = int(first[at[k]]) if at[k] else 0
-        here[border].append(FusedReading(int(readings.source[k]), *readings.rows(k, complex(positions[border]))))
-    distance = np.concatenate([[0.0], np.cumsum(lengths)])
-    return FusedRoute(start, driven, tuple(tuple(some) for some in here), distance)
+def _route(route: SegmentedRoute, begin: complex, start: FilterState) -> FusedRoute:
+    turn, length = np.append(0.0, route.turn), np.append(0.0, route.length)
+    which = np.append(route.noise_of[:1], route.noise_of)
+    driven = legs(route.heading + np.cumsum(turn) - turn, turn, length, np.zeros(len(turn)), route.noises, which)
+    position = begin + np.concatenate([[0.0], np.cumsum(driven.moves)])
+    here: list[list[FusedReading]] = [[] for _ in position]
+    for k, breakpoint in enumerate(route.breakpoint.tolist()):
+        border = breakpoint + (breakpoint > 0)
+        rows, chance = route.readings.rows(k, complex(position[border]))
+        here[border].append(FusedReading(int(route.readings.source[k]), rows, chance))
+    return FusedRoute(start, driven, tuple(map(tuple, here)), np.concatenate([[0.0], np.cumsum(length)]))

@@ -38,11 +38,8 @@ class IntervalMoments:
         self.table = table
         self.first = table.first_segment[:-1] + np.arange(table.routes)
         n = len(table.distance)
-        self.translation = np.zeros(n)
-        self.u, self.way, self.c, self.m, self.S, self.K, self.L, self.P = (
-            np.zeros(n, dtype=complex) for _ in range(8)
-        )
-        self.A = np.zeros(n)
+        self.u, self.way, self.c, self.m, self.S, self.K, self.L, self.P = np.zeros((8, n), dtype=complex)
+        self.translation, self.A = np.zeros((2, n))
         self.forgets = np.zeros(table.routes, dtype=bool)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             for route in range(table.routes):
@@ -72,11 +69,10 @@ class IntervalMoments:
         composed = self._composed_on(e)
         if 0 < len(e) == len(composed):
             return self._composed(e, j)
-        back = np.conj(self.u[e])
-        moved = self.S[j] - self.S[e]
+        back, moved = np.conj(self.u[e]), self.S[j] - self.S[e]
+        way, q1, square = self._from_sums(e, j)
+        p, q1 = back * way, back * q1
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            p, q1 = back * (self.way[j] - self.way[e]), back * moved / self.c[e]
-            square = self.A[j] - self.A[e] - 2 * (np.conj(self.K[e]) * moved).real
             square2 = back * back * (self.P[j] - self.P[e] - 2 * self.L[e] * moved) / self.m[e]
             d1 = self.c[j] / self.c[e] - 1
             found = Moments(
@@ -113,17 +109,21 @@ class IntervalMoments:
 
     def _levers(self, e: Ints, j: Ints) -> tuple[Complexes, Complexes, Floats]:
         """The way from ``e`` to ``j``, E q and E|q|², in the frame of the route's start."""
-        moved, way = self.S[j] - self.S[e], self.way[j] - self.way[e]
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            q1 = moved / self.c[e]
-            square = self.A[j] - self.A[e] - 2 * (np.conj(self.K[e]) * moved).real
+        way, q1, square = self._from_sums(e, j)
         composed = self._composed_on(e)
         if len(composed):
             exact = self._composed(e[composed], j[composed])
             q = exact.p + exact.e1
             q1[composed] = self.u[e[composed]] * q
             square[composed] = (np.conj(exact.p) * (q + exact.e1)).real + exact.N.real
-        return np.asarray(way), np.asarray(q1), np.asarray(square)
+        return way, q1, square
+
+    def _from_sums(self, e: Ints, j: Ints) -> tuple[Complexes, Complexes, Floats]:
+        """The same where the heading is not forgotten."""
+        moved = self.S[j] - self.S[e]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            square = np.asarray(self.A[j] - self.A[e] - 2 * (np.conj(self.K[e]) * moved).real)
+            return np.asarray(self.way[j] - self.way[e]), np.asarray(moved / self.c[e]), square
 
     def _composed_on(self, e: Ints) -> Ints:
         """Which of the intervals from ``e`` on lie on a route that forgets."""

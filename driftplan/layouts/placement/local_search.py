@@ -23,17 +23,7 @@ _TABU = 3  # steps for which a column that has just come stays
 
 
 class LocalSearch:
-    """Rows, costs and which columns may move; `improve` starts from a vector that satisfies all rows.
-
-    Parameters
-    ----------
-    cost : (n,)
-    rows : sparse CSR array (m, n)
-    least : (m,)
-    free : bool (n,)
-        Columns that may change.
-    seed : int
-    """
+    """Costs (n,), sparse rows (m, n) and their least activities (m,), and which columns are free to change, (n,)."""
 
     def __init__(self, cost: Floats, rows: Any, least: Floats, free: Bools, seed: int = 0):
         self.cost, self.least, self.free = cost, least, free

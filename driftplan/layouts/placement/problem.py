@@ -1,21 +1,29 @@
-"""A placement problem as the covering core wants it: sites, costs, demands and caps."""
+"""Placement problems as the covering core wants them, and their cheapest covers for one limit after another."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from driftplan.arrays import Bools, Floats, Ints, not_negative, whole
 from driftplan.beacons.beacon import Beacon
+from driftplan.layouts.placement.covering import Cover, Progress, cheapest_cover
 from driftplan.layouts.placement.cut_pool import Cut
-from driftplan.layouts.placement.failures import table_of
+from driftplan.layouts.placement.drives import worst_of_failures
 from driftplan.layouts.placement.fresh_fixes import Limit
+from driftplan.layouts.placement.fused_requirements import FusedRequirements
+from driftplan.layouts.placement.fused_routes import FusedRoute, fused_routes
 from driftplan.layouts.placement.requirements import DriftRequirements
-from driftplan.layouts.placement.route_table import RouteTable
+from driftplan.layouts.placement.route_table import RouteTable, route_table
 from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import SiteGroup, Sites
+from driftplan.planning.status import Status
+
+_MIN_LIMIT_SHARE = 0.02  # without a limit, perfect beacons: segments are cut for this share of the drift without any
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,15 +37,6 @@ class PlacementProblem:
     demands: tuple[Cut, ...]  # as `covering.cheapest_cover` takes them
     caps: tuple[Cut, ...]  # likewise
     rules: tuple[str, ...]  # what the caps are, for messages
-
-    def table(self, least_limit_m: float) -> RouteTable:
-        """The routes and the readings of all sites on them."""
-        return table_of(self.scenario, self.sites, least_limit_m)
-
-    def requirements(self, table: RouteTable, limits_m: Sequence[float]) -> DriftRequirements:
-        """What the limits, one per route, demand."""
-        limit = Limit(np.array(limits_m, dtype=float), self.scenario.confidence)
-        return DriftRequirements(table, len(self.sites), limit, self.scenario.redundancy)
 
     def chosen(self, which: Bools) -> tuple[Beacon, ...]:
         """The new beacons of a layout."""
@@ -116,3 +115,97 @@ def _too_close(sites: Sequence[Beacon], new: int, spacing_m: float) -> list[Cut]
             columns = np.array(sorted(clique), dtype=np.intp)
             caps.append(Cut(columns, -np.ones(len(columns)), -1.0))
     return caps
+
+
+class LeastFactor(NamedTuple):
+    """The layout that keeps its limits times the least factor."""
+
+    chosen: Bools
+    factor: float
+    ruled_out: float  # no layout keeps its limits times this
+    proven: bool  # whether the two are as near as was asked for
+
+
+@dataclass(frozen=True, eq=False)
+class LimitSearch:
+    """Layouts of a problem that keep a limit, or come nearest to keeping it."""
+
+    problem: PlacementProblem
+    routes: RouteTable | tuple[FusedRoute, ...]  # the latter for a robot that fuses its readings
+    deadline: float  # when to stop, by the monotonic clock
+    progress: Progress | None = None  # called with seconds, cost and lower bound of the cover that is being looked for
+
+    @classmethod
+    def of(
+        cls, problem: PlacementProblem, least_limit_m: float | None, deadline: float, progress: Progress | None = None
+    ) -> LimitSearch:
+        """On tables for the smallest limit that will be asked for (None: the smallest worth asking for)."""
+        if problem.scenario.estimator == "filter":
+            return cls(problem, fused_routes(problem.scenario, problem.sites), deadline, progress)
+        limit_m = _least_limit_m(problem) if least_limit_m is None else least_limit_m
+        return cls(problem, route_table(problem.scenario, problem.sites, limit_m), deadline, progress)
+
+    def like(self, problem: PlacementProblem, deadline: float) -> LimitSearch:
+        """The same tables for other rules."""
+        return replace(self, problem=problem, deadline=deadline)
+
+    def cover(
+        self,
+        limits: Sequence[float],
+        *,
+        ruled: bool = True,
+        hint: Bools | None = None,
+        stop_at_first: bool = False,
+    ) -> Cover:
+        """The cheapest layout that keeps the limits and, if ``ruled``, the rules."""
+        problem, needs = self.problem, self.requirements(limits)
+        fused = needs if isinstance(needs, FusedRequirements) else None
+        if fused and hint is None:
+            hint = fused.driven_along(problem.fixed)
+        return cheapest_cover(
+            problem.cost,
+            needs,
+            demands=[*problem.demands, *needs.rows()],
+            caps=problem.caps if ruled else (),
+            fixed=problem.fixed,
+            hint=hint,
+            separate=fused.cuts_beyond if fused else None,
+            stop_at_first=stop_at_first,
+            time_limit=max(self.deadline - time.monotonic(), 0.01),
+            progress=self.progress,
+        )
+
+    def requirements(self, limits: Sequence[float]) -> DriftRequirements | FusedRequirements:
+        """What the limits, one per route, demand."""
+        scenario, number = self.problem.scenario, len(self.problem.sites)
+        if not isinstance(self.routes, RouteTable):
+            return FusedRequirements(self.routes, limits, scenario.redundancy)
+        limit = Limit(np.array(limits, dtype=float), scenario.confidence)
+        return DriftRequirements(self.routes, number, limit, scenario.redundancy)
+
+    def excess(self, limits: Sequence[float], chosen: Bools) -> float:
+        """The greatest drift over its limit, on any route, with the beacons dead that may be."""
+        beacons = [self.problem.sites[i] for i in np.flatnonzero(chosen)]
+        return float((worst_of_failures(self.problem.scenario, beacons) / np.array(limits)).max())
+
+    def least_factor(self, limits: Sequence[float], start: Bools, ruled_out: float, tolerance: float) -> LeastFactor:
+        """By bisection: every step proves a factor out of reach or finds a layout below it."""
+        best, factor = start, self.excess(limits, start)
+        while factor - ruled_out > tolerance * factor:
+            middle = 0.5 * (ruled_out + factor)
+            cover = self.cover([middle * limit for limit in limits], hint=best, stop_at_first=True)
+            if cover.chosen is not None:
+                best, factor = cover.chosen, min(self.excess(limits, cover.chosen), middle)
+            elif cover.status is Status.INFEASIBLE:
+                ruled_out = middle
+            else:
+                return LeastFactor(best, factor, ruled_out, False)
+        return LeastFactor(best, factor, ruled_out, True)
+
+
+def _least_limit_m(problem: PlacementProblem) -> float:
+    """The smallest limit worth asking for: no beacon is better than its own accuracy."""
+    scenario = problem.scenario
+    bare = max(scenario.worst(scenario.drift(r, problem.existing)) for r in range(len(scenario.routes)))
+    stds = [b.kind.position_std_m or 0.0 for b in problem.sites]
+    return max(min(stds) * 2**0.5, _MIN_LIMIT_SHARE * bare, 1e-6)

@@ -1,4 +1,4 @@
-"""The master problem of `covering` with the rows known so far, in whole numbers or fractions, and what it tells.
+"""The master problem of `covering` with the rows known so far, in whole numbers or fractions, solved by HiGHS.
 
 Every optimum is a lower bound. The reduced costs of a fractional one tell more: a layout with a site of reduced cost r
 costs at least the optimum plus r. Sites that no layout cheaper than the best can have are left out from then on.
@@ -6,6 +6,8 @@ costs at least the optimum plus r. Sites that no layout cheaper than the best ca
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
 from math import inf
 from typing import Any, NamedTuple
 
@@ -13,7 +15,6 @@ import numpy as np
 
 from driftplan.arrays import Bools, Floats
 from driftplan.layouts.placement.cut_pool import EPS, CutPool
-from driftplan.layouts.placement.highs import solve
 
 LP_ROOM = 1e-5  # relative: a fractional optimum is that uncertain
 _CORE_SITES = 1000  # sites that look best, those of least reduced cost, or
@@ -64,18 +65,32 @@ class Relaxation:
         return None if found.x is None else np.asarray(found.x, dtype=float)
 
     def _solved(self, most: Bools, time_limit: float, whole: bool) -> Any:
+        """scipy's result, of status 0 (optimal), 1 (time limit) or 2 (infeasible)."""
+        from scipy.optimize import Bounds, LinearConstraint, linprog, milp
         from scipy.sparse import vstack
 
-        rows, least = self.rows.active_rows
+        rows, row_least = self.rows.active_rows
         caps, _, cap_least = self.caps.matrix
-        return solve(
-            self.cost,
-            vstack([rows, caps], format="csr"),
-            np.concatenate([least, cap_least]),
-            (self.fixed.astype(float), most.astype(float)),
-            whole=whole,
-            time_limit=max(0.05, time_limit),
-        )
+        rows, least = vstack([rows, caps], format="csr"), np.concatenate([row_least, cap_least])
+        bounds, seconds = (self.fixed.astype(float), most.astype(float)), max(0.05, time_limit)
+
+        def in_whole_numbers() -> Any:
+            return milp(
+                self.cost,
+                integrality=np.ones(len(self.cost), dtype=np.intp),
+                bounds=Bounds(*bounds),
+                constraints=LinearConstraint(rows, lb=least) if len(least) else (),
+                options={"time_limit": seconds, "mip_rel_gap": 0.0},
+            )
+
+        def in_fractions() -> Any:
+            limited = {"A_ub": -rows, "b_ub": -least} if len(least) else {}
+            return linprog(self.cost, bounds=np.stack(bounds, axis=1), options={"time_limit": seconds}, **limited)
+
+        found = _interruptible(in_whole_numbers if whole else in_fractions)
+        if found.status not in (0, 1, 2):
+            raise RuntimeError(f"HiGHS could not solve the covering problem: {found.message}")
+        return found
 
     def worth_trying(self, best_cost: float) -> Bools:
         """The sites that a layout cheaper than the best may have."""
@@ -90,3 +105,23 @@ class Relaxation:
         core = self.fixed | (y > EPS)
         core[np.argsort(np.where(self.worth_trying(best_cost), self.reduced, inf), kind="stable")[:size]] = True
         return np.asarray(core)
+
+
+def _interruptible(work: Callable[[], Any]) -> Any:
+    """The result of ``work``, computed beside the main thread so that Ctrl-C is heard at once."""
+    outcome: list[Any] = []
+
+    def run() -> None:
+        try:
+            outcome.append((work(), None))
+        except BaseException as err:
+            outcome.append((None, err))
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    while thread.is_alive():
+        thread.join(0.1)
+    result, err = outcome[0]
+    if err is not None:
+        raise err
+    return result

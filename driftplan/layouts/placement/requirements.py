@@ -42,15 +42,8 @@ _START = -1  # stands for "no reading yet" where readings are numbered
 
 
 class DriftRequirements:
-    """Oracle for `covering.cheapest_cover`: does a layout keep the drift under a limit on every route?
-
-    Parameters
-    ----------
-    table : RouteTable
-    sites : int
-    limit : Limit
-    redundancy : 1: all beacons live; k: any k - 1 of them may be dead
-    """
+    """Oracle for `covering.cheapest_cover`: does a layout keep the drift under a limit on every route, with any
+    ``redundancy`` - 1 beacons dead?"""
 
     def __init__(self, table: RouteTable, sites: int, limit: Limit, redundancy: int = 1):
         self.table, self.sites, self.limit, self.redundancy = table, sites, limit, redundancy
@@ -61,20 +54,15 @@ class DriftRequirements:
         one_kind = _every(table, self.turns) | _every(table, ~self.turns)
         self.independent = self.sure & ~self.blind & one_kind  # the state after a reading is known
         self.fresh = _sources(table, self.places, self.turns)
-        self.start = FreshFixes(
-            np.arange(table.routes),
-            np.zeros(table.routes, dtype=np.intp),
-            table.start,
-            np.asarray(table.start.d1, dtype=complex),
-            np.asarray(table.start.d1, dtype=complex),
-        )
+        start, zero = np.asarray(table.start.d1, dtype=complex), np.zeros(table.routes, dtype=np.intp)
+        self.start = FreshFixes(np.arange(table.routes), zero, table.start, start, start)
         self.last_slot_of_start = self._last_slots(self.start, table.slots)
-        self.last_slot_of = np.where(self.places, self._last_slots(self.fresh, self._before_next_own()), HOLDS)
+        again = self._before_next_own()
+        until = np.minimum(self._last_slots(self.fresh, again), again)
+        self.last_slot_of = np.where(self.places, until, HOLDS)
         self.intervals = IntervalMoments(table)
-        met = np.unique(table.site * np.intp(max(table.routes, 1)) + self.route)
-        self._routes_meeting = np.split(
-            met % max(table.routes, 1), np.searchsorted(met // max(table.routes, 1), np.arange(1, sites))
-        )
+        met = np.unique(np.stack([table.site, self.route]), axis=1)
+        self._routes_meeting = np.split(met[1], np.searchsorted(met[0], np.arange(1, sites)))
 
     def _last_slots(self, fresh: FreshFixes, stop: Ints) -> Ints:
         out = np.empty(len(fresh.route), dtype=np.intp)
@@ -133,9 +121,6 @@ class DriftRequirements:
         site, breakpoint = self.table.site[readings], self.table.breakpoint[readings]
         order = np.lexsort((readings, site))
         site, breakpoint, until = site[order], breakpoint[order], self.last_slot_of[readings[order]]
-        after = np.append(breakpoint[1:], 0)
-        same = np.append(site[1:] == site[:-1], False)
-        until = np.where(same, np.minimum(until, after - 1), until)
         good = until >= breakpoint
         site, first, last = site[good], breakpoint[good], until[good]
         joins = (site[1:] == site[:-1]) & (first[1:] == last[:-1] + 1)
@@ -163,29 +148,20 @@ class DriftRequirements:
                 found += self._cuts_of(chosen, int(rest.route[k]), int(slots[k]), bool(early[k]), alive)
         return found
 
-    def holds(self, chosen: Bools) -> bool:
-        """Whether the layout keeps the limit."""
-        return not self.cuts(chosen)
-
     def _breached_intervals(self, sets: ReadingSets, simple: Bools) -> Iterator[tuple[int, int, int]]:
         """Hops beyond reach, on routes of independent readings: route, first slot that breaks, last reading."""
         mine = simple[sets.drive]
         drives = np.flatnonzero(simple)
         reading = np.concatenate([np.full(len(drives), _START), sets.reading[mine]])
         drive = np.concatenate([drives, sets.drive[mine]])
-        breakpoint = (
-            np.where(reading == _START, 0, self.table.breakpoint[reading])
-            if len(self.table.breakpoint)
-            else 0 * reading
-        )
+        breakpoint, until = np.zeros(len(reading), dtype=np.intp), self.last_slot_of_start[sets.route[drive]]
+        read = reading != _START
+        breakpoint[read], until[read] = self.table.breakpoint[reading[read]], self.last_slot_of[reading[read]]
         order = np.lexsort((reading, breakpoint, drive))
-        reading, drive, breakpoint = reading[order], drive[order], breakpoint[order]
-        latest = np.append((drive[1:] != drive[:-1]) | (breakpoint[1:] != breakpoint[:-1]), True)[: len(drive)]
-        reading, drive, breakpoint = reading[latest], drive[latest], breakpoint[latest]
-        route = sets.route[drive]
-        until = self.last_slot_of_start[route]
-        until[reading != _START] = self.last_slot_of[reading[reading != _START]]
-        final = np.append(drive[1:] != drive[:-1], True)[: len(drive)]
+        latest = [np.diff(x[order], append=-1) != 0 for x in (drive, breakpoint)]  # of those at one place
+        order = order[latest[0] | latest[1]]
+        reading, drive, breakpoint, until = reading[order], drive[order], breakpoint[order], until[order]
+        route, final = sets.route[drive], np.diff(drive, append=-1) != 0
         needed = np.where(final, self.table.slots[route], np.append(breakpoint[1:], 0)[: len(breakpoint)] - 1)
         for k in np.flatnonzero(until < needed).tolist():
             yield int(route[k]), int(until[k]) + 1, int(reading[k])
@@ -339,28 +315,15 @@ def _sources(table: RouteTable, places: Bools, turns: Bools) -> FreshFixes:
     low, high = np.zeros(n, dtype=complex), np.zeros(n, dtype=complex)
     d2 = np.where(turns, table.heading_d2, 0.0).astype(complex)
     for r in range(table.routes):
-        here, segments = (
-            table.readings_of(r),
-            table.segments[np.arange(*table.segments_of(r).indices(len(table.length)))],
-        )
+        here, segments = table.readings_of(r), table.segments[table.segments_of(r)]
         kept = np.concatenate([[1.0], np.cumprod(1 + segments.d1)])[table.breakpoint[here]]  # E r of the way here
         begun = 1 + table.start.d1[r]
-        left = np.where(
-            turns[here], (1 + table.heading_d1[here]) / kept, begun
-        )  # E r when set here, as if at the start
-        re = np.stack(
-            [
-                np.minimum.accumulate(np.minimum(left.real, begun.real)),
-                np.maximum.accumulate(np.maximum(left.real, begun.real)),
-            ]
+        left = np.where(turns[here], (1 + table.heading_d1[here]) / kept, begun)  # E r when set here, as at the start
+        re, im = (
+            np.stack([most.accumulate(most(part, first)) for most in (np.minimum, np.maximum)])
+            for part, first in ((left.real, begun.real), (left.imag, begun.imag))
         )
-        im = np.stack(
-            [
-                np.minimum.accumulate(np.minimum(left.imag, begun.imag)),
-                np.maximum.accumulate(np.maximum(left.imag, begun.imag)),
-            ]
-        )
-        corners = kept * (re[:, None] + 1j * im[None, :]).reshape(4, -1) - 1
+        corners = kept * (re[:, None] + 1j * im).reshape(4, -1) - 1
         low[here] = corners.real.min(axis=0) + 1j * corners.imag.min(axis=0)
         high[here] = corners.real.max(axis=0) + 1j * corners.imag.max(axis=0)
         twice = np.concatenate([[1.0], np.cumprod(1 + 2 * segments.d1 + segments.d2)])[table.breakpoint[here]]
@@ -369,7 +332,6 @@ def _sources(table: RouteTable, places: Bools, turns: Bools) -> FreshFixes:
         d2[here] = np.where(turns[here], d2[here], alone)
     low[turns] = high[turns] = table.heading_d1[turns]
     zero = np.zeros(n)
-    state = Moments(
-        np.ones(n), zero, low, d2, -2 * low.real, zero, np.where(places, table.trace, 0.0), zero, zero, zero
-    )
+    trace = np.where(places, table.trace, 0.0)
+    state = Moments(np.ones(n), zero, low, d2, -2 * low.real, zero, trace, zero, zero, zero)
     return FreshFixes(table.route, table.breakpoint, state, low, high)

@@ -20,6 +20,7 @@ import numpy as np
 from driftplan.arrays import Floats, Ints
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns, floor_of, readings_on
+from driftplan.layouts.scenario import Scenario
 from driftplan.model.elements import of_legs
 from driftplan.model.heading_laws import law_moments
 from driftplan.model.moments import Moments
@@ -27,7 +28,6 @@ from driftplan.model.noise import Noises, OdometryNoise, noise_of_legs
 from driftplan.model.paths import read_path
 from driftplan.model.readings import Fix, Readings, Resets
 from driftplan.model.worst import bend_rates
-from driftplan.world.world import World
 
 _SAG_SHARE = 1e-4  # greatest margin, as a share of the limit squared
 
@@ -105,28 +105,20 @@ class RouteTable:
         return of_legs(turn, lengths, turn, self.noise_of[segment, None], self.noises)
 
 
-def route_table(
-    paths: Sequence[Floats],
-    noise: OdometryNoise,
-    sites: Sequence[Beacon],
-    world: World | None,
-    *,
-    start_fix: Fix | None,
-    least_limit_m: float,
-) -> RouteTable:
-    """RouteTable of routes (n, 2) for all ``sites``; ``least_limit_m`` is the smallest limit they will be held to."""
-    columns = BeaconColumns.of(sites)
+def route_table(scenario: Scenario, sites: Sequence[Beacon], least_limit_m: float = np.inf) -> RouteTable:
+    """The routes of a scenario with the readings of all ``sites``, for limits of at least so many metres."""
+    columns, noise, world = BeaconColumns.of(sites), scenario.noise, scenario.world
     rows = [
-        _SegmentedRoute(*floor_of(path, noise, world), readings_on(path, columns, world), least_limit_m)
-        for path in paths
+        SegmentedRoute(*floor_of(path, noise, world), readings_on(path, columns, world), least_limit_m)
+        for path in scenario.routes
     ]
-    return _joined(rows, start_fix)
+    return _joined(rows, scenario.start_fix)
 
 
-class _SegmentedRoute:
-    """One route, cut."""
+class SegmentedRoute:
+    """One route, cut; its readings sorted by breakpoint and, at one breakpoint, by accuracy."""
 
-    def __init__(self, path: Floats, noise: Noises, readings: Readings, least_limit_m: float) -> None:
+    def __init__(self, path: Floats, noise: Noises, readings: Readings, least_limit_m: float = np.inf) -> None:
         runs = read_path(path)
         self.heading = float(runs.heading)
         self.noises, which = noise_of_legs(noise, len(runs.lengths), 1)
@@ -147,20 +139,25 @@ class _SegmentedRoute:
     def _pieces_needed(self, lengths: Floats, which: Ints, limit_m: float) -> Ints:
         """Into how many segments each run is cut, so that its sag is small."""
         bends = np.array([bend_rates(noise) for noise in self.noises])[which]
-        rate = (bends[:, 0] * limit_m + bends[:, 1]) / 8
-        allowed = _SAG_SHARE * limit_m**2
-        return np.asarray(np.maximum(1, np.ceil(lengths * np.sqrt(rate / allowed))), dtype=np.intp)
+        share = (bends[:, 0] / limit_m + bends[:, 1] / limit_m**2) / 8  # of the limit squared, per metre squared
+        return np.asarray(np.maximum(1, np.ceil(lengths * np.sqrt(share / _SAG_SHARE))), dtype=np.intp)
 
 
-def _joined(rows: list[_SegmentedRoute], start_fix: Fix | None) -> RouteTable:
+def _joined(rows: list[SegmentedRoute], start_fix: Fix | None) -> RouteTable:
     """All routes in one set of arrays."""
     noises = list(dict.fromkeys(noise for row in rows for noise in row.noises))
     which = np.concatenate([np.array([noises.index(n) for n in row.noises])[row.noise_of] for row in rows])
     turn, length = (np.concatenate([getattr(row, name) for row in rows]) for name in ("turn", "length"))
     bends = np.array([bend_rates(noise) for noise in noises])[which]
-    spreads = np.array([_translation(noise) for noise in noises])[which]
+    rates = ([noise.distance_var_per_m + noise.lateral_var_per_m, noise.distance_var_per_rad] for noise in noises)
+    free = [not noise.heading_distance_corr for noise in noises]  # of the heading
+    spreads = (np.array(list(rates)) * np.array(free)[:, None])[which]
     readings = sum((row.readings for row in rows), Readings.of([]))
-    law = law_moments("gaussian", readings.heading_var)
+    law, zero = law_moments("gaussian", readings.heading_var), np.zeros(len(rows))
+    u = np.exp(1j * np.array([row.heading for row in rows]))
+    start = Moments(u, zero, *([zero] * 8))  # no errors, or those of a fix, turned into the robot's own frame
+    if start_fix is not None:
+        start = Readings.of([start_fix]).resets()[0].apply(start)
     return RouteTable(
         first_segment=np.concatenate([[0], np.cumsum([len(row.length) for row in rows])]).astype(np.intp),
         segments=of_legs(turn, length, np.zeros(len(turn)), which, noises),
@@ -171,7 +168,7 @@ def _joined(rows: list[_SegmentedRoute], start_fix: Fix | None) -> RouteTable:
         noises=tuple(noises),
         translation=spreads[:, 0] * length + spreads[:, 1] * np.abs(turn),
         distance=np.concatenate([row.distance for row in rows]),
-        start=_starts([row.heading for row in rows], start_fix),
+        start=start.rotated(np.conj(u)),
         first_reading=np.concatenate([[0], np.cumsum([len(row.breakpoint) for row in rows])]).astype(np.intp),
         breakpoint=np.concatenate([row.breakpoint for row in rows]),
         readings=readings,
@@ -179,20 +176,3 @@ def _joined(rows: list[_SegmentedRoute], start_fix: Fix | None) -> RouteTable:
         heading_d1=law.d1,
         heading_d2=law.d2,
     )
-
-
-def _starts(headings: list[float], start_fix: Fix | None) -> Moments:
-    """Errors at the start: none, or those of a fix, turned into the robot's own frame."""
-    zero = np.zeros(len(headings))
-    u = np.exp(1j * np.array(headings))
-    start = Moments(u, zero, *([zero] * 8))
-    if start_fix is not None:
-        start = Readings.of([start_fix]).resets()[0].apply(start)
-    return start.rotated(np.conj(u))
-
-
-def _translation(noise: OdometryNoise) -> tuple[float, float]:
-    """Translation variance per metre and per radian that is independent of the heading."""
-    if noise.heading_distance_corr:
-        return 0.0, 0.0
-    return noise.distance_var_per_m + noise.lateral_var_per_m, noise.distance_var_per_rad

@@ -19,7 +19,7 @@ import numpy as np
 from driftplan.arrays import Bools, Floats, Ints
 from driftplan.layouts.placement.cut_pool import Cut
 from driftplan.layouts.placement.fused_routes import FusedRoute
-from driftplan.model.filter_state import FilterState, LegColumns, Row
+from driftplan.model.filter_state import FilterState, Row
 
 _ENDS = np.linspace(1.5, 4.0, 6)  # of a stretch, in lengths of the one that fails when nothing is read
 _ROUNDING = 1e-6  # relative, of tr P: a set that all but holds counts as one that does
@@ -103,35 +103,23 @@ class WeightedCuts:
         nothing = len(self.border) - 1
         state = FilterState(tuple(np.full(len(orders), p) for p in start.P))
         here, trace = np.full(len(orders), begin), np.empty((len(orders), len(ends)))
-        trace[:] = self._traces(FilterState(tuple(p[:1] for p in state.P)), here[:1], ends)
+        trace[:] = route.traces(start, begin, ends)
         for column in orders.T:
             some = np.flatnonzero(column != nothing)
             readings = column[some]
             stop = self.border[readings]
-            arriving = self._driven(FilterState(tuple(p[some] for p in state.P)), here[some], stop)
+            arriving = route.driven(FilterState(tuple(p[some] for p in state.P)), here[some], stop)
             after = self._read(arriving, readings)
             for p, fresh in zip(state.P, after.P, strict=True):
                 p[some] = fresh
             here[some] = stop
-            trace[some] = np.where(ends > stop[:, None], self._traces(after, stop, ends), trace[some])
+            column_of = FilterState(tuple(p[:, None] for p in after.P))
+            traces = route.traces(column_of, stop[:, None], ends)
+            trace[some] = np.where(ends > stop[:, None], traces, trace[some])
         return np.logical_and.accumulate(trace <= self.most, axis=1)
-
-    def _driven(self, state: FilterState, here: Ints, stop: Ints) -> FilterState:
-        unaided, lever = self.route.unaided, self.route.lever
-        excess = tuple(p - u for p, u in zip(state.P, unaided[here].T, strict=True))
-        return FilterState(excess).driven(
-            LegColumns(tuple((lever[stop] - lever[here]).T), tuple(unaided[stop].T), None)
-        )
 
     def _read(self, state: FilterState, readings: Ints) -> FilterState:
         number = int((self.variance[readings] < np.inf).sum(axis=1).max(initial=0))
         rows = [Row(tuple(self.coefficients[readings, j].T), self.variance[readings, j]) for j in range(number)]
         chance = self.chance[readings]
         return state.read(rows, None if (chance == 1).all() else chance)
-
-    def _traces(self, state: FilterState, here: Ints, ends: Ints) -> Floats:
-        """tr P at the ends when nothing more is read, (drives, ends)."""
-        unaided, lever = self.route.unaided, self.route.lever
-        xx, _, xt, yy, yt, tt = ((p - u)[:, None] for p, u in zip(state.P, unaided[here].T, strict=True))
-        x, y = (lever[ends][:, None] - lever[here]).T
-        return np.asarray(unaided[ends, 0] + unaided[ends, 3] + xx + yy + 2 * (xt * x + yt * y) + tt * (x * x + y * y))

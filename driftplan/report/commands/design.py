@@ -60,15 +60,9 @@ def _tell(seconds: float, cost: float) -> None:
 def design_text(found: CoDesign) -> str:
     """The trips one by one, what they cost together, and what was gained."""
     rows = design_as_json(found)["routes"]
-    trips = table(
-        {
-            "trip": range(len(rows)),
-            "weight": [f"{row['weight']:g}" for row in rows],
-            **numbers(rows, 2, "shortest_length_m", "length_m"),
-            **numbers(rows, 3, "worst_drift_m"),
-            "beacons": [" ".join(row["beacons"]) for row in rows],
-        }
-    )
+    named = {"trip": range(len(rows)), "weight": [f"{row['weight']:g}" for row in rows]}
+    driven = {**numbers(rows, 2, "shortest_length_m", "length_m"), **numbers(rows, 3, "worst_drift_m")}
+    trips = table({**named, **driven, "beacons": [" ".join(row["beacons"]) for row in rows]})
     gained = ""
     if found.baseline is not None:
         share = found.gain / found.baseline.cost
@@ -80,13 +74,12 @@ def design_as_json(found: CoDesign) -> dict[str, Any]:
     """All that was found, with the design it is compared with."""
     routes = [
         {
-            **record(trip, "start", "goal", "weight"),
-            **record(route, "length_m", "shortest_length_m", "worst_drift_m", "worst_guaranteed_m"),
-            "beacons": [b.id for b in route.beacons],
+            **row,
+            **record(route, "worst_guaranteed_m"),
             "least_capture_probability": min((c.probability for c in route.captures), default=None),
             "waypoints": route.path.tolist(),
         }
-        for trip, route in zip(found.trips, found.routes, strict=True)
+        for row, route in zip(found.to_dicts(), found.routes, strict=True)
     ]
     return {
         **_costs(found),

@@ -78,17 +78,10 @@ def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layou
     from driftplan.report.figures.layouts import layout_figure
 
     def payload() -> dict[str, Any]:
-        numbers = zip(map(label, args.paths), layout.drifts, layout.worst_drifts, layout.max_drift, free, strict=True)
-        routes = [
-            {
-                "file": file,
-                "length_m": float(drift.length),
-                "worst_drift_m": worst,
-                "limit_m": limit,
-                "collision_free": is_free,
-            }
-            for file, drift, worst, limit, is_free in numbers
-        ]
+        keys = ("file", "length_m", "worst_drift_m", "limit_m", "collision_free")
+        lengths_m = [float(drift.length) for drift in layout.drifts]
+        columns = (map(label, args.paths), lengths_m, layout.worst_drifts, layout.max_drift, free)
+        routes = [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)]
         found = {
             "beacons": installer_table(layout),
             "estimator": layout.scenario.estimator,
@@ -159,14 +152,9 @@ def _proof(layout: Layout) -> str:
 def _tradeoff_answer(noise: OdometryNoise, curve: tuple[Layout, ...]) -> Answer:
     from driftplan.report.figures.layouts import tradeoff_figure
 
-    points = [
-        {
-            "beacons": len(layout.beacons),
-            **record(layout, "worst_drift_m", "drift_bound_m", "proven"),
-            "ids": [beacon.id for beacon in layout.beacons],
-        }
-        for layout in curve
-    ]
+    drifts = [record(layout, "worst_drift_m", "drift_bound_m", "proven") for layout in curve]
+    ids = [[beacon.id for beacon in layout.beacons] for layout in curve]
+    points = [{"beacons": len(some), **drift, "ids": some} for drift, some in zip(drifts, ids, strict=True)]
 
     def text() -> str:
         drifts = numbers(points, 3, "worst_drift_m", "drift_bound_m")

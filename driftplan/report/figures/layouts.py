@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _MAX_ROUTES = 5  # sawtooth lines with a style of their own; others are grey
 _MAX_LABELS = 12  # routes that are named on the map
 _MAX_BARS = 25
+_NAME_SHARE = np.array([0.2, 0.06])  # of the map that the name of a route takes, about
 _SPACING_M = 0.25
 
 
@@ -51,15 +52,8 @@ def route_segments(layout: Layout) -> tuple[Floats, Floats]:
 def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True, **line_kwargs: Any) -> LayoutArtists:
     """Draw a layout on its map: beacons with their ranges and ids, routes coloured by their drift.
 
-    Up to twelve routes are named at their starts, with arrows the way they are driven.
-
-    Parameters
-    ----------
-    layout : Layout
-    ax : default: pyplot's current Axes
-    colorbar : whether to add one beside the Axes
-    **line_kwargs
-        Go to the routes' LineCollection untouched.
+    Up to twelve routes are named at their starts, with arrows the way they are driven. ``ax`` is pyplot's current Axes
+    unless given; ``line_kwargs`` go to the routes' LineCollection untouched.
     """
     from matplotlib.collections import LineCollection
 
@@ -74,14 +68,17 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
     routes.set_array(drift[order])
     routes.set_clim(0.0, max(layout.max_drift))
     ax.add_collection(routes)
-    right_edge = np.array([0.1, 0.9]) @ _map_box(layout)[:, 0]  # names of routes that start beyond do not cross it
     if len(layout.drifts) <= _MAX_LABELS:
-        for r, path in enumerate(drift.xy for drift in layout.drifts):
-            style.arrow_along(ax, path, "black")
+        box = _map_box(layout)
+        starts = np.array([drift.xy[0] for drift in layout.drifts])
+        right_edge, room = np.array([0.1, 0.9]) @ box[:, 0], _NAME_SHARE * (box[1] - box[0])
+        for r, start in enumerate(starts):
+            style.arrow_along(ax, layout.drifts[r].xy, "black")
             name: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "weight": "bold", "zorder": 5}
-            side, offset = ("right", -5) if path[0, 0] > right_edge else ("left", 5)
-            ax.annotate(f"route {r}", path[0], (offset, -9), ha=side, **name)
-            ax.plot(*path[0], zorder=4, **{**style.START, "markersize": 6, "markeredgewidth": 1.5})
+            beside = (np.abs(starts[:r] - start) < room).all(axis=1).sum() % 2  # names of near starts take turns
+            side, offset = ("right", -5) if start[0] > right_edge else ("left", 5)
+            ax.annotate(f"route {r}", start, (offset, 4 if beside else -9), ha=side, **name)
+            ax.plot(*start, zorder=4, **{**style.START, "markersize": 6, "markeredgewidth": 1.5})
     everyone = (*layout.existing, *layout.beacons)
     beacons = plot_beacons(everyone, ax=ax, used=layout.beacons, labels=("new beacon", "existing beacon"))
     style.in_metres(ax)
@@ -107,17 +104,9 @@ def plot_sawtooth(
 
     Parameters
     ----------
-    layout : Layout
     routes : which to draw with a style and a label; default: the five that come nearest to their limits, the others
         thin and grey
-    ax : default: pyplot's current Axes
-    **line_kwargs
-        Go to the lines of ``routes`` untouched.
-
-    Returns
-    -------
-    list of Line2D
-        Those of ``routes``, in order.
+    **line_kwargs : go to the lines of ``routes`` untouched; these are returned, in order
     """
     ax = style.current_axes(ax)
     share = np.array(layout.worst_drifts) / np.array(layout.max_drift)
@@ -140,12 +129,8 @@ def plot_sawtooth(
 
 
 def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwargs: Any) -> Line2D:
-    """Draw the worst drift that a number of beacons can hold; points not proven to be the best are hollow.
-
-    Parameters
-    ----------
-    curve : from `driftplan.layouts.place.beacon_tradeoff`
-    """
+    """Draw the worst drift that a number of beacons can hold, as from `driftplan.layouts.place.beacon_tradeoff`; points
+    not proven to be the best are hollow."""
     from matplotlib.ticker import MaxNLocator
 
     ax = style.current_axes(ax)
@@ -157,17 +142,8 @@ def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwa
     for proven, face in ((True, line.get_color()), (False, "white")):
         some = np.array([x.proven == proven for x in curve])
         if some.any():
-            label = "proven" if proven else "best found"
-            ax.plot(
-                drift[some],
-                count[some],
-                "o",
-                color=line.get_color(),
-                markerfacecolor=face,
-                label=label,
-                zorder=3,
-                clip_on=False,
-            )
+            dots: dict[str, Any] = {"color": line.get_color(), "markerfacecolor": face, "zorder": 3, "clip_on": False}
+            ax.plot(drift[some], count[some], "o", label="proven" if proven else "best found", **dots)
     ax.set(xlabel=f"limit on the {_score_label(curve[0])}", ylabel="fewest beacons")
     ax.set_ylim(bottom=0.0)
     ax.yaxis.set_major_locator(MaxNLocator(integer=True))
@@ -218,13 +194,8 @@ def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
 
 
 def layouts_figure(layouts: Mapping[str, Layout], *, figure: Figure | None = None) -> Figure:
-    """Layouts for the same routes side by side, each on its map above its sawtooth.
-
-    Parameters
-    ----------
-    layouts : mapping of label to Layout
-    figure : an empty one to draw into; default: a new one that knows nothing of pyplot
-    """
+    """Layouts for the same routes side by side, each on its map above its sawtooth: in an empty figure, by default a
+    new one that knows nothing of pyplot."""
     first, *_ = layouts.values()
     height = 6.0 * _map_shape(first)
     figure = style.new_figure(figure, 6.3 * len(layouts) + 0.8, height + 3.8)

@@ -1,0 +1,139 @@
+// Drift against distance for every route, with the limit; the selected route in front, and a cursor that reads values.
+
+import { el, metres } from "./dom.js";
+
+const RIGHT = 14, TOP = 12;
+
+export class Chart {
+  constructor(studio) {
+    this.studio = studio;
+    this.canvas = el("canvas", { "aria-hidden": "true" });
+    this.node = el("div", { class: "chart", tabindex: "0", role: "slider", "aria-label": "Drift along the selected route",
+      "aria-valuemin": "0", onkeydown: (event) => this.key(event), onpointermove: (event) => this.hover(event),
+      onpointerleave: () => this.studio.setCursor(null) }, this.canvas);
+  }
+
+  resize() {
+    const { width, height } = this.node.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
+    if (!(width > 0 && height > 0)) return;
+    [this.width, this.height, this.unit] = [width, height, Math.max(1, Math.sqrt(width / 1500))];
+    [this.left, this.bottom] = [52 * this.unit, 34 * this.unit];
+    this.canvas.width = Math.round(width * ratio);
+    this.canvas.height = Math.round(height * ratio);
+    this.canvas.getContext("2d").setTransform(ratio, 0, 0, ratio, 0, 0);
+  }
+
+  draw({ scene, drifts, others, most }, theme) {
+    if (!this.width) return;
+    const pen = this.canvas.getContext("2d"), { selected } = this.studio.session;
+    const routes = scene.routes.map((route, k) => ({ route, drift: drifts[k], other: others[k], k }))
+      .filter(({ drift }) => !(drift instanceof Error));
+    const length = Math.max(1e-9, ...routes.map(({ drift }) => drift.length));
+    const limits = scene.routes.map(({ limit_m: limit }) => limit ?? 0), top = 1.08 * Math.max(most, ...limits);
+    this.x = (s) => this.left + s / length * (this.width - this.left - RIGHT);
+    this.y = (rms) => this.height - this.bottom - rms / top * (this.height - TOP - this.bottom);
+    this.span = length;
+    pen.clearRect(0, 0, this.width, this.height);
+    this.drawAxes(pen, theme, length, top);
+    const spacing = Math.max(2 * length / this.width, length / 2000);
+    const key = [spacing, length, top, this.height].join();
+    const line = (drift) => {  // what is drawn is kept with the drift
+      if (drift.charted?.key !== key) {
+        drift.charted = { key, curve: new Path2D() };
+        for (const [s, rms] of drift.curve(spacing)) drift.charted.curve.lineTo(this.x(s), this.y(rms));
+      }
+      pen.stroke(drift.charted.curve);
+    };
+    pen.lineWidth = 1;
+    pen.strokeStyle = theme.route;
+    for (const { drift, k } of routes) if (k !== selected.route) line(drift);
+    const chosen = routes.find(({ k }) => k === selected.route);
+    if (chosen) {
+      this.drawLimit(pen, theme, chosen.route.limit_m);
+      if (chosen.other && !(chosen.other instanceof Error)) {
+        pen.strokeStyle = theme.other;
+        pen.lineWidth = 2;
+        pen.setLineDash([7, 5]);
+        line(chosen.other);
+        pen.setLineDash([]);
+      }
+      pen.strokeStyle = theme.accent;
+      pen.lineWidth = 2.5 * this.unit;
+      line(chosen.drift);
+      this.drawCursor(pen, theme, chosen.drift);
+    }
+    const broken = drifts[selected.route];
+    if (broken instanceof Error) {
+      pen.fillStyle = theme.text;
+      pen.fillText(broken.message, this.left + 8, TOP + 14);
+    }
+  }
+
+  drawAxes(pen, theme, length, top) {
+    pen.font = `${12 * this.unit}px system-ui, sans-serif`;
+    pen.fillStyle = theme.text;
+    pen.strokeStyle = theme.faint;
+    pen.lineWidth = 1;
+    const step = (span, count) => {
+      const rough = span / count, power = 10 ** Math.floor(Math.log10(rough));
+      return [1, 2, 5, 10].find((k) => k * power >= rough) * power;
+    };
+    const dx = step(length, this.width / 110), dy = step(top, Math.max((this.height - TOP - this.bottom) / 36, 1));
+    pen.textAlign = "center";
+    for (let s = 0; s <= length; s += dx) pen.fillText(String(Number(s.toPrecision(6))), this.x(s), this.height - this.bottom + 15 * this.unit);
+    pen.textAlign = "right";
+    for (let r = 0; r <= top; r += dy) {
+      pen.fillText(String(Number(r.toPrecision(4))), this.left - 6, this.y(r) + 4);
+      pen.beginPath();
+      pen.moveTo(this.left, this.y(r));
+      pen.lineTo(this.width - RIGHT, this.y(r));
+      pen.stroke();
+    }
+    pen.fillText("metres driven", this.width - RIGHT, this.height - 4);
+    pen.textAlign = "left";
+    pen.fillText("drift, rms m", 4, this.height - 4);
+  }
+
+  drawLimit(pen, theme, limit) {
+    if (limit === null) return;
+    pen.strokeStyle = pen.fillStyle = theme.over;
+    pen.lineWidth = 1.5;
+    pen.setLineDash([2, 3]);
+    pen.beginPath();
+    pen.moveTo(this.left, this.y(limit));
+    pen.lineTo(this.width - RIGHT, this.y(limit));
+    pen.stroke();
+    pen.setLineDash([]);
+    pen.fillText(`limit ${limit} m`, this.left + 6, this.y(limit) - 5);
+  }
+
+  drawCursor(pen, theme, drift) {
+    const s = this.studio.cursor;
+    if (s === null) return;
+    const rms = Math.sqrt(Math.max(drift.at(Math.min(s, drift.length)).N, 0)), x = this.x(s);
+    pen.strokeStyle = pen.fillStyle = theme.text;
+    pen.lineWidth = 1;
+    pen.beginPath();
+    pen.moveTo(x, TOP);
+    pen.lineTo(x, this.height - this.bottom);
+    pen.stroke();
+    pen.textAlign = x > this.width - 160 ? "right" : "left";
+    pen.fillText(`${metres(rms)} after ${metres(s, 2)}`, x + (pen.textAlign === "left" ? 6 : -6), TOP + 12 * this.unit);
+    pen.textAlign = "left";
+    this.node.setAttribute("aria-valuemax", drift.length.toFixed(2));
+    this.node.setAttribute("aria-valuenow", s.toFixed(2));
+    this.node.setAttribute("aria-valuetext", `${metres(rms)} of drift after ${metres(s, 2)}`);
+  }
+
+  hover(event) {
+    const box = this.node.getBoundingClientRect(), share = (event.clientX - box.left - this.left) / (this.width - this.left - RIGHT);
+    this.studio.setCursor(share * this.span);
+  }
+
+  key(event) {
+    const step = { ArrowRight: 1, ArrowLeft: -1, PageUp: 10, PageDown: -10, Home: -1e9, End: 1e9 }[event.key];
+    if (step === undefined) return;
+    event.preventDefault();
+    this.studio.setCursor((this.studio.cursor ?? 0) + step * this.span / 200);
+  }
+}

@@ -1,0 +1,32 @@
+// Elements of the page. Text is only ever set as text: names from files are shown, never run.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+/** An element with attributes, listeners (functions under names such as onclick) and children. */
+export function el(tag, attributes = {}, ...children) {
+  return filled(document.createElement(tag), attributes, children);
+}
+
+export function svg(tag, attributes = {}, ...children) {
+  return filled(document.createElementNS(SVG, tag), attributes, children);
+}
+
+function filled(element, attributes, children) {
+  for (const [name, value] of Object.entries(attributes)) {
+    if (typeof value === "function") element.addEventListener(name.slice(2), value);
+    else if (value !== null && value !== false) element.setAttribute(name, value === true ? "" : value);
+  }
+  element.append(...children.flat().filter((child) => child !== null));
+  return element;
+}
+
+export function metres(x, digits = 3) {
+  return Number.isFinite(x) ? `${x.toFixed(digits)} m` : "–";
+}
+
+/** Hand a text to the browser to save. */
+export function save(name, text, type = "text/plain") {
+  const url = URL.createObjectURL(new Blob([text], { type })), link = el("a", { href: url, download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(url), 1000);
+}

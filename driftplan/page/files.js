@@ -1,0 +1,138 @@
+// The files that `driftplan place` reads and writes, in the page: beacons as GeoJSON, routes as CSV, noise as YAML; and
+// the state of the page in a link.
+
+import { NOISE_FIELDS } from "./elements.js";
+import { KIND_NAMES, usualKind } from "./session.js";
+
+const CRS = { type: "name", properties: { name: 'LOCAL_CS["map frame",UNIT["metre",1]]' } };
+const KIND_FIELDS = { range_m: "number", position_std_m: "number", heading_std: "number", detection_probability: "number",
+  line_of_sight: "boolean", reading_spacing_m: "number", cost: "number", range_std_m: "number", bearing_std: "number",
+  std_per_m: "number", view_angle_deg: "number", sensor_view_deg: "number" };
+const MEASURED = ["position_std_m", "heading_std", "range_std_m", "bearing_std"];
+
+/** Beacons as `driftplan place --geojson` writes them; dead ones are left out. */
+export function beaconsAsGeojson(beacons) {
+  const features = beacons.filter(({ dead }) => !dead).map(({ id, x, y, facing_deg, kind, existing }) => {
+    const { name, ...fields } = kind, said = Object.entries(fields).filter(([, value]) => (value ?? null) !== null);
+    const facing = (facing_deg ?? null) === null ? {} : { facing_deg };
+    return { type: "Feature", geometry: { type: "Point", coordinates: [x, y] },
+      properties: { id, kind: name, ...Object.fromEntries(said), ...facing, new: !existing } };
+  });
+  const lines = features.map((feature) => JSON.stringify(feature)).join(",\n");
+  return `{"type": "FeatureCollection", "crs": ${JSON.stringify(CRS)}, "features": [\n${lines}\n]}\n`;
+}
+
+/** Beacons of such a file; an Error says what is wrong with it. */
+export function beaconsFromGeojson(text) {
+  const said = JSON.parse(text);
+  if (said?.type !== "FeatureCollection" || !Array.isArray(said.features)) {
+    throw new Error("expected a GeoJSON FeatureCollection of beacons");
+  }
+  if (/CRS84|4326/.test(JSON.stringify(said.crs ?? ""))) throw new Error("coordinates are in degrees; expected metres");
+  const found = [];
+  said.features.forEach((feature, k) => {
+    if (feature?.geometry?.type !== "Point") return;
+    const where = `feature ${k + 1}`, { id, kind, facing_deg, new: added, ...rest } = feature.properties ?? {};
+    const [x, y] = feature.geometry.coordinates ?? [];
+    if (!Number.isFinite(x) || !Number.isFinite(y)) throw new Error(`${where}: expected coordinates [x, y] in metres`);
+    const fields = {};
+    for (const [name, type] of Object.entries(KIND_FIELDS)) {
+      const value = rest[name] ?? null;
+      if (value === null) continue;
+      if (typeof value !== type || (type === "number" && !(value >= 0 && Number.isFinite(value)))) {
+        throw new Error(`${where}: expected ${name} to be a ${type} of 0 or more, got ${JSON.stringify(value)}`);
+      }
+      fields[name] = value;
+    }
+    if (!(fields.range_m > 0) || !MEASURED.some((name) => name in fields)) {
+      throw new Error(`${where}: expected a beacon with range_m and what it measures (${MEASURED.join(", ")})`);
+    }
+    if (facing_deg !== undefined && facing_deg !== null && !Number.isFinite(facing_deg)) {
+      throw new Error(`${where}: expected facing_deg in degrees, got ${JSON.stringify(facing_deg)}`);
+    }
+    if ((fields.view_angle_deg ?? 360) < 360 && !Number.isFinite(facing_deg)) {
+      throw new Error(`${where}: expected facing_deg with a view_angle_deg`);
+    }
+    const name = String(kind ?? "beacon"), { range_m: _, ...common } = usualKind(KIND_NAMES[0]);
+    delete common.position_std_m;
+    found.push({ id: String(id ?? ""), x, y, facing_deg: facing_deg ?? null, existing: added === false,
+      kind: { ...common, ...fields, name } });
+  });
+  if (said.features.length && !found.length) throw new Error("expected at least one Point feature that is a beacon");
+  return found;
+}
+
+/** A noise as `driftplan fit --yaml` writes it. */
+export function noiseAsYaml(noise) {
+  const lines = Object.entries(noise).filter(([, value]) => value !== 0).map(([key, value]) => {
+    const text = String(value);  // YAML 1.1 takes 1e-4 for text
+    return `${key}: ${text.includes("e") && !text.includes(".") ? text.replace("e", ".0e") : text}`;
+  });
+  return `# Noise of an odometry for driftplan, in SI units and radians.\n${lines.join("\n") || "{}"}\n`;
+}
+
+export function noiseFromYaml(text) {
+  const noise = {};
+  for (const line of text.split(/\r?\n/)) {
+    const words = line.replace(/#.*/, "").trim();
+    if (!words || words === "{}" || words === "---") continue;
+    const [, key, value] = /^(\w+):\s*(\S+)$/.exec(words) ?? [];
+    if (key === "step_m") throw new Error("noise per step (step_m) cannot be computed with here; use rates per metre");
+    if (!NOISE_FIELDS.includes(key) || !Number.isFinite(Number(value))) {
+      throw new Error(`expected lines such as heading_var_per_m: 1.0e-4, got ${JSON.stringify(words.slice(0, 60))}`);
+    }
+    noise[key] = Number(value);
+  }
+  if (NOISE_FIELDS.some((name) => /_var_|_std/.test(name) && noise[name] < 0)) throw new Error("expected variances of 0 or more");
+  return noise;
+}
+
+export function routeAsCsv({ points }) {
+  return `x,y\n${points.map((xy) => xy.join(",")).join("\n")}\n`;
+}
+
+export function routeFromCsv(text) {
+  const rows = text.split(/\r?\n/).map((line) => line.trim()).filter((line) => line && !line.startsWith("#"));
+  const points = rows.map((row) => row.split(/[,;\s]+/).slice(0, 2).map(Number));
+  if (points.length && points[0].some(Number.isNaN)) points.shift();
+  if (points.length < 2 || points.some((xy) => xy.length < 2 || !xy.every(Number.isFinite))) {
+    throw new Error("expected waypoints x,y in metres, one per line, two at least");
+  }
+  return points;
+}
+
+// The state in a link: what may be edited, not the walls.
+
+const EDITED = ["noise", "routes", "beacons", "zones", "estimator"];
+
+export function asLink(scene) {
+  const state = Object.fromEntries(EDITED.map((key) => [key, scene[key]]));
+  const bytes = new TextEncoder().encode(JSON.stringify(state));
+  return `#state=${btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join("")).replace(/\+/g, "-").replace(/\//g, "_")}`;
+}
+
+/** The scene with the state of a link, or as it is where the link has none that makes sense. */
+export function withLink(scene, hash) {
+  const [, code] = /^#state=([\w=-]+)$/.exec(hash) ?? [];
+  if (!code) return scene;
+  try {
+    const bytes = Uint8Array.from(atob(code.replace(/-/g, "+").replace(/_/g, "/")), (char) => char.charCodeAt(0));
+    const state = JSON.parse(new TextDecoder().decode(bytes));
+    const beacons = beaconsFromGeojson(beaconsAsGeojson(state.beacons.map((one) => ({ ...one, dead: false }))));
+    const flags = state.beacons.map(({ dead, locked, existing }) => ({ dead: !!dead, locked: !!locked, existing: !!existing }));
+    const routes = state.routes.map(({ name, points, limit_m }) => ({ name: String(name),
+      points: routeFromCsv(routeAsCsv({ points })), limit_m: Number.isFinite(limit_m) ? limit_m : null }));
+    return { ...scene, noise: noiseFromYaml(noiseAsYaml(state.noise)), routes, zones: checkedZones(state.zones),
+      beacons: beacons.map((beacon, k) => ({ ...beacon, ...flags[k] })),
+      estimator: state.estimator === "filter" ? "filter" : "reset" };
+  } catch {
+    return scene;
+  }
+}
+
+function checkedZones(zones) {
+  return zones.map(({ polygons, noise, factor }) => {
+    if (!polygons.flat(2).every((xy) => xy.length === 2 && xy.every(Number.isFinite))) throw new Error("no polygon");
+    return { polygons, noise: noiseFromYaml(noiseAsYaml(noise)), factor: Number.isFinite(factor) ? factor : 1 };
+  });
+}

@@ -1,0 +1,375 @@
+// The map: walls and floors on one canvas, routes and drift on another, and what can be grasped as SVG above them.
+
+import { CLASSES, classOf, symbolOf, themeOf } from "./colours.js";
+import { el, metres, svg } from "./dom.js";
+
+const CURVE_PIXELS = 4;  // between points of a drawn curve
+const ELLIPSE_PIXELS = 90;  // between error ellipses
+const SNAP_PIXELS = 14;
+
+export class MapView {
+  constructor(studio) {
+    this.studio = studio;
+    this.base = el("canvas", { "aria-hidden": "true" });
+    this.live = el("canvas", { "aria-hidden": "true" });
+    this.ranges = svg("g");
+    this.grips = svg("g");
+    this.drawing = svg("g");
+    this.overlay = svg("svg", { tabindex: "0", role: "application", class: "map-overlay",
+      "aria-label": "Map. Arrow keys move the cross, Enter acts there, Tab goes to the beacons." },
+    this.ranges, this.drawing, this.grips);
+    this.node = el("div", { class: "map" }, this.base, this.live, this.overlay);
+    this.beacons = [];
+    this.cross = null;
+    this.listen();
+  }
+
+  /** Show the whole map. */
+  fit() {
+    const [left, low, right, high] = this.studio.session.scene.bounds;
+    this.centre = [(left + right) / 2, (low + high) / 2];
+    this.scale = 0.9 * Math.min(this.width / Math.max(right - left, 1e-3), this.height / Math.max(high - low, 1e-3));
+  }
+
+  resize() {
+    const { width, height } = this.node.getBoundingClientRect();
+    if (!(width > 0 && height > 0)) return;
+    const first = !this.width;
+    [this.width, this.height] = [width, height];
+    this.unit = Math.max(1, Math.sqrt(width / 1500));  // lines, symbols and letters grow with a large screen
+    const ratio = window.devicePixelRatio || 1;
+    for (const canvas of [this.base, this.live]) {
+      canvas.width = Math.round(width * ratio);
+      canvas.height = Math.round(height * ratio);
+      canvas.getContext("2d").setTransform(ratio, 0, 0, ratio, 0, 0);
+    }
+    this.overlay.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    if (first) this.fit();
+  }
+
+  toScreen([x, y]) {
+    return [(x - this.centre[0]) * this.scale + this.width / 2, (this.centre[1] - y) * this.scale + this.height / 2];
+  }
+
+  toWorld([px, py]) {
+    return [(px - this.width / 2) / this.scale + this.centre[0], (this.height / 2 - py) / this.scale + this.centre[1]];
+  }
+
+  zoom(factor, at = [this.width / 2, this.height / 2]) {
+    const before = this.toWorld(at);
+    this.scale = Math.min(Math.max(this.scale * factor, 0.05), 5000);
+    const after = this.toWorld(at);
+    this.centre = this.centre.map((c, k) => c + before[k] - after[k]);
+    this.studio.render({ base: true });
+  }
+
+  pan(dx, dy) {
+    this.centre = [this.centre[0] - dx / this.scale, this.centre[1] + dy / this.scale];
+    this.studio.render({ base: true });
+  }
+
+  // Drawing
+
+  drawBase(scene) {
+    const pen = this.base.getContext("2d"), theme = this.theme = themeOf(this.node);
+    pen.clearRect(0, 0, this.width, this.height);
+    const shape = (polygons) => {
+      const path = new Path2D();
+      for (const ring of polygons.flat()) {
+        ring.forEach((xy, k) => (k ? path.lineTo(...this.toScreen(xy)) : path.moveTo(...this.toScreen(xy))));
+        path.closePath();
+      }
+      return path;
+    };
+    scene.zones.forEach(({ polygons }, k) => {
+      const path = shape(polygons);
+      pen.fillStyle = theme.zone;
+      pen.fill(path, "evenodd");
+      pen.strokeStyle = theme.zoneLine;
+      pen.lineWidth = k === this.studio.session.selected.zone ? 3 : 1;
+      pen.setLineDash([6, 4]);
+      pen.stroke(path);
+      pen.setLineDash([]);
+    });
+    pen.fillStyle = theme.wall;
+    pen.fill(shape(scene.walls), "evenodd");
+    const [left, low, right, high] = scene.bounds, [x, y] = this.toScreen([left, high]);
+    pen.strokeStyle = theme.faint;
+    pen.lineWidth = 1;
+    pen.strokeRect(x, y, (right - left) * this.scale, (high - low) * this.scale);
+    this.drawScaleBar(pen, theme);
+  }
+
+  drawScaleBar(pen, theme) {
+    const wanted = 120 / this.scale, power = 10 ** Math.floor(Math.log10(wanted));
+    const size = [5, 2, 1].find((k) => k * power <= wanted) * power, x = 12, y = this.height - 12;
+    const bar = new Path2D(`M${x} ${y - 5}V${y}H${x + size * this.scale}V${y - 5}`);
+    pen.font = `${12 * this.unit}px system-ui, sans-serif`;
+    [pen.fillStyle, pen.strokeStyle, pen.lineWidth] = [theme.text, theme.paper, 5];  // a halo, on whatever is below
+    pen.stroke(bar);
+    pen.strokeText(`${size} m`, x + 4, y - 8);
+    [pen.strokeStyle, pen.lineWidth] = [theme.text, 2];
+    pen.stroke(bar);
+    pen.fillText(`${size} m`, x + 4, y - 8);
+  }
+
+  drawLive({ scene, drifts, most }) {
+    const pen = this.live.getContext("2d"), { theme } = this, { selected } = this.studio.session;
+    pen.clearRect(0, 0, this.width, this.height);
+    pen.lineCap = pen.lineJoin = "round";
+    scene.routes.forEach((route, k) => {
+      if (drifts[k] instanceof Error) this.strokeLine(pen, route.points, theme.route, 1.5);
+      else if (k !== selected.route) this.strokeDrift(pen, drifts[k], route.limit_m, most, 2.5);
+    });
+    const route = scene.routes[selected.route], drift = drifts[selected.route];
+    if (route) this.strokeLine(pen, route.points, theme.paper, 9 * this.unit);
+    if (route && !(drift instanceof Error)) {
+      this.strokeDrift(pen, drift, route.limit_m, most, 5);
+      this.drawEllipses(pen, drift);
+    }
+    for (const one of scene.routes) this.drawArrow(pen, one, one === route);
+    for (const points of this.studio.highlights) this.drawHighlight(pen, points);
+    if (this.studio.cursor !== null && route && !(drift instanceof Error)) this.drawCursor(pen, drift);
+  }
+
+  strokeLine(pen, points, colour, width) {
+    pen.beginPath();
+    for (const xy of points) pen.lineTo(...this.toScreen(xy));
+    [pen.strokeStyle, pen.lineWidth] = [colour, width];
+    pen.stroke();
+  }
+
+  /** A route in the colours of its drift. What is drawn is kept with the drift, in metres. */
+  strokeDrift(pen, drift, limit, most, width) {
+    const spacing = Math.max(CURVE_PIXELS / this.scale, drift.length / 2000), key = `${spacing} ${limit ?? most}`;
+    if (drift.drawn?.key !== key) drift.drawn = { key, pieces: this.piecesOf(drift, spacing, limit, most) };
+    const [x, y] = this.toScreen([0, 0]);
+    pen.save();
+    pen.transform(this.scale, 0, 0, -this.scale, x, y);
+    drift.drawn.pieces.forEach((piece, k) => {
+      pen.strokeStyle = k < CLASSES ? this.theme.ramp[k] : this.theme.over;
+      pen.lineWidth = (k < CLASSES ? width : width * 1.6) * this.unit / this.scale;
+      pen.stroke(piece);
+    });
+    pen.restore();
+  }
+
+  piecesOf(drift, spacing, limit, most) {
+    const { legs } = drift.path, pieces = [];
+    let k = 0, before = null, last = null;
+    for (const [s, rms] of drift.curve(spacing)) {
+      while (k + 1 < legs.length && legs[k].begin + legs[k].length < s - 1e-9) k++;
+      const { x, y, ux, uy, begin } = legs[k], here = [x + ux * (s - begin), y + uy * (s - begin)];
+      const now = classOf(rms, limit, most), piece = (pieces[now] ??= new Path2D());
+      if (before) {
+        if (now !== last) piece.moveTo(...before);
+        piece.lineTo(...here);
+        last = now;
+      }
+      before = here;
+    }
+    return pieces;
+  }
+
+  /** Where the estimate is with 86 % (two standard deviations in every direction), about the true place. */
+  drawEllipses(pen, drift) {
+    pen.strokeStyle = this.theme.text;
+    pen.lineWidth = 1;
+    const count = Math.max(1, Math.min(60, Math.round(drift.length * this.scale / ELLIPSE_PIXELS)));
+    for (let i = 1; i <= count; i++) {
+      const s = drift.length * i / count, { N, e1, e2 } = drift.at(s), [x, y] = drift.place(s);
+      const cr = e2[0] - e1[0] ** 2 + e1[1] ** 2, ci = e2[1] - 2 * e1[0] * e1[1], trace = N - e1[0] ** 2 - e1[1] ** 2;
+      const spread = Math.hypot(cr, ci), radii = [trace + spread, trace - spread].map((v) => 2 * Math.sqrt(Math.max(v / 2, 0)));
+      const [px, py] = this.toScreen([x + e1[0], y + e1[1]]);
+      pen.beginPath();
+      pen.ellipse(px, py, radii[0] * this.scale, radii[1] * this.scale, -Math.atan2(ci, cr) / 2, 0, 2 * Math.PI);
+      pen.stroke();
+    }
+  }
+
+  /** Which way a route goes: an arrow head half-way along its longest leg. */
+  drawArrow(pen, route, strong) {
+    const { legs } = this.studio.calculator.pathOf(route);
+    const leg = legs.reduce((best, one) => (one.length > best.length ? one : best));
+    if (leg.length * this.scale < 24) return;
+    const [x, y] = this.toScreen([leg.x + leg.ux * leg.length * 0.5, leg.y + leg.uy * leg.length * 0.5]);
+    const size = (strong ? 9 : 6) * this.unit;
+    pen.fillStyle = strong ? this.theme.text : this.theme.route;
+    pen.beginPath();
+    for (const turn of [0, 2.5, -2.5]) {
+      const angle = leg.angle + turn;
+      pen.lineTo(x + size * Math.cos(angle), y - size * Math.sin(angle));
+    }
+    pen.fill();
+  }
+
+  drawHighlight(pen, points) {
+    pen.globalAlpha = 0.45;
+    this.strokeLine(pen, points, this.theme.over, 12 * this.unit);
+    pen.globalAlpha = 1;
+  }
+
+  drawCursor(pen, drift) {
+    const [x, y] = drift.place(this.studio.cursor), [px, py] = this.toScreen([x, y]);
+    pen.strokeStyle = this.theme.text;
+    pen.lineWidth = 2;
+    pen.beginPath();
+    pen.arc(px, py, 8, 0, 2 * Math.PI);
+    pen.stroke();
+  }
+
+  // What can be grasped
+
+  updateOverlay({ scene }) {
+    const { session } = this.studio, { selected } = session, view = `${this.scale} ${this.centre} ${this.width}`;
+    while (this.beacons.length > scene.beacons.length) this.beacons.pop().node.remove();
+    scene.beacons.forEach((beacon, k) => {
+      const grip = this.beacons[k] ?? (this.beacons[k] = this.newGrip(k));
+      const isSelected = k === selected.beacon;
+      if (grip.beacon !== beacon || grip.view !== view || grip.isSelected !== isSelected) this.place(grip, beacon, isSelected);
+      Object.assign(grip, { beacon, view, isSelected });
+    });
+    const chosen = session.beacon;
+    this.ranges.replaceChildren(...(chosen ? [this.rangeOf(chosen)] : []));
+    this.updateWaypoints(session.route, selected.waypoint, view);
+    this.updateCross();
+  }
+
+  newGrip(k) {
+    const shape = svg("path", { class: "symbol" }), mark = svg("path", { class: "mark" }), label = svg("text", { x: 10, y: 4 });
+    const node = svg("g", { class: "beacon", tabindex: "0", role: "button", "data-beacon": k,
+      onfocus: () => this.studio.session.selected.beacon !== k && this.studio.session.select({ beacon: k, waypoint: null }),
+      onkeydown: (event) => this.studio.keys.beacon(event, k) }, shape, mark, label);
+    this.grips.append(node);
+    return { node, shape, mark, label };
+  }
+
+  place({ node, shape, mark, label }, beacon, isSelected) {
+    const [x, y] = this.toScreen([beacon.x, beacon.y]), { kind, locked, dead } = beacon;
+    node.setAttribute("transform", `translate(${x} ${y}) scale(${this.unit})`);
+    node.setAttribute("class", `beacon${dead ? " dead" : ""}${isSelected ? " selected" : ""}${locked ? " locked" : ""}`);
+    const states = [locked && "locked", dead && "dead"].filter(Boolean).map((word) => `, ${word}`).join("");
+    node.setAttribute("aria-label", `beacon ${beacon.id}, ${kind.name}, at ${beacon.x.toFixed(2)}, ${beacon.y.toFixed(2)} m${states}`);
+    node.setAttribute("aria-pressed", isSelected);
+    shape.setAttribute("d", symbolOf(kind));
+    const faces = (beacon.facing_deg ?? null) !== null && (kind.view_angle_deg ?? 360) < 360;
+    const turn = -(beacon.facing_deg ?? 0) * Math.PI / 180;
+    mark.setAttribute("d", (dead ? "M-8-8L8 8M8-8L-8 8" : "") + (locked ? "M-10-10H10V10H-10Z" : "")
+      + (faces ? `M0 0L${16 * Math.cos(turn)} ${16 * Math.sin(turn)}` : ""));
+    label.textContent = isSelected || this.beacons.length <= 40 ? beacon.id : "";
+  }
+
+  rangeOf({ x, y, kind, facing_deg: facing }) {
+    const [px, py] = this.toScreen([x, y]), radius = kind.range_m * this.scale, half = (kind.view_angle_deg ?? 360) / 2;
+    if (half >= 180) return svg("circle", { class: "range", cx: px, cy: py, r: radius });
+    const at = (deg) => { const a = deg * Math.PI / 180; return `${px + radius * Math.cos(a)} ${py - radius * Math.sin(a)}`; };
+    return svg("path", { class: "range",
+      d: `M${px} ${py}L${at(facing - half)}A${radius} ${radius} 0 ${half > 90 ? 1 : 0} 0 ${at(facing + half)}Z` });
+  }
+
+  updateWaypoints(route, chosen, view) {
+    const state = `${view} ${chosen}`;
+    if (this.shownRoute === route && this.shownState === state) return;
+    const focused = document.activeElement?.getAttribute("data-waypoint");
+    [this.shownRoute, this.shownState] = [route, state];
+    const nodes = (route?.points ?? []).map((xy, k) => {
+      const [x, y] = this.toScreen(xy);
+      return svg("rect", { class: `waypoint${k === chosen ? " selected" : ""}`, x: x - 5 * this.unit, y: y - 5 * this.unit,
+        width: 10 * this.unit, height: 10 * this.unit,
+        tabindex: "0", role: "button", "data-waypoint": k,
+        "aria-label": `waypoint ${k + 1} of ${route.points.length}, at ${xy[0].toFixed(2)}, ${xy[1].toFixed(2)} m`,
+        onfocus: () => this.studio.session.selected.waypoint !== k && this.studio.session.select({ waypoint: k, beacon: null }),
+        onkeydown: (event) => this.studio.keys.waypoint(event, k) });
+    });
+    this.drawing.replaceChildren(...nodes);
+    if (focused !== null && focused !== undefined) nodes[focused]?.focus();
+  }
+
+  updateCross() {
+    this.crossNode?.remove();
+    const { drag } = this.studio.tools;
+    this.crossNode = svg("g", { class: "cross" });
+    if (this.cross) {
+      const [x, y] = this.toScreen(this.cross);
+      this.crossNode.append(svg("path", { d: `M${x - 12} ${y}H${x + 12}M${x} ${y - 12}V${y + 12}` }));
+    }
+    if (drag) {
+      const [[x0, y0], [x1, y1]] = [drag.from, drag.to].map((xy) => this.toScreen(xy));
+      this.crossNode.append(drag.tool === "zone"
+        ? svg("rect", { x: Math.min(x0, x1), y: Math.min(y0, y1), width: Math.abs(x1 - x0), height: Math.abs(y1 - y0) })
+        : svg("path", { d: `M${x0} ${y0}L${x1} ${y1}` }));
+      const size = Math.hypot(drag.to[0] - drag.from[0], drag.to[1] - drag.from[1]), label = svg("text", { x: x1 + 10, y: y1 - 8 });
+      label.textContent = metres(size, 2);
+      this.crossNode.append(label);
+    }
+    this.overlay.append(this.crossNode);
+  }
+
+  // Mouse, pen and touch
+
+  at(event) {
+    const box = this.overlay.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  }
+
+  /** A place of the map, on the nearest wall if it is near and snapping is on. */
+  snapped(xy) {
+    if (!this.studio.snap) return xy;
+    const { walls } = this.studio.calculator, near = walls.nearest(...xy, SNAP_PIXELS / this.scale);
+    if (!near) return xy;
+    const [nx, ny] = near, off = Math.hypot(xy[0] - nx, xy[1] - ny), out = walls.inside(...xy) ? -1 : 1;
+    return off > 0 ? near.map((c, k) => c + out * 2e-6 * (xy[k] - c) / off) : near;  // on it, not in it: it has to be seen
+  }
+
+  listen() {
+    let grasp = null;
+    this.overlay.addEventListener("pointerdown", (event) => {
+      const { session, tools } = this.studio, screen = this.at(event), world = this.toWorld(screen);
+      const beacon = event.target.closest("[data-beacon]"), waypoint = event.target.closest("[data-waypoint]");
+      this.overlay.setPointerCapture(event.pointerId);
+      this.overlay.focus({ preventScroll: true });
+      if (event.button === 1 || event.altKey || (tools.tool === "select" && !beacon && !waypoint)) grasp = { pan: screen };
+      else if (tools.tool === "kill" && beacon) this.studio.toggle(Number(beacon.dataset.beacon), "dead");
+      else if (beacon && tools.tool === "select") {
+        const k = Number(beacon.dataset.beacon), { x, y } = session.scene.beacons[k];
+        beacon.focus();
+        session.select({ beacon: k, waypoint: null });
+        grasp = { beacon: k, off: [x - world[0], y - world[1]] };
+      } else if (waypoint && tools.tool === "select") {
+        waypoint.focus();
+        session.select({ waypoint: Number(waypoint.dataset.waypoint), beacon: null });
+        grasp = { waypoint: Number(waypoint.dataset.waypoint) };
+      } else if (tools.tool !== "kill") {
+        grasp = { tool: true };
+        tools.press(this.snapped(world));
+      }
+      event.preventDefault();
+    });
+    this.overlay.addEventListener("pointermove", (event) => {
+      if (!grasp) return;
+      const { session, tools } = this.studio, screen = this.at(event), world = this.toWorld(screen);
+      if (grasp.pan) {
+        this.pan(screen[0] - grasp.pan[0], screen[1] - grasp.pan[1]);
+        grasp.pan = screen;
+      } else if (grasp.beacon !== undefined) {
+        if (session.scene.beacons[grasp.beacon].locked) return;
+        const [x, y] = this.snapped(world.map((c, k) => c + grasp.off[k]));
+        session.changeBeacon(grasp.beacon, { x, y }, "drag");
+      } else if (grasp.waypoint !== undefined) session.moveWaypoint(grasp.waypoint, world, "drag");
+      else tools.move(this.snapped(world));
+    });
+    const release = (event) => {
+      if (grasp?.tool) this.studio.tools.release(this.snapped(this.toWorld(this.at(event))));
+      if (grasp && !grasp.pan) this.studio.announce();
+      this.studio.session.settle();
+      grasp = null;
+    };
+    this.overlay.addEventListener("pointerup", release);
+    this.overlay.addEventListener("pointercancel", release);
+    this.overlay.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.zoom(Math.exp(-event.deltaY * 0.0015), this.at(event));
+    }, { passive: false });
+    this.overlay.addEventListener("keydown", (event) => event.target === this.overlay && this.studio.keys.map(event));
+  }
+}

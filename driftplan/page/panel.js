@@ -1,0 +1,226 @@
+// The side of the page: the selected beacon, the routes and their verdicts, the odometry, floors, and files.
+
+import { el, metres, save } from "./dom.js";
+import { beaconsFromGeojson, noiseAsYaml, noiseFromYaml, routeAsCsv, routeFromCsv } from "./files.js";
+import { KIND_NAMES, usualKind, worse } from "./session.js";
+
+const DEG = Math.PI / 180;
+const FIELDS = [  // of the selected beacon: label, where the value is, its unit in the scene's
+  ["x, m", "x", 1], ["y, m", "y", 1], ["faces, deg", "facing_deg", 1], ["range, m", "kind.range_m", 1],
+  ["position std, m", "kind.position_std_m", 1], ["heading std, deg", "kind.heading_std", DEG],
+  ["distance std, m", "kind.range_std_m", 1], ["bearing std, deg", "kind.bearing_std", DEG],
+  ["read with chance", "kind.detection_probability", 1], ["seen from within, deg", "kind.view_angle_deg", 1],
+  ["sensor sees, deg", "kind.sensor_view_deg", 1],
+];
+const BOUNDS = { "kind.range_m": [1e-6, 1e6], "kind.detection_probability": [1e-6, 1], "kind.view_angle_deg": [1e-6, 360],
+  "kind.sensor_view_deg": [1e-6, 360], x: [-1e9, 1e9], y: [-1e9, 1e9], facing_deg: [-1e6, 1e6] };
+const SLIDERS = [  // standard deviations a person can measure: label, rate, after how much of what, unit
+  ["heading, deg after 10 m", "heading_var_per_m", 10, DEG, 20],
+  ["distance, m after 10 m", "distance_var_per_m", 10, 1, 1],
+  ["heading, deg per full turn", "heading_var_per_rad", 2 * Math.PI, DEG, 20],
+];
+
+export class Panel {
+  constructor(studio) {
+    this.studio = studio;
+    this.session = studio.session;
+    this.sections = [this.beaconSection(), this.routeSection(), this.noiseSection(), this.zoneSection(), this.fileSection()];
+    this.node = el("aside", { class: "panel", "aria-label": "Details" }, this.sections);
+  }
+
+  section(title, ...children) {
+    return el("details", { open: true }, el("summary", {}, title), ...children);
+  }
+
+  button(text, onclick, attributes = {}) {
+    return el("button", { type: "button", onclick, ...attributes }, text);
+  }
+
+  beaconSection() {
+    const { session } = this, selected = () => session.selected.beacon;
+    this.id = el("input", { type: "text", onchange: () => session.changeBeacon(selected(), { id: this.id.value }) });
+    this.kind = el("select", { onchange: () => this.changeKind(this.kind.value) },
+      KIND_NAMES.map((name) => el("option", { value: name }, name)));
+    this.fields = FIELDS.map(([label, where, unit]) => {
+      const input = el("input", { type: "number", step: "any", onchange: () => this.changeField(where, unit, input) });
+      return { input, where, unit, row: el("label", {}, label, input) };
+    });
+    this.seen = el("input", { type: "checkbox", onchange: () => this.changeOfKind({ line_of_sight: this.seen.checked }) });
+    const act = (text, key, action) => this.button(text, () => session.beacon && action(selected()), { "aria-keyshortcuts": key });
+    this.said = el("p", { class: "quiet" });
+    this.form = el("div", { class: "fields" }, el("label", {}, "id", this.id), el("label", {}, "kind", this.kind),
+      this.fields.map(({ row }) => row), el("label", {}, "walls block it", this.seen));
+    return this.section("Beacon", this.said, this.form, el("div", { class: "row" },
+      act("Lock", "l", (k) => this.studio.toggle(k, "locked")), act("Kill", "k", (k) => this.studio.toggle(k, "dead")),
+      act("Duplicate", "d", (k) => this.studio.duplicate(k)), act("Delete", "Delete", (k) => session.removeBeacon(k))));
+  }
+
+  changeOfKind(change) {
+    this.session.changeBeacon(this.session.selected.beacon, { kind: { ...this.session.beacon.kind, ...change } });
+  }
+
+  changeKind(name) {
+    this.session.changeBeacon(this.session.selected.beacon, { kind: usualKind(name) });
+  }
+
+  changeField(where, unit, input) {
+    const { session } = this, [low, high] = BOUNDS[where] ?? [0, 1e6], value = Number(input.value) * unit;
+    const empty = input.value === "" && where === "facing_deg";
+    if (!empty && (input.value === "" || !(value >= low && value <= high))) {
+      this.studio.say(`expected a number from ${low} to ${high}, got “${input.value}”`);
+      return this.update(this.studio.shown);
+    }
+    const needsFacing = where === "kind.view_angle_deg" && value < 360 && session.beacon.facing_deg === null;
+    const own = needsFacing ? { facing_deg: 0 } : {};
+    if (where.startsWith("kind.")) own.kind = { ...session.beacon.kind, [where.slice(5)]: value };
+    else own[where] = empty && (session.beacon.kind.view_angle_deg ?? 360) === 360 ? null : value;
+    return session.changeBeacon(session.selected.beacon, own);
+  }
+
+  routeSection() {
+    const { session } = this;
+    this.rows = el("tbody");
+    this.compared = el("input", { type: "checkbox", onchange: () => this.studio.render({}) });
+    const heads = ["route", "length", "greatest", "other robot", "limit, m", ""].map((head) => el("th", { scope: "col" }, head));
+    this.limit = el("input", { type: "number", step: "any", min: "0", "aria-label": "limit for all routes, metres",
+      onchange: () => this.setLimit(session.scene.routes.map((_, k) => k), this.limit.value) });
+    this.table = el("table", {}, el("thead", {}, el("tr", {}, heads)), this.rows);
+    return this.section("Routes", this.table, el("div", { class: "row" }, el("label", {}, "limit of all, m", this.limit), el("label", {}, this.compared, "compare both estimators"),
+        this.button("Insert waypoint", () => session.route && session.insertWaypoint(session.selected.waypoint ?? 0)),
+        this.button("Remove waypoint", () => session.selected.waypoint !== null && session.removeWaypoint(session.selected.waypoint))));
+  }
+
+  setLimit(routes, text) {
+    const value = text === "" ? null : Number(text), { session } = this;
+    if (value !== null && !(value > 0)) return this.studio.say("expected a limit above 0 m");
+    return session.edit({ routes: session.scene.routes.map((route, k) => (routes.includes(k) ? { ...route, limit_m: value } : route)) });
+  }
+
+  rowOf(k) {
+    const { session } = this, cells = Array.from({ length: 6 }, () => el("td"));
+    const pick = el("input", { type: "radio", name: "route", onchange: () => session.select({ route: k, waypoint: null }) });
+    const name = el("span"), limit = el("input", { type: "number", step: "any", min: "0", onchange: () => this.setLimit([k], limit.value) });
+    cells[0].append(el("label", {}, pick, name));
+    cells[4].append(limit);
+    const node = el("tr", {}, cells);
+    this.rows.append(node);
+    return { node, cells, pick, name, limit };
+  }
+
+  noiseSection() {
+    const { session } = this;
+    this.sliders = SLIDERS.map(([label, rate, after, unit, most]) => {
+      const value = el("output"), input = el("input", { type: "range", min: "0", max: "1", step: "0.002", "aria-label": label,
+        oninput: () => {
+          const std = most * input.valueAsNumber ** 2 * unit;
+          session.edit({ noise: { ...session.scene.noise, [rate]: std * std / after } }, `noise ${rate}`);
+        }, onchange: () => session.settle() });
+      return { input, value, rate, after, unit, most, row: el("label", {}, label, input, value) };
+    });
+    this.more = el("p", { class: "quiet" });
+    return this.section("Odometry", el("div", { class: "fields" }, this.sliders.map(({ row }) => row)), this.more);
+  }
+
+  zoneSection() {
+    this.zones = el("div", { class: "fields" });
+    return this.section("Floors", this.zones, el("p", { class: "quiet" }, "Paint a floor with the tool “floor” (z)."));
+  }
+
+  fileSection() {
+    const { session, studio } = this;
+    const open = el("input", { type: "file", accept: ".geojson,.json,.yaml,.yml,.csv", onchange: async () => {
+      const [file] = open.files;
+      if (file) this.load(file.name, await file.text());
+      open.value = "";
+    } });
+    return this.section("Files", el("div", { class: "row" },
+      this.button("Beacons (.geojson)", () => save("beacons.geojson", studio.exported, "application/geo+json")),
+      this.button("Route (.csv)", () => session.route && save("route.csv", routeAsCsv(session.route), "text/csv")),
+      this.button("Noise (.yaml)", () => save("noise.yaml", noiseAsYaml(session.scene.noise), "application/yaml")),
+      this.button("Link to this state", () => studio.link())),
+    el("label", {}, "Open beacons, noise or a route ", open));
+  }
+
+  /** Take over a file that `driftplan place` reads or writes, by its name. */
+  load(name, text) {
+    const { session } = this;
+    try {
+      if (/\.(geo)?json$/i.test(name)) session.edit({ beacons: beaconsFromGeojson(text) });
+      else if (/\.ya?ml$/i.test(name)) session.edit({ noise: noiseFromYaml(text) });
+      else session.addRoute({ name, points: routeFromCsv(text), limit_m: session.route?.limit_m ?? null });
+      session.select({ beacon: null, waypoint: null });
+      this.studio.say(`read ${name}`);
+    } catch (error) {
+      this.studio.say(`${name}: ${error.message}`);
+    }
+  }
+
+  update(shown) {
+    this.updateBeacon(shown);
+    this.updateRoutes(shown);
+    const { scene } = shown;
+    for (const { input, value, rate, after, unit, most } of this.sliders) {
+      const std = Math.sqrt((scene.noise[rate] ?? 0) * after) / unit;
+      if (document.activeElement !== input) input.value = Math.sqrt(std / most);
+      value.textContent = std.toPrecision(3);
+    }
+    const others = Object.entries(scene.noise).filter(([name, value]) => value !== 0 && !SLIDERS.some(([, rate]) => rate === name));
+    this.more.textContent = others.map(([name, value]) => `${name} = ${value}`).join(", ");
+    if (this.zonesShown !== scene.zones) this.updateZones(scene);
+  }
+
+  updateBeacon({ scene }) {
+    const { beacon } = this.session;
+    this.form.hidden = !beacon;
+    this.said.textContent = beacon ? this.studio.serves(beacon)
+      : `${scene.beacons.filter(({ dead }) => !dead).length} beacons. Select one on the map, or add one with the tool “add” (a).`;
+    if (!beacon || this.beaconShown === beacon) return;
+    this.beaconShown = beacon;
+    this.id.value = beacon.id;
+    if (!KIND_NAMES.includes(beacon.kind.name) && ![...this.kind.options].some((one) => one.value === beacon.kind.name)) {
+      this.kind.append(el("option", { value: beacon.kind.name }, beacon.kind.name));
+    }
+    this.kind.value = beacon.kind.name;
+    this.seen.checked = Boolean(beacon.kind.line_of_sight);
+    for (const { input, where, unit, row } of this.fields) {
+      const value = (where.startsWith("kind.") ? beacon.kind[where.slice(5)] : beacon[where]) ?? null;
+      row.hidden = value === null && where !== "facing_deg";
+      input.value = value === null ? "" : Number((value / unit).toPrecision(9));
+    }
+  }
+
+  updateRoutes({ scene, drifts, others, worst, otherWorst }) {
+    this.lines ??= [];
+    this.table.classList.toggle("alone", !this.compared.checked);
+    while (this.lines.length > scene.routes.length) this.lines.pop().node.remove();
+    scene.routes.forEach((route, k) => {
+      const line = this.lines[k] ?? (this.lines[k] = this.rowOf(k)), { cells } = line;
+      line.pick.checked = k === this.session.selected.route;
+      const state = [route.name, drifts[k], others[k], route.limit_m];
+      if (line.state?.every((x, i) => x === state[i])) return;
+      line.state = state;
+      line.name.textContent = route.name;
+      const broken = drifts[k] instanceof Error, { limit_m: limit } = route, over = limit !== null && worst[k] > limit * (1 + 1e-6);
+      cells[1].textContent = broken ? "–" : metres(drifts[k].length, 1);
+      cells[2].textContent = broken ? drifts[k].message : metres(worst[k]);
+      cells[3].textContent = others[k] instanceof Error ? others[k].message : others[k] ? metres(otherWorst[k]) : "";
+      if (document.activeElement !== line.limit) line.limit.value = limit ?? "";
+      line.limit.setAttribute("aria-label", `limit of ${route.name}, metres`);
+      cells[5].textContent = broken || limit === null ? "" : over ? "✗ exceeds" : "✓ keeps";
+      cells[5].className = over ? "over" : "";
+    });
+  }
+
+  updateZones({ zones }) {
+    const { session } = this;
+    this.zonesShown = zones;
+    this.zones.replaceChildren(...zones.map((zone, k) => {
+      const factor = el("input", { type: "number", min: "0", step: "any", value: zone.factor ?? "", onchange: () => {
+        const value = Number(factor.value);
+        if (value > 0) session.changeZone(k, { factor: value, noise: worse(session.scene.noise, value) });
+      } });
+      return el("div", { class: "row" }, el("label", {}, `floor ${k + 1}, times the noise elsewhere`, factor),
+        this.button("Delete", () => session.edit({ zones: session.scene.zones.filter((_, i) => i !== k) })));
+    }));
+  }
+}

@@ -1,0 +1,337 @@
+// The studio: a scene on a page, to be looked at and changed. `mount` is all that others call.
+
+import { Calculator } from "./calculator.js";
+import { Chart } from "./chart.js";
+import { el, metres } from "./dom.js";
+import { asLink, beaconsAsGeojson, withLink } from "./files.js";
+import { MapView } from "./map.js";
+import { Panel } from "./panel.js";
+import { KIND_NAMES, Session, usualKind } from "./session.js";
+
+const TOOLS = [["select", "v"], ["add", "a"], ["kill", "x"], ["measure", "m"], ["floor", "z"], ["trip", "t"]];
+const MOVES = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+
+/** Put a studio into an element.
+ *
+ * scene: see driftplan/page/scene.py. host: null, or what can ask Python: ask(what, question, onProgress, signal) gives
+ * the promise of an answer. Returns the Studio, which is also `root.studio`. */
+export function mount(root, scene, host = null) {
+  const studio = new Studio(root, withLink(scene, window.location.hash), host);
+  root.studio = studio;
+  return studio;
+}
+
+/** A round number above x: scales that hold still while something is dragged. */
+function roundedUp(x) {
+  const power = 10 ** Math.floor(Math.log10(x));
+  return power * [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10].find((step) => step * power >= x * (1 - 1e-9));
+}
+
+class Studio {
+  constructor(root, scene, host) {
+    this.root = root;
+    this.host = host;
+    this.session = new Session(scene);
+    this.calculator = new Calculator(scene);
+    this.worsts = new WeakMap();
+    this.highlights = [];
+    this.cursor = null;
+    this.snap = true;
+    this.kind = scene.beacons[0]?.kind ?? usualKind(KIND_NAMES[0]);
+    this.tools = new Tools(this);
+    this.keys = new Keys(this);
+    this.map = new MapView(this);
+    this.chart = new Chart(this);
+    this.panel = new Panel(this);
+    this.status = el("p", { class: "status", role: "status", "aria-live": "polite" });
+    root.classList.add("driftplan-studio");
+    root.replaceChildren(this.toolbar(), this.map.node, this.panel.node, this.chart.node, this.status);
+    root.addEventListener("keydown", (event) => this.keys.everywhere(event));
+    this.session.listen(() => this.render({ base: this.session.scene.zones !== this.shown?.scene.zones }));
+    new ResizeObserver(() => { this.map.resize(); this.chart.resize(); this.render({ base: true }); }).observe(this.map.node);
+    window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.render({ base: true }));
+    this.say(scene.notes.join(" "));
+  }
+
+  toolbar() {
+    const { session, tools } = this, button = (text, onclick, more = {}) => el("button", { type: "button", onclick, ...more }, text);
+    tools.buttons = TOOLS.map(([name, key]) => button(`${name} (${key})`, () => tools.choose(name), { "aria-pressed": String(name === "select") }));
+    this.estimator = el("select", { onchange: () => session.edit({ estimator: this.estimator.value }) },
+      el("option", { value: "reset" }, "reset: readings replace"), el("option", { value: "filter" }, "filter: readings are fused"));
+    const kind = el("select", { onchange: () => { this.kind = usualKind(kind.value); } }, KIND_NAMES.map((name) => el("option", { value: name }, name)));
+    kind.value = KIND_NAMES.includes(this.kind.name) ? this.kind.name : KIND_NAMES[0];
+    const snap = el("input", { type: "checkbox", checked: true, onchange: () => { this.snap = snap.checked; } });
+    const asking = this.host ? [button("Fewest", () => this.fewest()), button("Stop", () => this.stopper?.abort())]
+      : [el("span", { class: "quiet" }, "Planning and “fewest” need Python: driftplan studio.")];
+    if (this.host?.saves) asking.push(button("Save", () => this.ask("save", {}, ({ message }) => this.say(message))));
+    this.title = el("h1", {}, session.scene.title);
+    return el("header", { class: "toolbar", role: "toolbar", "aria-label": "Tools" }, this.title, tools.buttons,
+      el("label", {}, "new: ", kind), el("label", {}, snap, "snap to walls"), el("label", {}, "robot: ", this.estimator),
+      button("Undo", () => session.undo(), { "aria-keyshortcuts": "Control+Z" }), button("Redo", () => session.redo(), { "aria-keyshortcuts": "Control+Y" }),
+      button("Whole map (0)", () => { this.map.fit(); this.render({ base: true }); }), asking);
+  }
+
+  say(text) {
+    this.status.textContent = text;
+  }
+
+  // Computing and drawing, once per frame
+
+  render({ base = false }) {
+    this.baseDue ||= base;
+    if (this.due) return;
+    this.due = true;
+    requestAnimationFrame(() => {
+      this.due = false;
+      this.frame();
+    });
+  }
+
+  /** Compute what changed and draw it: what a drag waits for. */
+  frame() {
+    if (!this.map.width) return;
+    const { session, calculator } = this, { scene } = session, other = scene.estimator === "reset" ? "filter" : "reset";
+    const drifts = scene.routes.map((route) => calculator.drift(scene, route));
+    const compared = this.panel.compared.checked, others = scene.routes.map((route) => (compared ? calculator.drift(scene, route, other) : null));
+    const [worst, otherWorst] = [drifts, others].map((all) => all.map((drift) => this.worst(drift)));
+    const most = roundedUp(Math.max(1e-6, ...worst, ...otherWorst));
+    this.shown = { scene, drifts, others, worst, otherWorst, most };
+    if (this.baseDue) this.map.drawBase(scene);
+    this.baseDue = false;
+    this.map.drawLive(this.shown);
+    this.map.updateOverlay(this.shown);
+    this.chart.draw(this.shown, this.map.theme);
+    this.panel.update(this.shown);
+    this.estimator.value = scene.estimator;
+  }
+
+  worst(drift) {
+    if (!drift || drift instanceof Error) return 0;
+    if (!this.worsts.has(drift)) this.worsts.set(drift, drift.worst);
+    return this.worsts.get(drift);
+  }
+
+  setCursor(s) {
+    const drift = this.shown?.drifts[this.session.selected.route];
+    const usable = s !== null && Number.isFinite(s) && drift && !(drift instanceof Error);
+    this.cursor = usable ? Math.min(Math.max(s, 0), drift.length) : null;
+    this.render({});
+  }
+
+  /** Say how things stand: to those who look, and to those who listen. */
+  announce() {
+    this.frame();
+    const { scene, worst, drifts } = this.shown;
+    if (!scene.routes.length) return;
+    const k = worst.indexOf(Math.max(...worst)), exceeding = scene.routes.filter(({ limit_m: limit }, i) => limit !== null && worst[i] > limit * (1 + 1e-6));
+    const verdict = exceeding.length ? `${exceeding.length} of ${scene.routes.length} routes exceed their limit.`
+      : scene.routes.some(({ limit_m: limit }) => limit !== null) ? "All routes keep their limits." : "";
+    const beyond = drifts.some((drift) => drift.beyondLinear) ? " A filter cannot be trusted where the heading is off by more than 9 degrees." : "";
+    this.say(`Greatest drift ${metres(worst[k])}, on ${scene.routes[k].name}. ${verdict}${beyond}`);
+  }
+
+  // Edits that buttons and keys share
+
+  /** Turn "locked" or "dead" of a beacon on or off, and show what a death breaks. */
+  toggle(k, flag) {
+    const { session } = this, before = this.shown;
+    session.changeBeacon(k, { [flag]: !session.scene.beacons[k][flag] });
+    this.highlights = [];
+    this.announce();
+    if (flag !== "dead" || !session.scene.beacons[k].dead) return this.render({});
+    const broken = this.shown.drifts.map((drift, r) => ({ drift, r })).filter(({ r }) => {
+      const limit = session.scene.routes[r].limit_m;
+      return limit !== null && this.shown.worst[r] > limit * (1 + 1e-6) && before.worst[r] <= limit * (1 + 1e-6);
+    });
+    for (const { drift, r } of broken) this.highlight(drift, drift.above(session.scene.routes[r].limit_m, drift.length / 400));
+    const names = broken.map(({ r }) => session.scene.routes[r].name).join(", ");
+    this.say(`${session.scene.beacons[k].id} is dead. ${broken.length ? `It breaks the limit of ${names}.` : "No further limit breaks."}`);
+    return this.render({});
+  }
+
+  highlight(drift, stretches) {
+    for (const [from, to] of stretches) {
+      const between = drift.path.legs.filter(({ begin }) => begin > from && begin < to).map(({ x, y }) => [x, y]);
+      this.highlights.push([drift.place(from).slice(0, 2), ...between, drift.place(to).slice(0, 2)]);
+    }
+  }
+
+  duplicate(k) {
+    const { id: _, ...beacon } = this.session.scene.beacons[k];
+    this.session.addBeacon({ ...beacon, x: beacon.x + 0.5, y: beacon.y, existing: false, locked: false });
+    this.announce();
+  }
+
+  /** What a beacon does, in a sentence. */
+  serves(beacon) {
+    const routes = this.session.scene.routes.filter((route) => this.calculator.readingsOn(route, beacon).length);
+    return routes.length ? `Read on ${routes.length > 4 ? `${routes.length} routes` : routes.map(({ name }) => name).join(", ")}.` : "On no route within range.";
+  }
+
+  /** The beacons as the file that `driftplan place --existing` reads. */
+  get exported() {
+    return beaconsAsGeojson(this.session.scene.beacons);
+  }
+
+  link() {
+    window.location.hash = asLink(this.session.scene);
+    navigator.clipboard?.writeText(window.location.href).catch(() => {});
+    this.say("The address of this page now holds the state, and so does the clipboard if the browser allows it.");
+  }
+
+  // What Python is asked
+
+  async ask(what, question, then, onProgress = () => {}) {
+    if (!this.host) return this.say("This page is a file: it cannot ask Python. Run “driftplan studio” for plans and the fewest beacons.");
+    this.stopper?.abort();
+    const stopper = this.stopper = new AbortController();
+    this.root.setAttribute("aria-busy", "true");
+    try {
+      then(await this.host.ask(what, { scene: this.session.scene, ...question }, onProgress, stopper.signal));
+    } catch (error) {
+      this.say(stopper.signal.aborted ? "Stopped." : error.message);
+    }
+    this.root.removeAttribute("aria-busy");
+    return null;
+  }
+
+  fewest() {
+    this.highlights = [];
+    this.say("Looking for the fewest beacons …");
+    const began = performance.now(), seconds = () => ((performance.now() - began) / 1000).toFixed(0);
+    return this.ask("fewest", { kind: this.session.beacon?.kind ?? this.kind }, (answer) => {
+      if (answer.infeasible) this.showInfeasible(answer);
+      else {
+        this.session.selected.beacon = null;
+        this.session.edit({ beacons: answer.beacons });
+        this.say(`${answer.proven ? "★ Proven fewest" : "Best found, not proven"}: ${answer.message}`);
+      }
+    }, ({ cost, bound }) => this.say(`${seconds()} s: best layout ${cost ?? "none yet"}, at least ${bound} needed.`));
+  }
+
+  showInfeasible({ infeasible, route, from_m: from, to_m: to }) {
+    this.say(`Infeasible: ${infeasible}`);
+    const drift = this.shown.drifts[route];
+    if (!drift || drift instanceof Error) return;
+    this.session.select({ route });
+    this.highlight(drift, [[from, to]]);
+  }
+
+  plan(start, goal) {
+    this.say("Planning …");
+    return this.ask("plan", { start, goal }, ({ routes }) => {
+      for (const { name, points } of routes) this.session.addRoute({ name, points, limit_m: this.session.route?.limit_m ?? null });
+      this.say(routes.map(({ name, rms_m: rms, length_m: length }) => `${name}: ${metres(rms)} of drift at the goal, ${metres(length, 1)} long`).join("; "));
+    });
+  }
+}
+
+/** Tools that act at a place, or from one place to another. */
+class Tools {
+  constructor(studio) {
+    this.studio = studio;
+    this.tool = "select";
+    this.drag = null;
+  }
+
+  choose(name) {
+    this.tool = name;
+    this.drag = null;
+    this.buttons.forEach((button, k) => button.setAttribute("aria-pressed", TOOLS[k][0] === name));
+    this.studio.map.node.dataset.tool = name;
+    this.studio.render({});
+  }
+
+  press(xy) {
+    const { studio } = this, { kind } = studio;
+    if (this.tool === "add") {
+      const faces = (kind.view_angle_deg ?? 360) < 360 ? 0 : null;
+      studio.session.addBeacon({ x: xy[0], y: xy[1], kind, facing_deg: faces });
+      studio.announce();
+    } else this.drag = { tool: this.tool === "floor" ? "zone" : this.tool, from: xy, to: xy };
+    studio.render({});
+  }
+
+  move(xy) {
+    if (this.drag) this.drag.to = xy;
+    this.studio.render({});
+  }
+
+  release(xy) {
+    const { drag, studio } = this;
+    if (!drag) return;
+    drag.to = xy;
+    const size = Math.hypot(xy[0] - drag.from[0], xy[1] - drag.from[1]);
+    if (drag.tool === "measure") studio.say(`${metres(size)} from (${drag.from.map((c) => c.toFixed(2))}) to (${xy.map((c) => c.toFixed(2))})`);
+    else this.drag = null;
+    if (drag.tool === "zone" && size > 0) studio.session.addZone(drag.from, xy, 3);
+    if (drag.tool === "trip" && size > 0) studio.plan(drag.from, xy);
+    studio.render({});
+  }
+}
+
+/** What keys do. */
+class Keys {
+  constructor(studio) {
+    this.studio = studio;
+  }
+
+  everywhere(event) {
+    const { studio } = this, typing = event.target.closest("input, select, textarea"), key = event.key.toLowerCase();
+    if ((event.ctrlKey || event.metaKey) && !typing && (key === "z" || key === "y")) {
+      event.preventDefault();
+      if (key === "y" || event.shiftKey) studio.session.redo();
+      else studio.session.undo();
+    } else if (!typing && !event.ctrlKey && !event.metaKey && !event.defaultPrevented) {
+      const tool = TOOLS.find(([, letter]) => letter === key);
+      if (tool) studio.tools.choose(tool[0]);
+      else if (key === "+" || key === "=") studio.map.zoom(1.25);
+      else if (key === "-") studio.map.zoom(0.8);
+      else if (key === "0") { studio.map.fit(); studio.render({ base: true }); }
+    }
+  }
+
+  /** Arrow keys as metres: 0.1, with Shift 1. */
+  step(event) {
+    return MOVES[event.key]?.map((c) => c * (event.shiftKey ? 1 : 0.1));
+  }
+
+  beacon(event, k) {
+    const { studio } = this, { session } = studio, beacon = session.scene.beacons[k], move = this.step(event);
+    const acts = { delete: () => session.removeBeacon(k), backspace: () => session.removeBeacon(k), d: () => studio.duplicate(k),
+      l: () => studio.toggle(k, "locked"), k: () => studio.toggle(k, "dead"),
+      r: () => session.changeBeacon(k, { facing_deg: (beacon.facing_deg ?? 0) + (event.shiftKey ? -15 : 15) }) };
+    const act = acts[event.key.toLowerCase()];
+    if (event.ctrlKey || event.metaKey || (!move && !act)) return;
+    event.preventDefault();
+    if (act) act();
+    else if (!beacon.locked) session.changeBeacon(k, { x: beacon.x + move[0], y: beacon.y + move[1] }, `keys ${k}`);
+    studio.announce();
+  }
+
+  waypoint(event, k) {
+    const { session } = this.studio, move = this.step(event), [x, y] = session.route.points[k];
+    if (move) session.moveWaypoint(k, [x + move[0], y + move[1]], `keys waypoint ${k}`);
+    else if (event.key === "Delete" || event.key === "Backspace") session.removeWaypoint(k);
+    else if (event.key === "Insert" || event.key === "i") session.insertWaypoint(k);
+    else return;
+    event.preventDefault();
+    this.studio.announce();
+  }
+
+  /** The cross of those who have no mouse. */
+  map(event) {
+    const { map, tools } = this.studio, move = MOVES[event.key];
+    if (move) {
+      const step = (event.shiftKey ? 50 : 5) / map.scale;
+      map.cross = (map.cross ?? map.centre).map((c, k) => c + move[k] * step);
+      if (tools.drag) tools.move(map.snapped(map.cross));
+    } else if (event.key === "Enter" && map.cross && !["select", "kill"].includes(tools.tool)) {
+      const xy = map.snapped(map.cross);
+      if (tools.drag && tools.tool !== "add") tools.release(xy);
+      else tools.press(xy);
+    } else return;
+    event.preventDefault();
+    this.studio.render({});
+  }
+}

@@ -1,0 +1,102 @@
+"""What the page of `driftplan.page` asks of Python, answered in JSON."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from driftplan.beacons.beacon import BeaconKind
+from driftplan.beacons.beacon_files import beacons_geojson
+from driftplan.beacons.readings import drift_with_beacons
+from driftplan.errors import DriftplanError, InfeasibleError
+from driftplan.files import write_files
+from driftplan.layouts.place import place_beacons
+from driftplan.layouts.sites import Sites
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Fix
+from driftplan.page.scene import Scene, beacon_of, beacon_said, zones_of
+from driftplan.planning.routes import plan_route
+from driftplan.world.world import World
+
+_STRETCH = re.compile(r"route (\d+), from ([\d.]+) m to ([\d.]+) m")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answers:
+    """Answers about one world, with ``time_limit`` seconds for a search; the scene that is asked about brings all
+    else. ``save`` is where its beacons may be written, None: nowhere."""
+
+    world: World | None
+    time_limit: float = 60.0
+    save: Path | None = None
+
+    def answer(self, what: str, question: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+        """``{"answer": …}`` to "fewest", "plan" or "save", or ``{"error": text}``; ``tell`` hears of progress."""
+        try:
+            scene, noise = question["scene"], OdometryNoise(**question["scene"]["noise"])
+            world = None if self.world is None else replace(self.world, zones=zones_of(scene))
+            if what == "fewest":
+                return {"answer": self._fewest(scene, world, noise, BeaconKind(**question["kind"]), tell)}
+            if what == "plan" and world is not None:
+                return {"answer": _plan(scene, world, noise, question["start"], question["goal"])}
+            if what == "save" and self.save is not None:
+                write_files({self.save: beacons_geojson([*map(beacon_of, _alive(scene))])})
+                return {"answer": {"message": f"wrote {self.save}"}}
+            return {"error": f"expected a question about a map or a file that is there, got {what!r}"}
+        except (DriftplanError, ValueError, KeyError, TypeError, OSError) as err:
+            return {"error": str(err) or type(err).__name__}
+
+    def _fewest(
+        self, scene: Scene, world: World | None, noise: OdometryNoise, kind: BeaconKind, tell: Callable[..., None]
+    ) -> dict[str, Any]:
+        """What is locked or was there before stays, everything else is placed anew."""
+        kept = [one for one in scene["beacons"] if one.get("existing") or one.get("locked")]
+        limits = [route["limit_m"] for route in scene["routes"]]
+        if None in limits:
+            raise ValueError("expected a limit for every route: set the limit of all")
+        routes, start = [np.array(route["points"]) for route in scene["routes"]], scene["start_fix"]
+        alive = [beacon_of(one) for one in kept if not one.get("dead")]
+        try:
+            layout = place_beacons(
+                world,
+                routes,
+                noise,
+                limits,
+                Sites(kind, existing=alive),
+                estimator=scene["estimator"],
+                start_fix=None if start is None else Fix(s_m=0.0, **start),
+                time_limit=self.time_limit,
+                progress=lambda _, cost, bound: tell({"cost": cost if isfinite(cost) else None, "bound": bound}),
+            )
+        except InfeasibleError as err:
+            found = _STRETCH.search(str(err))
+            where = (-1, 0.0, 0.0) if found is None else (int(found[1]), float(found[2]), float(found[3]))
+            return {"infeasible": str(err), **dict(zip(("route", "from_m", "to_m"), where, strict=True))}
+        words = (
+            f"{len(layout.beacons)} new, at least {layout.lower_bound:g} needed; greatest drift "
+            f"{layout.worst_drift:.3g} m. {layout.note}"
+        )
+        return {"beacons": [*kept, *map(beacon_said, layout.beacons)], "proven": layout.proven, "message": words}
+
+
+def _plan(scene: Scene, world: World, noise: OdometryNoise, start: list[float], goal: list[float]) -> dict[str, Any]:
+    """The route of least drift and the shortest one, with the beacons that are alive."""
+    beacons, estimator = [*map(beacon_of, _alive(scene))], scene["estimator"]
+    given = {"beacons": beacons, "estimator": estimator} if beacons else {}
+    route = plan_route(world, world.nearest_free(start), world.nearest_free(goal), noise, **given)
+    found = []
+    for name, one in (("least drift", route), ("shortest", route.shortest)):
+        if one is not None:
+            rms = float(drift_with_beacons(one, noise, beacons, world, estimator=estimator).end.rms)
+            found.append({"name": name, "points": one.path.tolist(), "length_m": one.length, "rms_m": rms})
+    return {"routes": found}
+
+
+def _alive(scene: Scene) -> list[dict[str, Any]]:
+    return [one for one in scene["beacons"] if not one.get("dead")]

@@ -1,0 +1,67 @@
+"""The page of `driftplan.page` in a notebook: Jupyter, VS Code, marimo."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+from driftplan.beacons.beacon import Beacon
+from driftplan.beacons.readings import waypoints_of
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Estimator
+from driftplan.page.document import script, style
+from driftplan.page.scene import beacon_of, scene_of
+from driftplan.report.studio.answers import Answers
+from driftplan.world.world import World
+
+
+def studio_widget(
+    world: World | None,
+    routes: Sequence[Any],
+    noise: OdometryNoise,
+    *,
+    beacons: Sequence[Beacon] = (),
+    max_drift: float | None = None,
+    estimator: Estimator = "reset",
+    time_limit: float = 60.0,
+) -> Any:
+    """A studio in a notebook's cell, with Python behind it: ``.beacons`` is what was made in it, as a tuple of Beacon.
+
+    Parameters
+    ----------
+    world, routes, noise, beacons, estimator : as for `place_beacons` and `drift_with_beacons`
+    max_drift : the limit of every route, metres; None: there is none yet
+    time_limit : seconds for a search that is asked for in the studio
+
+    Raises
+    ------
+    ImportError : without anywidget: ``pip install 'driftplan[notebook]'``
+    """
+    try:
+        from anywidget import AnyWidget
+        from traitlets import Dict
+    except ImportError:
+        raise ImportError("studio_widget needs anywidget: pip install 'driftplan[notebook]'") from None
+    paths = [waypoints_of(route) for route in routes]
+    limits = [max_drift] * len(paths)
+    scene = scene_of(world, paths, noise, beacons=beacons, limits=limits, estimator=estimator)
+    answers = Answers(world=world, time_limit=time_limit)
+
+    class StudioWidget(AnyWidget):  # type: ignore[misc]
+        _esm = f"{script()}\nexport default {{ render }};\n"
+        _css = style()
+        scene = Dict().tag(sync=True)
+
+        @property
+        def beacons(self) -> tuple[Beacon, ...]:
+            return tuple(beacon_of(one) for one in self.scene["beacons"] if not one.get("dead"))
+
+    def answer(widget: Any, said: dict[str, Any]) -> None:
+        known = {"id": said.get("id")}
+        tell = lambda news: widget.send({**known, "progress": news})  # noqa: E731
+        widget.send({**known, **answers.answer(str(said.get("what")), said.get("question", {}), tell)})
+
+    widget = StudioWidget(scene=scene)
+    widget.on_msg(lambda _, said, __: threading.Thread(target=answer, args=(widget, said), daemon=True).start())
+    return widget

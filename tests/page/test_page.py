@@ -1,0 +1,179 @@
+"""The page in a real browser: a layout that was mailed, dragged, killed, undone, exported, with Python's numbers."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from driftplan import Beacon, BeaconKind, OdometryNoise, drift_with_beacons, load_beacons
+from driftplan.beacons.beacon_files import beacons_geojson
+from driftplan.model.worst import worst_rms
+from driftplan.page.document import page, script
+from driftplan.page.scene import scene_of
+
+STUDIO = "document.getElementById('studio').studio"
+
+
+@pytest.fixture
+def studio(browser, layout, tmp_path):
+    """The page of the layout, open; a function that gives the value of an expression about it."""
+    layout.to_html(tmp_path / "layout.html")
+    browser.open((tmp_path / "layout.html").as_uri())
+    return lambda expression: browser.js(f"(() => {{ const studio = {STUDIO}; return {expression}; }})()")
+
+
+def worst_on_page(studio):
+    return studio("(studio.frame(), studio.shown.worst)")
+
+
+def worst_of(layout, beacons, estimator="reset"):
+    """The greatest drift of every route, by Python."""
+    scenario = replace(layout.scenario, estimator=estimator)
+    return [worst_rms(scenario.drift(r, beacons)) for r in range(len(layout.drifts))]
+
+
+def screen(studio, xy):
+    """Where a place of the map is, in pixels of the page."""
+    return studio(
+        f"(() => {{ const [x, y] = studio.map.toScreen({list(xy)}), box = studio.map.overlay.getBoundingClientRect();"
+        " return [x + box.left, y + box.top]; })()"
+    )
+
+
+def test_a_tag_dragged_by_mouse_has_pythons_drift(browser, studio, layout):
+    first = layout.beacons[0]
+    assert worst_on_page(studio) == pytest.approx(worst_of(layout, layout.beacons), rel=1e-8)
+    studio("(studio.snap = false)")
+    browser.drag(screen(studio, (first.x, first.y)), screen(studio, (first.x + 1.3, first.y - 0.4)))
+    x, y = studio("[studio.session.scene.beacons[0].x, studio.session.scene.beacons[0].y]")
+    assert (x, y) == pytest.approx((first.x + 1.3, first.y - 0.4), abs=0.05)
+    moved = (replace(first, x=x, y=y), *layout.beacons[1:])
+    assert worst_on_page(studio) == pytest.approx(worst_of(layout, moved), rel=1e-8)
+    inside = "studio.shown.drifts[0].s.every((border) => Math.abs(border - s) > 1e-3)"  # at readings it jumps
+    curve = np.array(studio(f"studio.shown.drifts[0].curve(0.5).filter(([s]) => {inside})"))
+    drift = layout.scenario.drift(0, moved)
+    assert curve[:, 1] == pytest.approx(drift.at(curve[:, 0]).rms, abs=2e-5)  # what is drawn, metres
+    assert studio("studio.shown.drifts[0].at(5.5).N") == pytest.approx(float(drift.at(5.5).rms) ** 2, rel=1e-9)
+    browser.key("z", modifiers=2)  # one drag is one step of the history
+    assert worst_on_page(studio) == pytest.approx(worst_of(layout, layout.beacons), rel=1e-8)
+
+
+def test_a_tag_is_killed_and_revived(browser, studio, layout):
+    studio("studio.tools.choose('kill')")
+    place = screen(studio, (layout.beacons[0].x, layout.beacons[0].y))
+    browser.drag(place, place, steps=1)
+    assert worst_on_page(studio) == pytest.approx(worst_of(layout, layout.beacons[1:]), rel=1e-8)
+    assert "is dead" in studio("studio.status.textContent")
+    assert studio("studio.highlights.length") > 0  # the limit was proven to need all of them
+    browser.key("z", modifiers=2)
+    assert worst_on_page(studio) == pytest.approx(worst_of(layout, layout.beacons), rel=1e-8)
+    browser.key("y", modifiers=2)
+    assert worst_on_page(studio) == pytest.approx(worst_of(layout, layout.beacons[1:]), rel=1e-8)
+
+
+def test_the_estimator_is_switched_and_both_are_compared(browser, studio, layout):
+    studio("(studio.panel.compared.click(), 0)")
+    both = studio("(studio.frame(), [studio.shown.worst, studio.shown.otherWorst])")
+    expected = [worst_of(layout, layout.beacons, estimator) for estimator in ("reset", "filter")]
+    assert both[0] == pytest.approx(expected[0], rel=1e-8)
+    assert both[1] == pytest.approx(expected[1], rel=1e-8)
+    studio("(studio.estimator.value = 'filter', studio.estimator.dispatchEvent(new Event('change')))")
+    assert worst_on_page(studio) == pytest.approx(expected[1], rel=1e-8)
+
+
+def test_everything_is_done_by_keys(browser, studio, layout):
+    count = len(layout.beacons)
+    studio("(studio.map.overlay.querySelector('[data-beacon]').focus(), 0)")
+    x = studio("studio.session.scene.beacons[0].x")
+    for key, modifiers in (("ArrowRight", 0), ("ArrowRight", 8), ("l", 0), ("ArrowRight", 0)):  # locked: it stays
+        browser.key(key, modifiers)
+    assert studio("studio.session.scene.beacons[0].x") == pytest.approx(x + 1.1)
+    browser.key("d")
+    assert studio("studio.session.scene.beacons.length") == count + 1
+    browser.key("Delete")
+    assert studio("studio.session.scene.beacons.length") == count
+    studio("(studio.map.overlay.focus(), 0)")
+    for key in ("a", "ArrowUp", "Enter"):
+        browser.key(key)
+    assert studio("studio.session.scene.beacons.length") == count + 1
+    for key in ("z", "Enter", "ArrowRight", "ArrowUp", "Enter"):
+        browser.key(key)
+    assert studio("studio.session.scene.zones.length") == 2
+    for key in ("m", "Enter", "ArrowRight", "Enter"):
+        browser.key(key)
+    assert " m from " in studio("studio.status.textContent")
+
+
+def test_all_that_can_be_reached_has_a_name_for_those_who_do_not_see(browser, studio):
+    browser.call("Accessibility.enable")
+    nodes = browser.call("Accessibility.getFullAXTree")["nodes"]
+    roles = ("button", "slider", "spinbutton", "combobox", "textbox", "checkbox", "radio", "application")
+    reached = [n for n in nodes if n.get("role", {}).get("value") in roles and not n["ignored"]]
+    assert len(reached) > 20
+    assert [n for n in reached if not n.get("name", {}).get("value", "").strip()] == []
+
+
+def test_beacons_go_out_and_come_back_as_place_reads_them(browser, studio, layout, tmp_path):
+    radio = Beacon(BeaconKind.range_only(range_m=9.0, range_std_m=0.2, std_per_m=0.01), 3.0, 10.0, "uwb")
+    seen = BeaconKind.landmark(range_m=5, position_std_m=0.1, heading_std=0.02, view_angle_deg=120)
+    beacons = (*layout.beacons, radio, Beacon(seen, 5.0, 8.0, "april", facing_deg=-90.0))
+    text = json.dumps(beacons_geojson(beacons).decode())
+    studio(f"studio.panel.load('tags.geojson', {text})")
+    written = studio("studio.exported")
+    file = tmp_path / "out.geojson"
+    file.write_text(written)
+    assert load_beacons(file) == beacons
+    studio('studio.panel.load(\'tags.geojson\', \'{"type": "FeatureCollection", "features": [{}]}\')')
+    assert "expected" in studio("studio.status.textContent")  # and nothing was lost
+    assert studio("studio.session.scene.beacons.length") == len(beacons)
+
+
+def test_a_link_brings_the_state_back(browser, studio):
+    studio("(studio.session.changeBeacon(0, { x: 2.5, dead: true }), studio.link())")
+    address = studio("window.location.href")
+    browser.open(address)
+    state = studio("studio.session.scene.beacons[0]")
+    assert (state["x"], state["dead"]) == (2.5, True)
+
+
+HOSTILE = "</script><img src=x onerror=\"document.title='hacked'\"><b>${document.title='hacked'}"
+
+
+def test_hostile_names_are_text(browser, tmp_path):
+    tag = Beacon(BeaconKind(name=HOSTILE, range_m=2.0, position_std_m=0.1), 2.0, 1.0, id=HOSTILE)
+    path = np.array([[0.0, 0.0], [9.0, 0.0]])
+    noise = OdometryNoise(heading_var_per_m=1e-4)
+    scene = scene_of(None, [path], noise, beacons=[tag], names=[HOSTILE], title=HOSTILE, notes=[HOSTILE])
+    file = tmp_path / "hostile.html"
+    file.write_bytes(page(scene))
+    browser.open(file.as_uri())
+    browser.js(f"{STUDIO}.session.select({{ beacon: 0 }})")
+    browser.js(
+        f"{STUDIO}.panel.load({json.dumps(HOSTILE)} + '.geojson', {json.dumps(beacons_geojson([tag]).decode())})"
+    )
+    browser.js(f"{STUDIO}.frame()")
+    assert browser.js("document.title") == "driftplan studio"
+    assert browser.js("document.querySelectorAll('img, b').length") == 0
+    assert HOSTILE in browser.js("document.body.innerText")
+    assert browser.js(f"{STUDIO}.shown.worst[0]") == pytest.approx(worst_rms(drift_with_beacons(path, noise, [tag])))
+
+
+def test_only_text_is_ever_put_into_the_page():
+    assert not [
+        word for word in ("innerHTML", "outerHTML", "insertAdjacentHTML", "eval(", "</script") if word in script()
+    ]
+
+
+def test_only_routes_that_a_beacon_touches_are_computed_again(browser, studio, layout):
+    first = "studio.session.scene.beacons[0]"
+    near = studio(f"studio.session.scene.routes.map((r) => studio.calculator.readingsOn(r, {first}).length)")
+    assert sorted(map(bool, near)) == [False, True]
+    again = studio(
+        "(() => { studio.frame(); const before = studio.shown.drifts; studio.session.changeBeacon(0,"
+        " { x: studio.session.scene.beacons[0].x + 0.01 }); studio.frame();"
+        " return studio.shown.drifts.map((drift, k) => drift !== before[k]); })()"
+    )
+    assert again == [bool(count) for count in near]

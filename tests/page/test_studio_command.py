@@ -1,0 +1,145 @@
+"""`driftplan studio`: the page with Python behind it, for this machine and this page only."""
+
+from __future__ import annotations
+
+import json
+import threading
+import urllib.error
+import urllib.request
+from dataclasses import replace
+
+import pytest
+
+from driftplan import BeaconKind, InfeasibleError, load_beacons, place_beacons
+from driftplan.page.scene import scene_of
+from driftplan.report.cli import main
+from driftplan.report.studio.answers import Answers
+from driftplan.report.studio.server import StudioServer
+
+STUDIO = "document.getElementById('studio').studio"
+
+
+@pytest.fixture
+def scene(layout):
+    scenario = layout.scenario
+    return scene_of(scenario.world, scenario.routes, scenario.noise, limits=layout.max_drift)
+
+
+@pytest.fixture
+def server(layout, scene, tmp_path):
+    answers = Answers(world=layout.scenario.world, time_limit=20, save=tmp_path / "saved.geojson")
+    with StudioServer(scene, answers) as one:
+        thread = threading.Thread(target=one.serve_forever)
+        thread.start()
+        yield one
+        one.shutdown()
+        thread.join()
+
+
+def ask(server, what, question, **headers):
+    """The lines of an answer."""
+    headers = {"Content-Type": "application/json", **headers}
+    request = urllib.request.Request(f"{server.url}ask/{what}", json.dumps(question).encode(), headers)
+    with urllib.request.urlopen(request, timeout=60) as answer:
+        return [json.loads(line) for line in answer]
+
+
+TAG = {"name": "rfid", "range_m": 1.5, "position_std_m": 0.1}
+
+
+def test_the_fewest_are_those_of_place_beacons(server, scene, layout):
+    *news, last = ask(server, "fewest", {"scene": scene, "kind": TAG})
+    limits, scenario = list(layout.max_drift), layout.scenario
+    expected = place_beacons(scenario.world, scenario.routes, scenario.noise, limits, BeaconKind(**TAG), time_limit=20)
+    assert len(last["answer"]["beacons"]) == len(expected.beacons)
+    assert last["answer"]["proven"] == expected.proven
+    assert all(set(line["progress"]) == {"cost", "bound"} for line in news)
+
+
+def test_what_is_infeasible_is_said_with_its_stretch(server, scene, layout):
+    weak = {**TAG, "position_std_m": 5.0}
+    (*_, last) = ask(server, "fewest", {"scene": scene, "kind": weak})
+    scenario = layout.scenario
+    with pytest.raises(InfeasibleError) as said:
+        place_beacons(scenario.world, scenario.routes, scenario.noise, 0.6, BeaconKind(**weak), time_limit=20)
+    assert last["answer"]["infeasible"] == str(said.value)
+    assert 0 <= last["answer"]["from_m"] < last["answer"]["to_m"]
+    assert last["answer"]["route"] in (0, 1)
+
+
+def test_the_page_asks_and_shows_the_answers(browser, server, layout, tmp_path):
+    browser.open(server.url)
+    browser.js(f"{STUDIO}.fewest()")
+    assert "Proven fewest" in browser.js(f"{STUDIO}.status.textContent")
+    found = browser.js(f"({STUDIO}.frame(), {STUDIO}.shown.worst)")
+    assert max(found) <= 0.6 * (1 + 1e-6)
+    browser.js(f"{STUDIO}.ask('save', {{}}, ({{ message }}) => {STUDIO}.say(message))")
+    assert "wrote" in browser.js(f"{STUDIO}.status.textContent")
+    assert len(load_beacons(tmp_path / "saved.geojson")) == browser.js(f"{STUDIO}.session.scene.beacons.length")
+    browser.js(f"{STUDIO}.plan([1, 1], [18, 11])")
+    assert browser.js(f"{STUDIO}.session.scene.routes.map(({{ name }}) => name)")[2:] == ["least drift", "shortest"]
+    browser.js(f"{STUDIO}.session.edit({{ routes: {STUDIO}.session.scene.routes.slice(0, 2), beacons: [] }})")
+    browser.js(f"({STUDIO}.kind = {{ ...{STUDIO}.kind, position_std_m: 5 }}, {STUDIO}.frame(), {STUDIO}.fewest())")
+    assert "Infeasible" in browser.js(f"{STUDIO}.status.textContent")
+    assert browser.js(f"{STUDIO}.highlights.length") == 1
+
+
+@pytest.mark.parametrize("what", ["fewest", "plan", "save", "../../etc/passwd", "eval"])
+def test_questions_that_make_no_sense_are_refused_in_words(server, what):
+    for question in ({}, [], {"scene": {"noise": {"heading_var_per_m": -1}}}, {"scene": None}):
+        (line,) = ask(server, what, question)
+        assert line["error"]
+
+
+def status_of(url, data=None, **headers):
+    try:
+        with urllib.request.urlopen(urllib.request.Request(url, data, headers), timeout=20) as answer:
+            return answer.status
+    except urllib.error.HTTPError as err:
+        return err.code
+
+
+def test_nobody_else_gets_anything(server):
+    host = f"http://127.0.0.1:{server.server_port}"
+    assert status_of(server.url) == 200
+    for path in ("/", "/index.html", "/wrong-token/", f"{server.root}../", f"{server.root}scene.py", "//etc/passwd"):
+        assert status_of(host + path) == 404
+    assert status_of(server.url, Host="evil.example") == 404  # a name that someone else points to this machine
+    assert status_of(f"{server.url}ask/save", b"{}", **{"Content-Type": "text/plain"}) == 404  # a form of another page
+    assert status_of(f"{host}/ask/save", b"{}", **{"Content-Type": "application/json"}) == 404
+    assert server.server_address[0] == "127.0.0.1"
+
+
+def test_nothing_is_written_unless_a_file_was_named(layout, scene):
+    answers = replace(Answers(world=layout.scenario.world), save=None)
+    assert "error" in answers.answer("save", {"scene": scene}, print)
+
+
+def test_the_command_writes_the_page(tmp_path, capsys):
+    route = tmp_path / "route <b>.csv"
+    route.write_text("x,y\n3,3\n10,3\n")
+    out = tmp_path / "page.html"
+    assert main(["studio", "warehouse", str(route), "--max-drift", "0.5", "--html", str(out)]) == 0
+    text = out.read_text()
+    assert "<!doctype html>" in text
+    assert "route \\u003cb>.csv" in text
+    assert main(["studio", "warehouse", str(route), "--beacons", str(tmp_path / "no.geojson")]) == 2
+
+
+def test_a_widget_answers_as_the_server_does(layout):
+    pytest.importorskip("anywidget")
+    from driftplan import studio_widget
+
+    scenario = layout.scenario
+    widget = studio_widget(
+        scenario.world, scenario.routes, scenario.noise, beacons=layout.beacons, max_drift=0.6, time_limit=20
+    )
+    assert widget.beacons == layout.beacons
+    sent, done = [], threading.Event()
+    widget.send = lambda said, *_: (sent.append(said), done.set() if {"answer", "error"} & said.keys() else None)
+    question = {"scene": {**widget.scene, "beacons": []}, "kind": TAG}
+    widget._handle_custom_msg({"id": 7, "what": "fewest", "question": question}, [])
+    assert done.wait(60)
+    assert sent[-1]["id"] == 7
+    assert sent[-1]["answer"]["proven"]
+    assert [line for line in sent if line["id"] != 7] == []
