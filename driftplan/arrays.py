@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import inspect
+import sys
 from collections.abc import Callable, Sequence
 from functools import wraps
-from math import isfinite
-from typing import Any, TypeVar, cast
+from math import inf, isfinite
+from reprlib import repr as short
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from driftplan.errors import KeywordError
+from driftplan.errors import ArgumentError, KeywordError
 
 _Callable = TypeVar("_Callable", bound=Callable[..., Any])
 
@@ -21,14 +23,22 @@ Complexes = NDArray[np.complex128]
 Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 
+MAX_NUMBER = 1e13  # metres or anything: of greater ones products overflow
+_MIN_POSITIVE = 1e-50
+
 
 def number(name: str, value: object) -> float:
     """A finite number."""
     if isinstance(value, bool) or not hasattr(value, "__float__") or np.ndim(value) != 0:  # type: ignore[arg-type]
         raise ValueError(f"expected {name} to be a number, got {value!r}")
-    result = float(value)
+    try:
+        result = float(value)
+    except OverflowError:  # a whole number of 400 digits
+        result = inf
     if not isfinite(result):
         raise ValueError(f"expected {name} finite, got {result!r}")
+    if abs(result) > MAX_NUMBER:
+        raise ValueError(f"expected {name} no greater than {MAX_NUMBER:g}, got {result!r}")
     return result
 
 
@@ -41,11 +51,19 @@ def not_negative(name: str, value: object) -> float:
 
 
 def positive(name: str, value: object) -> float:
-    """A finite number > 0."""
+    """A finite number > 0, and not so small that dividing by it overflows."""
     result = number(name, value)
-    if result <= 0:
-        raise ValueError(f"expected {name} > 0, got {result!r}")
+    if result < _MIN_POSITIVE:
+        least = f", {_MIN_POSITIVE:g} at least" if result > 0 else ""
+        raise ValueError(f"expected {name} > 0{least}, got {result!r}")
     return result
+
+
+def instance(name: str, value: object, *classes: type) -> None:
+    """Refuse what is an object of none of these classes."""
+    if not isinstance(value, classes):
+        wanted = " or ".join(c.__name__ for c in classes)
+        raise ArgumentError(f"expected {name} to be a{'n' * (wanted[0] in 'AEIOU')} {wanted}, got {short(value)}")
 
 
 def whole(name: str, value: object, *, least: int) -> int:
@@ -55,15 +73,31 @@ def whole(name: str, value: object, *, least: int) -> int:
     return int(value)
 
 
+def bounded(what: str, count: float, most: float, remedy: str) -> float:
+    """A count of things derived from input, refused before anything is made of it.
+
+    Examples
+    --------
+    >>> bounded("sites", 1e7, 1e6, "use a larger spacing_m")
+    Traceback (most recent call last):
+    ValueError: expected at most 1e+06 sites, got 1e+07: use a larger spacing_m
+    """
+    if not count <= most:
+        raise ValueError(f"expected at most {most:g} {what}, got {count:g}: {remedy}")
+    return count
+
+
 def finite(name: str, values: Any, what: str = "numbers") -> Floats:
     """An array of finite numbers; ``what`` they are, for the message."""
     try:
         array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError) as err:
+    except (TypeError, ValueError, OverflowError) as err:
         raise ValueError(f"expected {name} to be {what}, got {type(values).__name__}: {err}") from None
     if not np.isfinite(array).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise ValueError(f"expected {name} finite, got {array[where]} at index {where}")
+    if array.size and np.abs(array).max() > MAX_NUMBER:
+        raise ValueError(f"expected {name} no greater than {MAX_NUMBER:g}, got {np.abs(array).max():g}")
     return array
 
 
@@ -128,15 +162,17 @@ def bounds_of(value: Sequence[float]) -> tuple[float, float, float, float]:
     return bounds
 
 
-def keywords_checked(**values: type) -> Callable[[_Callable], _Callable]:
-    """A decorator of functions and dataclasses: an unknown keyword is answered with the nearest known one.
+def arguments_checked(**values: type) -> Callable[[_Callable], _Callable]:
+    """A decorator of public functions and dataclasses: an unknown keyword is answered with the nearest known one, and
+    what should be one of driftplan's own objects, or a sequence of them, by its annotation, and is not, with what was
+    expected.
 
     ``values`` are parameters that are frozen values: their fields are known names too, and the answer says where they
     go.
 
     Examples
     --------
-    >>> @keywords_checked()
+    >>> @arguments_checked()
     ... def wait(time_limit=1.0): ...
     >>> wait(timelimit=3.0)
     Traceback (most recent call last):
@@ -145,15 +181,23 @@ def keywords_checked(**values: type) -> Callable[[_Callable], _Callable]:
 
     def decorate(function: _Callable) -> _Callable:
         called = cast(Any, function).__init__ if isinstance(function, type) else function
-        known = tuple(inspect.signature(function).parameters)
+        signature = inspect.signature(function)
+        known = tuple(signature.parameters)
+        any_keyword = any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values())
+        places = known if not isinstance(function, type) else ("self", *known)
+        objects: dict[str, _Object] = {}
 
         @wraps(called)
         def checked(*args: Any, **given: Any) -> Any:
+            if not objects:  # not before the module is complete
+                objects.update(_objects_of(signature))
             for name in given:
-                if name not in known:
-                    raise KeywordError(
-                        f"{function.__name__}() has no keyword {name!r}: {_nearest(name, known, values)}"
-                    )
+                if name not in known and not any_keyword:
+                    nearest = _nearest(name, known, values)
+                    raise KeywordError(f"{function.__name__}() has no keyword {name!r}: {nearest}")
+            for name, value in (*zip(places, args, strict=False), *given.items()):
+                if name in objects:
+                    objects[name].check(name, value)
             return called(*args, **given)
 
         if isinstance(function, type):
@@ -162,6 +206,40 @@ def keywords_checked(**values: type) -> Callable[[_Callable], _Callable]:
         return cast(_Callable, checked)
 
     return decorate
+
+
+class _Object(NamedTuple):
+    """What an annotation asks for: one of some classes of driftplan's, by their names, or a sequence of them."""
+
+    classes: frozenset[str]
+    several: bool
+
+    def check(self, name: str, value: object) -> None:
+        wanted = " or ".join(sorted(self.classes - {"NoneType"}))
+        if not self.several:
+            wanted, wrong = f"a{'n' * (wanted[0] in 'AEIOU')} {wanted}", [] if self._holds(value) else [value]
+        elif isinstance(value, (list, tuple)):
+            wanted, wrong = f"{wanted} objects", [item for item in value if not self._holds(item)]
+        else:
+            wanted = f"a sequence of {wanted}"
+            wrong = [] if isinstance(value, Sequence) and not isinstance(value, str) else [value]
+        if wrong:
+            raise ArgumentError(f"expected {name} to be {wanted}, got {short(wrong[0])}")
+
+    def _holds(self, value: object) -> bool:
+        return any(c.__name__ in self.classes for c in type(value).__mro__)
+
+
+def _objects_of(signature: inspect.Signature) -> dict[str, _Object]:
+    """The parameters whose annotations name nothing but public classes of driftplan's, and None."""
+    public = sys.modules["driftplan"].__all__
+    found = {}
+    for name, parameter in signature.parameters.items():
+        annotation = str(parameter.annotation)
+        classes = {*annotation.removeprefix("Sequence[").removesuffix("]").split(" | ")}
+        if classes - {"None"} and classes <= {*public, "None"}:
+            found[name] = _Object(frozenset(c.replace("None", "NoneType") for c in classes), "[" in annotation)
+    return found
 
 
 def _nearest(name: str, known: Sequence[str], values: dict[str, type]) -> str:

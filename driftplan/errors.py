@@ -41,7 +41,11 @@ class InfeasibleError(DriftplanError):
     """No layout or itinerary keeps the limit: the message says where and by how much it fails."""
 
 
-class KeywordError(DriftplanError, TypeError, ValueError):
+class ArgumentError(DriftplanError, TypeError, ValueError):
+    """An argument is an object of another kind: the message says which kind was expected."""
+
+
+class KeywordError(ArgumentError):
     """A function has no such keyword: the message names the nearest that it has."""
 
 

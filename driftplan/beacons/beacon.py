@@ -7,7 +7,7 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 
-from driftplan.arrays import Floats, keywords_checked, not_negative, number, positive
+from driftplan.arrays import Floats, arguments_checked, bounded, instance, not_negative, number, positive
 
 
 class KindOptions(TypedDict, total=False):
@@ -22,7 +22,10 @@ class KindOptions(TypedDict, total=False):
     sensor_view_deg: float
 
 
-@keywords_checked()
+_MAX_READINGS = 10_000
+
+
+@arguments_checked()
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BeaconKind:
     """What a beacon measures, how well, and from how far. Made by `rfid`, `landmark`, `heading`, …, or in full.
@@ -63,9 +66,13 @@ class BeaconKind:
     sensor_view_deg: float = 360.0
 
     def __post_init__(self) -> None:
+        instance("name of a kind", self.name, str)
+        instance("line_of_sight", self.line_of_sight, bool, np.bool_)
         most = {"detection_probability": 1, "view_angle_deg": 360, "sensor_view_deg": 360}
         for name in ("range_m", "reading_spacing_m", "cost", *most):
             object.__setattr__(self, name, positive(name, getattr(self, name)))
+        readings = 2 * self.range_m / self.reading_spacing_m
+        bounded("readings on one pass", readings, _MAX_READINGS, "use a larger reading_spacing_m")
         measured = ("position_std_m", "heading_std", "range_std_m", "bearing_std")
         for name in (*measured, "std_per_m"):
             if getattr(self, name) is not None:

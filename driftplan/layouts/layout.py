@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
+from driftplan.arrays import arguments_checked
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.beacon_files import beacon_feature
 from driftplan.files import write_files
@@ -140,24 +141,15 @@ class Layout(Tabular):
 
         It needs a browser and nothing else, and asks nothing of any network.
         """
-        scenario, limits = self.scenario, self.max_drift if self.scenario.confidence is None else None
-        notes = [f"{self.status.value} {self.note}"]
+        scenario, notes = self.scenario, [f"{self.status.value} {self.note}"]
         if scenario.confidence is not None:
             notes.append(f"The limit was on the {100 * scenario.confidence:g} % radius; this page computes the rms.")
         if scenario.redundancy > 1:
             notes.append(f"It holds with any {scenario.redundancy - 1} of the beacons dead: kill some to see.")
-        scene = scene_of(
-            scenario.world,
-            scenario.routes,
-            scenario.noise,
-            beacons=self.beacons,
-            existing=self.existing,
-            limits=limits,
-            estimator=scenario.estimator,
-            start_fix=scenario.start_fix,
-            title="Beacon layout",
-            notes=notes,
-        )
+        limits = self.max_drift if scenario.confidence is None else None
+        placed: dict[str, Any] = {"beacons": self.beacons, "existing": self.existing, "limits": limits, "notes": notes}
+        robot: dict[str, Any] = {"estimator": scenario.estimator, "start_fix": scenario.start_fix}
+        scene = scene_of(scenario.world, scenario.routes, scenario.noise, title="Beacon layout", **placed, **robot)
         write_files({Path(path): page(scene)})
 
     @cached_property
@@ -192,6 +184,7 @@ class InstallerRow(NamedTuple):
     worst_route_if_dead: int  # -1 if no route does
 
 
+@arguments_checked()
 def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
     """All beacons of a layout, the ones whose failure hurts most first."""
     return tuple(sorted(_rows(layout), key=lambda row: -row.worst_drift_if_dead_m if row.routes else 0.0))
@@ -212,6 +205,7 @@ def _rows(layout: Layout) -> list[InstallerRow]:
     return rows
 
 
+@arguments_checked()
 def layout_csv(layout: Layout) -> bytes:
     """The installers' table as CSV, to a tenth of a millimetre, with a header that names units.
 
@@ -233,6 +227,7 @@ def _cell(value: Any) -> Any:
     return value
 
 
+@arguments_checked()
 def layout_geojson(layout: Layout) -> bytes:
     """Beacons as points with all that `load_beacons` needs, and what their failure does."""
     features = [

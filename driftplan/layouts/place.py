@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Bools, keywords_checked, whole
+from driftplan.arrays import Bools, arguments_checked, whole
 from driftplan.beacons.beacon import BeaconKind
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.layout import Layout
@@ -26,10 +26,11 @@ from driftplan.world.world import World
 
 _RMS_ROUNDING = 1e-6  # relative: the final check adds the same numbers in another order
 _RADIUS_ROUNDING = 1e-5  # relative: and integrates radii to that
+_TIGHTER = 0.995  # of the limits tried before: what the next try keeps at most
 _CHECK_S_PER_ROUTE = 0.03  # seconds kept for the final check, but at most a quarter of the time
 
 
-@keywords_checked(limit=DriftLimit, sites=Sites)
+@arguments_checked(limit=DriftLimit, sites=Sites)
 def place_beacons(
     world: World | None,
     routes: Any,
@@ -76,6 +77,11 @@ def place_beacons(
         dozen for 500 and 5000.
     progress : called with seconds, cost of the best layout and lower bound when one changes
 
+    Where systematic errors differ between drives (`OdometryNoise.heading_bias_std_per_m` and its like), limits are
+    about what `predict_drift` says, which averages over drives or has a filter estimate what is constant; the search
+    looks at the drive with the mean errors, under limits tightened as far as it takes. ``lower_bound`` is then that
+    drive's, and a layout for which limits had to be tightened is not ``proven``.
+
     Returns
     -------
     Layout
@@ -118,7 +124,7 @@ def place_beacons(
     return _least_drift(search, drift_tolerance, began) if limits is None else _cheapest(search, limits, began)
 
 
-@keywords_checked(sites=Sites)
+@arguments_checked(sites=Sites)
 def beacon_tradeoff(
     world: World | None,
     routes: Any,
@@ -191,7 +197,27 @@ def _cheapest(search: LimitSearch, limits: tuple[float, ...], began: float) -> L
     cover = search.cover(limits)
     if cover.chosen is None:
         raise InfeasibleError(explain(search, limits, cover))
-    return _checked_layout(search.problem, cover.chosen, cover.lower_bound, cover.status, limits, 0.0, began)
+    chosen, status = cover.chosen, cover.status
+    if search.problem.scenario.drives_differ:
+        chosen, tightened = _kept_on_other_drives(search, chosen, limits)
+        status = Status.GOOD_ENOUGH if tightened else status
+    return _checked_layout(search.problem, chosen, cover.lower_bound, status, limits, 0.0, began)
+
+
+def _kept_on_other_drives(search: LimitSearch, chosen: Bools, limits: tuple[float, ...]) -> tuple[Bools, bool]:
+    """A layout that keeps the limits although drives differ, and whether another than the mean drive's was needed."""
+    tightened_m, worst_m, asked_m = np.array(limits), search.worst(chosen), np.array(limits)
+    while (worst_m > asked_m).any():
+        tightened_m = np.where(worst_m > asked_m, tightened_m * np.minimum(asked_m / worst_m, _TIGHTER), tightened_m)
+        search = LimitSearch.of(search.problem, float(tightened_m.min()), search.deadline, search.progress)
+        cover = search.cover(tightened_m.tolist())
+        if cover.chosen is None:
+            raise InfeasibleError(
+                "systematic errors differ between drives, and no layout was found that keeps the limits for all: even "
+                f"for their mean {explain(search, tightened_m.tolist(), cover)}"
+            )
+        chosen, worst_m = cover.chosen, search.worst(cover.chosen)
+    return chosen, bool((tightened_m < asked_m).any())
 
 
 def _least_drift(search: LimitSearch, tolerance: float, began: float, known: Layout | None = None) -> Layout:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Floats, keywords_checked, whole
+from driftplan.arrays import Floats, arguments_checked, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns, drift_with_beacons, waypoints_of
 from driftplan.model.drift import Drift, PointDrift
@@ -18,7 +18,7 @@ from driftplan.model.worst import worst_radius, worst_rms
 from driftplan.world.world import World
 
 
-@keywords_checked()
+@arguments_checked()
 @dataclass(frozen=True)
 class DriftLimit:
     """What the drift must not exceed, anywhere on any route.
@@ -96,6 +96,12 @@ class Scenario:
         for k, zone in enumerate(world.zones if world is not None else ()):
             _check_continuous(f"the noise of zone {k}", zone.noise)
         return cls(world, _routes_of(routes), noise, start_fix, limit.confidence, limit.redundancy, estimator)
+
+    @property
+    def drives_differ(self) -> bool:
+        """Whether systematic errors differ from one drive to the next, on any floor."""
+        zones = self.world.zones if self.world is not None else ()
+        return any(noise.varies_between_drives for noise in (self.noise, *(zone.noise for zone in zones)))
 
     def drift(self, route: int, beacons: Sequence[Beacon]) -> Drift:
         """Drift along one route with the given beacons alive."""

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, Ints, finite, keywords_checked, not_negative, positive
+from driftplan.arrays import Floats, Ints, arguments_checked, bounded, finite, not_negative, positive
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.passes import passes_of
 from driftplan.beacons.readings import waypoints_of
@@ -28,10 +28,11 @@ class SiteGroup:
 
 
 _FACINGS_DEG = (0.0, 90.0, 180.0, 270.0)
+_MAX_SITES = 1e6  # far more than can be chosen from
 _PLACES = 9  # of metres: sums of spacings are printed as people write them, 9.6 and not 9.600000000000001
 
 
-@keywords_checked()
+@arguments_checked()
 @dataclass(frozen=True, eq=False)
 class Sites:
     """Where beacons may go.
@@ -189,6 +190,7 @@ def _named(beacons: Sequence[Beacon], letter: str, taken: set[str]) -> list[Beac
 # Points
 
 
+@arguments_checked()
 def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
     """Points of a square grid, ``spacing_m`` apart, where the robot's centre may be: (n, 2), row by row from below.
 
@@ -200,6 +202,7 @@ def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ())
     """
     spacing = positive("spacing_m", spacing_m)
     xmin, ymin, xmax, ymax = world.bounds
+    bounded("sites of a grid", (xmax - xmin) * (ymax - ymin) / spacing**2, _MAX_SITES, "use a larger spacing_m")
     x, y = (
         low + spacing / 2 + spacing * np.arange(int((high - low) / spacing))
         for low, high in ((xmin, xmax), (ymin, ymax))
@@ -208,6 +211,7 @@ def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ())
     return allowed(xy[world.is_free(xy)], forbidden)
 
 
+@arguments_checked()
 def wall_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
     """Points on the outlines of the obstacles, at most ``spacing_m`` apart: (n, 2), outline by outline."""
     found = [np.zeros((0, 2))]
@@ -240,6 +244,7 @@ def allowed(xy: Floats, forbidden: Sequence[Any]) -> Floats:
 
 def _along(line: Any, spacing: float) -> Floats:
     """Evenly spaced points of a line, both ends included."""
+    bounded("sites along a line", line.length / spacing, _MAX_SITES, "use a larger spacing_m")
     parts = max(1, int(np.ceil(line.length / spacing - 1e-9)))
     places = np.linspace(0.0, line.length, parts + 1)
     return np.asarray(np.round(shapely.get_coordinates(shapely.line_interpolate_point(line, places)), _PLACES))

@@ -2,7 +2,6 @@
 //
 // A scene is what driftplan/page/scene.py documents; it is never changed in place: an edit makes a new scene that
 // shares what stayed, and what is shared is not computed again.
-
 import { fullNoise } from "./elements.js";
 import { predict } from "./drift.js";
 import { cutAtZones, legsOf, passesOf, readingsOf, Walls } from "./passes.js";
@@ -10,9 +9,7 @@ import { cutAtZones, legsOf, passesOf, readingsOf, Walls } from "./passes.js";
 export const NEEDS_FILTER = "a range or a bearing needs the estimator “filter”: a robot that replaces what it reads cannot use it";
 
 /** Whether a kind of beacon measures what only a robot with a filter can use. */
-export function needsFilter(kind) {
-  return (kind.range_std_m ?? null) !== null || (kind.bearing_std ?? null) !== null;
-}
+export function needsFilter(kind) { return (kind.range_std_m ?? null) !== null || (kind.bearing_std ?? null) !== null; }
 
 export class Calculator {
   constructor(scene) {
@@ -102,6 +99,4 @@ function startReadings(fix) {
     headingVar: variance, chance: fix.detection_probability ?? 1, anchor: null, rangeVar: null, bearingVar: null }];
 }
 
-function same(some, others) {
-  return some === others || (some.length === others.length && some.every((x, k) => x === others[k]));
-}
+function same(some, others) { return some === others || (some.length === others.length && some.every((x, k) => x === others[k])); }

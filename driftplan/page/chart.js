@@ -1,6 +1,5 @@
 // Drift against distance for every route, with the limit; the selected route in front, and a cursor that reads values.
-
-import { el, metres } from "./dom.js";
+import { el, metres, sized } from "./dom.js";
 
 const RIGHT = 14, TOP = 12;
 
@@ -14,13 +13,11 @@ export class Chart {
   }
 
   resize() {
-    const { width, height } = this.node.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
+    const { width, height } = this.node.getBoundingClientRect();
     if (!(width > 0 && height > 0)) return;
     [this.width, this.height, this.unit] = [width, height, Math.max(1, Math.sqrt(width / 1500))];
     [this.left, this.bottom] = [52 * this.unit, 34 * this.unit];
-    this.canvas.width = Math.round(width * ratio);
-    this.canvas.height = Math.round(height * ratio);
-    this.canvas.getContext("2d").setTransform(ratio, 0, 0, ratio, 0, 0);
+    sized(this.canvas, width, height);
   }
 
   draw({ scene, drifts, others, most }, theme) {
@@ -44,21 +41,18 @@ export class Chart {
       }
       pen.stroke(drift.charted.curve);
     };
-    pen.lineWidth = 1;
-    pen.strokeStyle = theme.route;
+    Object.assign(pen, { lineWidth: 1, strokeStyle: theme.route });
     for (const { drift, k } of routes) if (k !== selected.route) line(drift);
     const chosen = routes.find(({ k }) => k === selected.route);
     if (chosen) {
       this.drawLimit(pen, theme, chosen.route.limit_m);
       if (chosen.other && !(chosen.other instanceof Error)) {
-        pen.strokeStyle = theme.other;
-        pen.lineWidth = 2;
+        Object.assign(pen, { strokeStyle: theme.other, lineWidth: 2 });
         pen.setLineDash([7, 5]);
         line(chosen.other);
         pen.setLineDash([]);
       }
-      pen.strokeStyle = theme.accent;
-      pen.lineWidth = 2.5 * this.unit;
+      Object.assign(pen, { strokeStyle: theme.accent, lineWidth: 2.5 * this.unit });
       line(chosen.drift);
       this.drawCursor(pen, theme, chosen.drift);
     }
@@ -71,9 +65,7 @@ export class Chart {
 
   drawAxes(pen, theme, length, top) {
     pen.font = `${12 * this.unit}px system-ui, sans-serif`;
-    pen.fillStyle = theme.text;
-    pen.strokeStyle = theme.faint;
-    pen.lineWidth = 1;
+    Object.assign(pen, { fillStyle: theme.text, strokeStyle: theme.faint, lineWidth: 1 });
     const step = (span, count) => {
       const rough = span / count, power = 10 ** Math.floor(Math.log10(rough));
       return [1, 2, 5, 10].find((k) => k * power >= rough) * power;

@@ -3,13 +3,9 @@
 const SVG = "http://www.w3.org/2000/svg";
 
 /** An element with attributes, listeners (functions under names such as onclick) and children. */
-export function el(tag, attributes = {}, ...children) {
-  return filled(document.createElement(tag), attributes, children);
-}
+export function el(tag, attributes = {}, ...children) { return filled(document.createElement(tag), attributes, children); }
 
-export function svg(tag, attributes = {}, ...children) {
-  return filled(document.createElementNS(SVG, tag), attributes, children);
-}
+export function svg(tag, attributes = {}, ...children) { return filled(document.createElementNS(SVG, tag), attributes, children); }
 
 function filled(element, attributes, children) {
   for (const [name, value] of Object.entries(attributes)) {
@@ -20,13 +16,18 @@ function filled(element, attributes, children) {
   return element;
 }
 
-export function metres(x, digits = 3) {
-  return Number.isFinite(x) ? `${x.toFixed(digits)} m` : "–";
-}
+export function metres(x, digits = 3) { return Number.isFinite(x) ? `${x.toFixed(digits)} m` : "–"; }
 
 /** Hand a text to the browser to save. */
 export function save(name, text, type = "text/plain") {
   const url = URL.createObjectURL(new Blob([text], { type })), link = el("a", { href: url, download: name });
   link.click();
   setTimeout(() => URL.revokeObjectURL(url), 1000);
+}
+
+/** Give a canvas its size in pixels of the page, and as many of its own as the screen has. */
+export function sized(canvas, width, height) {
+  const ratio = window.devicePixelRatio || 1;
+  [canvas.width, canvas.height] = [width, height].map((size) => Math.round(size * ratio));
+  canvas.getContext("2d").setTransform(ratio, 0, 0, ratio, 0, 0);
 }

@@ -1,10 +1,8 @@
 // Drift along a path with readings on the way: driftplan/model/drive.py, paths.py (Runs.cut), drift.py and worst.py.
-
 import { engineOf } from "./estimators.js";
 import { legsOf, placeAt, wrap } from "./passes.js";
 
-const SAME_PLACE_M = 1.5e-6, LOST_SHARE = 1e-9;
-const PARTS = 8, CLOSE = 1e-10;  // of worst.py
+const SAME_PLACE_M = 1.5e-6, LOST_SHARE = 1e-9, PARTS = 8, CLOSE = 1e-10;  // of paths.py and worst.py
 
 /** Drift of a robot that follows `points` (with a border at every change of floor) and takes `readings` on its way.
  *
@@ -103,13 +101,8 @@ export class Drift {
     this.N2 = states.departing.map((state, k) => (state === states.leaving[k] ? this.N1[k] : engine.square(state)));
   }
 
-  get length() {
-    return this.path.length;
-  }
-
-  get end() {
-    return Math.sqrt(Math.max(this.N1[this.N1.length - 1], 0));
-  }
+  get length() { return this.path.length; }
+  get end() { return Math.sqrt(Math.max(this.N1[this.N1.length - 1], 0)); }
 
   /** Error moments after s metres, had the path ended there: after the readings there. */
   at(s) {
@@ -179,9 +172,7 @@ export class Drift {
   }
 
   /** Where the heading's standard deviation exceeds 0.15 rad and a filter is not to be trusted. */
-  get beyondLinear() {
-    return Boolean(this.engine.constants) && this.arriving.some(({ S }) => S[2 * this.engine.size + 2] > 0.15 ** 2);
-  }
+  get beyondLinear() { return Boolean(this.engine.constants) && this.arriving.some(({ S }) => S[2 * this.engine.size + 2] > 0.15 ** 2); }
 
   /** Stretches on which the rms exceeds a limit, [from, to] in metres. */
   above(limit, spacing) {
@@ -197,9 +188,7 @@ export class Drift {
   }
 
   /** Where the robot is after s metres. */
-  place(s) {
-    return placeAt(this.path, s);
-  }
+  place(s) { return placeAt(this.path, s); }
 }
 
 const root = (square) => Math.sqrt(Math.max(square, 0));
@@ -215,15 +204,9 @@ function ceiling(begin, end, bend, fixed) {
 function greatestOfQuartic(value, length, greatest) {
   if (length === 0) return greatest;
   const y = [0, 1, 2, 3, 4].map((i) => value(length * i / 4));
-  const at = (t) => {  // Lagrange, t in quarters
-    let sum = 0;
-    for (let i = 0; i < 5; i++) {
-      let term = y[i];
-      for (let j = 0; j < 5; j++) if (j !== i) term *= (t - j) / (i - j);
-      sum += term;
-    }
-    return sum;
-  };
+  const d = y.slice();  // its forward differences
+  for (let k = 1; k < 5; k++) for (let i = 4; i >= k; i--) d[i] -= d[i - 1];
+  const at = (t) => d[0] + t * (d[1] + (t - 1) / 2 * (d[2] + (t - 2) / 3 * (d[3] + (t - 3) / 4 * d[4])));
   let best = 0;
   for (let i = 0; i <= 32; i++) if (at(i / 8) > at(best)) best = i / 8;
   let low = Math.max(best - 1 / 8, 0), high = Math.min(best + 1 / 8, 4);

@@ -1,32 +1,24 @@
 // The moments of one turn and of one run under a noise without steps: driftplan/model/elements.py, piece by piece.
 //
 // A noise is an object with the fields of OdometryNoise, those that are 0 left out or not.
+import { compose, D1, doubled } from "./moments.js";
 
-import { compose, doubled } from "./moments.js";
-
-const ORDER = 12;  // of the Taylor series
-const PIECE_RAD = 0.125;  // greatest rotation or heading variance on one piece
+const ORDER = 12, PIECE_RAD = 0.125;  // of the Taylor series; greatest rotation or heading variance on one piece
 const FACTORIAL = [1];
 for (let k = 1; k <= ORDER + 1; k++) FACTORIAL.push(FACTORIAL[k - 1] * k);
 
-const RATES = ["heading_var_per_m", "distance_var_per_m", "lateral_var_per_m", "heading_var_per_rad",
-  "distance_var_per_rad"];
+const RATES = ["heading_var_per_m", "distance_var_per_m", "lateral_var_per_m", "heading_var_per_rad", "distance_var_per_rad"];
 export const SYSTEMATIC = ["heading_bias_per_m", "heading_bias_per_rad", "distance_scale_error"];
 export const SPREADS = ["heading_bias_std_per_m", "heading_bias_std_per_rad", "distance_scale_std"];
 export const NOISE_FIELDS = [...RATES, "heading_distance_corr", ...SYSTEMATIC, ...SPREADS];
 
 /** All fields of a noise. */
-export function fullNoise(said) {
-  const noise = {};
-  for (const name of NOISE_FIELDS) noise[name] = said[name] ?? 0;
-  return noise;
-}
+export function fullNoise(said) { return Object.fromEntries(NOISE_FIELDS.map((name) => [name, said[name] ?? 0])); }
 
 /** The same odometry without systematic errors, `factor` times as noisy. */
 export function randomPart(noise, factor) {
-  const scaled = fullNoise({ heading_distance_corr: noise.heading_distance_corr });
-  for (const name of RATES) scaled[name] = noise[name] * factor * factor;
-  return scaled;
+  const scaled = Object.fromEntries(RATES.map((name) => [name, noise[name] * factor * factor]));
+  return fullNoise({ heading_distance_corr: noise.heading_distance_corr, ...scaled });
 }
 
 export function turnsMatter(noise) {
@@ -74,8 +66,7 @@ export function turnMoments(turn, noise) {
     d1 = [g[0] + wr * d1[0], g[1] + wi * d1[0]];
   }
   const swept = spread > 0 ? phi(-2 * v, 2 * (turn + mean)) : [0, 0];
-  return [Math.cos(turn), Math.sin(turn), 0, 0, ...d1, ...d2, -2 * d1[0], 0, 0, spread, spread * swept[0],
-    spread * swept[1], 0, 0, 0, 0];
+  return [Math.cos(turn), Math.sin(turn), 0, 0, ...d1, ...d2, -2 * d1[0], 0, 0, spread, spread * swept[0], spread * swept[1], 0, 0, 0, 0];
 }
 
 /** Moments of a turn on the spot and then a run. */
@@ -92,19 +83,22 @@ function stretch(length, curvature, headingRate, biasRate, distanceRate, lateral
   const covariance = correlation * Math.sqrt(headingRate * distanceRate);
   const plain = speed === 1 && curvature === 0 && biasRate === 0 && covariance === 0 && scale === 0;
   const along = distanceRate + lateralRate, across = distanceRate - lateralRate;
-  const piece = plain ? straight(h, headingRate, along, across)
-    : taylorPiece(h, curvature, speed, headingRate, biasRate, scale * speed, covariance, along, across);
-  const whole = doubled(piece, halvings);
-  if (curvature === 0) {
-    [whole[0], whole[1], whole[2], whole[3]] = [1, 0, speed * length, 0];
-    return whole;
-  }
-  const [mr, mi] = phi(0, curvature * length);
-  whole[0] = Math.cos(curvature * length);
-  whole[1] = Math.sin(curvature * length);
-  whole[2] = speed * length * mr;
-  whole[3] = speed * length * mi;
-  return whole;
+  if (plain) return doubled(straight(h, headingRate, along, across), halvings);
+  const series = taylor(h, curvature * h, speed, headingRate, biasRate, scale * speed, covariance, along, across);
+  const whole = doubled([...moved(h, curvature, speed), ...sumOf(series)], halvings);
+  return [...moved(length, curvature, speed), ...whole.slice(D1)];
+}
+
+/** The true rotation and translation of an arc. */
+function moved(length, curvature, speed) {
+  const [re, im] = phi(0, curvature * length);
+  return [Math.cos(curvature * length), Math.sin(curvature * length), speed * length * re, speed * length * im];
+}
+
+/** The errors of a piece, from their Taylor coefficients. */
+function sumOf(series) {
+  const [d1, d2, D, e1, N, e2, a, b] = series.map((terms) => terms.reduceRight((sum, term) => add(sum, term)));
+  return [...d1, ...d2, D[0], ...e1, N[0], ...e2, ...a, ...b];
 }
 
 /** A straight, unbiased piece: its series run in x = headingRate·h alone, so their coefficients are numbers. */
@@ -122,75 +116,45 @@ function horner(coefficients, x) {
   return total;
 }
 
-function taylorPiece(h, curvature, speed, headingRate, biasRate, scale, covariance, along, across) {
-  const series = taylor(h, curvature * h, speed, headingRate, biasRate, scale, covariance, along, across);
-  const sum = (x) => { let total = 0; for (let k = ORDER; k >= 0; k--) total += x[k]; return total; };
-  const [mr, mi] = phi(0, curvature * h);
-  const s = series.map(sum);
-  return [Math.cos(curvature * h), Math.sin(curvature * h), speed * h * mr, speed * h * mi, ...s];
-}
+const add = (...terms) => terms.reduce(([x, y], [u, v]) => [x + u, y + v]);
+const times = (k, [x, y]) => [k * x, k * y];
+const mul = ([x, y], [u, v]) => [x * u - y * v, x * v + y * u];
+const conj = ([x, y]) => [x, -y];
 
-/** Taylor coefficients in s/h of d1, d2, D, e1, N, e2, a, b, real and imaginary parts, in the order of a piece. */
+/** Taylor coefficients in s/h of d1, d2, D, e1, N, e2, a, b, all complex: the differential equation, order by order. */
 function taylor(h, bend, speed, headingRate, biasRate, scale, covariance, along, across) {
-  const mur = -headingRate / 2, mui = biasRate, dmr = -2 * headingRate, dmi = 2 * biasRate;
-  const gr = scale, gi = covariance / 2;
+  const mu = [-headingRate / 2, biasRate], doubleMu = [-2 * headingRate, 2 * biasRate], gamma = [scale, covariance / 2];
   const rotation = (angle, k) => {  // (j angle)^k / k!
     const size = angle ** k / FACTORIAL[k];
     return [[size, 0], [0, size], [-size, 0], [0, -size]][k % 4];
   };
-  const Us = [], UUs = [];
-  for (let k = 0; k <= ORDER; k++) { Us.push(rotation(bend, k)); UUs.push(rotation(2 * bend, k)); }
-  const times = (series, conj, xr, xi, k) => {  // coefficient k of the product of two series
-    if (bend === 0) return [xr[k], xi[k]];
-    let re = 0, im = 0;
-    for (let i = 0; i <= k; i++) {
-      const [sr, si0] = series[k - i], si = conj ? -si0 : si0;
-      re += sr * xr[i] - si * xi[i];
-      im += sr * xi[i] + si * xr[i];
-    }
-    return [re, im];
+  const turned = (angle, x, k) => {  // coefficient k of exp(j angle s/h) times a series
+    let sum = x[k];
+    for (let i = 0; i < k && angle !== 0; i++) sum = add(sum, mul(rotation(angle, k - i), x[i]));
+    return sum;
   };
-  const [d1r, d1i, d2r, d2i, DD, e1r, e1i, NN, e2r, e2i, ar, ai, br, bi] = Array.from({ length: 14 }, () => [0]);
-  const [m2r, m2i, ie1r, ie1i, iNr, iNi, ie2r, ie2i, iar, iai, ibr, ibi] = Array.from({ length: 12 }, () => []);
+  const [d1, d2, D, e1, N, e2, a, b] = Array.from({ length: 8 }, () => [[0, 0]]);
+  const [m2, inE1, inN, inE2, inA, inB] = Array.from({ length: 6 }, () => []);  // what the rotation multiplies
   for (let k = 0; k < ORDER; k++) {
-    const one = k === 0 ? 1 : 0, rr = one + d1r[k], ri = d1i[k], step = h / (k + 1);
-    m2r.push(one + 2 * d1r[k] + d2r[k]);
-    m2i.push(2 * d1i[k] + d2i[k]);
-    ie1r.push(speed * d1r[k] + gr * rr - gi * ri);
-    ie1i.push(speed * d1i[k] + gr * ri + gi * rr);
-    const ear = e1r[k] + ar[k], eai = e1i[k] + ai[k], ebr = e1r[k] + br[k], ebi = e1i[k] + bi[k];
-    iNr.push(speed * ar[k] + gr * ear + gi * eai);
-    iNi.push(speed * ai[k] + gr * eai - gi * ear);
-    ie2r.push(speed * br[k] + gr * ebr - gi * ebi);
-    ie2i.push(speed * bi[k] + gr * ebi + gi * ebr);
-    const car = d1r[k] + DD[k], cai = -d1i[k], cbr = d1r[k] + d2r[k], cbi = d1i[k] + d2i[k];
-    iar.push(speed * DD[k] + gr * car - gi * cai);
-    iai.push(gr * cai + gi * car - covariance * one);
-    ibr.push(speed * d2r[k] + gr * cbr - gi * cbi - covariance * m2i[k]);
-    ibi.push(speed * d2i[k] + gr * cbi + gi * cbr + covariance * m2r[k]);
-    const muRr = mur * rr - mui * ri, muRi = mur * ri + mui * rr;
-    d1r.push(step * muRr);
-    d1i.push(step * muRi);
-    d2r.push(step * (dmr * m2r[k] - dmi * m2i[k] - 2 * muRr));
-    d2i.push(step * (dmr * m2i[k] + dmi * m2r[k] - 2 * muRi));
-    DD.push(step * -2 * muRr);
-    const te = times(Us, false, ie1r, ie1i, k), tN = times(Us, true, iNr, iNi, k), t2 = times(Us, false, ie2r, ie2i, k);
-    const tm = times(UUs, false, m2r, m2i, k), ta = times(Us, false, iar, iai, k), tb = times(Us, false, ibr, ibi, k);
-    e1r.push(step * te[0]);
-    e1i.push(step * te[1]);
-    NN.push(step * (2 * tN[0] + one * along));
-    e2r.push(step * (2 * t2[0] + across * tm[0]));
-    e2i.push(step * (2 * t2[1] + across * tm[1]));
-    ar.push(step * (ta[0] + mur * ear + mui * eai));
-    ai.push(step * (ta[1] + mur * eai - mui * ear));
-    br.push(step * (tb[0] + mur * ebr - mui * ebi));
-    bi.push(step * (tb[1] + mur * ebi + mui * ebr));
+    const one = [k === 0 ? 1 : 0, 0], r = add(one, d1[k]), muR = mul(mu, r), step = h / (k + 1);
+    const ea = add(e1[k], a[k]), eb = add(e1[k], b[k]);
+    m2.push(add(one, times(2, d1[k]), d2[k]));
+    inE1.push(add(times(speed, d1[k]), mul(gamma, r)));
+    inN.push(add(times(speed, a[k]), mul(conj(gamma), ea)));
+    inE2.push(add(times(speed, b[k]), mul(gamma, eb)));
+    inA.push(add(times(speed, D[k]), mul(gamma, add(conj(d1[k]), D[k])), [0, -covariance * one[0]]));
+    inB.push(add(times(speed, d2[k]), mul(gamma, add(d1[k], d2[k])), mul([0, covariance], m2[k])));
+    d1.push(times(step, muR));
+    d2.push(times(step, add(mul(doubleMu, m2[k]), times(-2, muR))));
+    D.push([-2 * step * muR[0], 0]);
+    e1.push(times(step, turned(bend, inE1, k)));
+    N.push([step * (2 * turned(-bend, inN, k)[0] + one[0] * along), 0]);
+    e2.push(times(step, add(times(2, turned(bend, inE2, k)), times(across, turned(2 * bend, m2, k)))));
+    a.push(times(step, add(turned(bend, inA, k), mul(conj(mu), ea))));
+    b.push(times(step, add(turned(bend, inB, k), mul(mu, eb))));
   }
-  return [d1r, d1i, d2r, d2i, DD, e1r, e1i, NN, e2r, e2i, ar, ai, br, bi];
+  return [d1, d2, D, e1, N, e2, a, b];
 }
 
 /** Coefficients in x of e1/(h x), N/(h² x), e2/(h² x), a/(h x), b/(h x) for a straight run, no distance noise. */
-const STRAIGHT = (() => {
-  const series = taylor(1, 0, 1, 1, 0, 0, 0, 0, 0);
-  return [[5, 2], [7, 3], [8, 3], [10, 2], [12, 2]].map(([row, first]) => series[row].slice(first));
-})();
+const STRAIGHT = taylor(1, 0, 1, 1, 0, 0, 0, 0, 0).slice(3).map((terms, k) => terms.slice([2, 3, 3, 2, 2][k]).map(([x]) => x));

@@ -3,19 +3,15 @@
 // An engine has start(pose, readings), step(state, turn, length, noise), read(state, reading), square(state): E|e|²,
 // error(state): {N, e1, e2}, E|e|², E e, E e², and slope(state, noise). A reading: {square, skew, headingVar, chance, anchor,
 // rangeVar, bearingVar}, null where a thing is not measured.
-
 import { A, B, compose, D, D1, D2, E1, E2, N, nothing, P, U } from "./moments.js";
 import { fullNoise, legMoments, randomPart, SPREADS, SYSTEMATIC, turnsMatter } from "./elements.js";
 
 const SMALL = 2 ** -20;  // on standard deviations: the filter's covariances are the limit for small noise
-const KNOWN_SHARE = 1e-14;  // a direction with less than this share of its parts' variance is known already
-const NEAREST_ANCHOR_M = 0.01;
+const KNOWN_SHARE = 1e-14, NEAREST_ANCHOR_M = 0.01;  // of filter_state.py and readings.py
 
 /** Readings replace what they measure. */
 export class Resets {
-  start(ur, ui, x, y, readings) {
-    return readings.reduce((state, reading) => this.read(state, reading), nothing(ur, ui, x, y));
-  }
+  start(ur, ui, x, y, readings) { return readings.reduce((state, reading) => this.read(state, reading), nothing(ur, ui, x, y)); }
 
   step(state, turn, length, noise) {
     if (length === 0 && !turnsMatter(noise)) {  // an error-free turn only faces elsewhere
@@ -51,13 +47,8 @@ export class Resets {
     return after;
   }
 
-  square(state) {
-    return state[N];
-  }
-
-  error(state) {
-    return { N: state[N], e1: [state[E1], state[E1 + 1]], e2: [state[E2], state[E2 + 1]] };
-  }
+  square(state) { return state[N]; }
+  error(state) { return { N: state[N], e1: [state[E1], state[E1 + 1]], e2: [state[E2], state[E2 + 1]] }; }
 
   /** dE|e|²/ds on driving straight on. */
   slope(state, noise) {
@@ -105,30 +96,18 @@ export class AveragedResets {
     return states.map((state, k) => this.engine.step(state, turn, length, noises[k]));
   }
 
-  read(states, reading) {
-    return states.map((state) => this.engine.read(state, reading));
-  }
-
-  square(states) {
-    return states.reduce((sum, state, k) => sum + this.drives[k].weight * state[N], 0);
-  }
+  read(states, reading) { return states.map((state) => this.engine.read(state, reading)); }
+  average(values) { return values.reduce((sum, value, k) => sum + this.drives[k].weight * value, 0); }
+  square(states) { return this.average(states.map((state) => state[N])); }
 
   error(states) {
-    const mean = { N: 0, e1: [0, 0], e2: [0, 0] };
-    states.forEach((state, k) => {
-      const one = this.engine.error(state), w = this.drives[k].weight;
-      mean.N += w * one.N;
-      for (const i of [0, 1]) {
-        mean.e1[i] += w * one.e1[i];
-        mean.e2[i] += w * one.e2[i];
-      }
-    });
-    return mean;
+    const mean = Array.from(nothing(), (_, i) => this.average(states.map((state) => state[i])));
+    return this.engine.error(mean);
   }
 
   slope(states, noise) {
     const noises = this.onDrives(noise);
-    return states.reduce((sum, state, k) => sum + this.drives[k].weight * this.engine.slope(state, noises[k]), 0);
+    return this.average(states.map((state, k) => this.engine.slope(state, noises[k])));
   }
 }
 
@@ -196,8 +175,7 @@ export class Fusion {
       for (const [k, ...to] of columns) to.forEach((a, i) => { mean[i] += a * old[k]; });
       shift.forEach((x, i) => { mean[i] += x; });
     }
-    return { ur: ur * small[U] - ui * small[U + 1], ui: ur * small[U + 1] + ui * small[U],
-      x: state.x + mx, y: state.y + my, S, mean };
+    return { ur: ur * small[U] - ui * small[U + 1], ui: ur * small[U + 1] + ui * small[U], x: state.x + mx, y: state.y + my, S, mean };
   }
 
   read(state, reading) {
@@ -228,14 +206,11 @@ export class Fusion {
     return { ...state, S, mean };
   }
 
-  square({ S, mean }) {
-    return S[0] + S[this.size + 1] + (mean ? mean[0] * mean[0] + mean[1] * mean[1] : 0);
-  }
+  square({ S, mean }) { return S[0] + S[this.size + 1] + (mean ? mean[0] * mean[0] + mean[1] * mean[1] : 0); }
 
   error({ S, mean }) {
     const n = this.size, mx = mean ? mean[0] : 0, my = mean ? mean[1] : 0;
-    return { N: S[0] + S[n + 1] + mx * mx + my * my, e1: [mx, my],
-      e2: [S[0] - S[n + 1] + mx * mx - my * my, 2 * (S[1] + mx * my)] };
+    return { N: S[0] + S[n + 1] + mx * mx + my * my, e1: [mx, my], e2: [S[0] - S[n + 1] + mx * mx - my * my, 2 * (S[1] + mx * my)] };
   }
 
   slope({ ur, ui, S, mean }, noise) {

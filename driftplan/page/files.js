@@ -1,6 +1,5 @@
 // The files that `driftplan place` reads and writes, in the page: beacons as GeoJSON, routes as CSV, noise as YAML; and
 // the state of the page in a link.
-
 import { NOISE_FIELDS } from "./elements.js";
 import { KIND_NAMES, usualKind } from "./session.js";
 
@@ -87,9 +86,7 @@ export function noiseFromYaml(text) {
   return noise;
 }
 
-export function routeAsCsv({ points }) {
-  return `x,y\n${points.map((xy) => xy.join(",")).join("\n")}\n`;
-}
+export function routeAsCsv({ points }) { return `x,y\n${points.map((xy) => xy.join(",")).join("\n")}\n`; }
 
 export function routeFromCsv(text) {
   const rows = text.split(/\r?\n/).map((line) => line.trim()).filter((line) => line && !line.startsWith("#"));
@@ -118,21 +115,13 @@ export function withLink(scene, hash) {
   try {
     const bytes = Uint8Array.from(atob(code.replace(/-/g, "+").replace(/_/g, "/")), (char) => char.charCodeAt(0));
     const state = JSON.parse(new TextDecoder().decode(bytes));
-    const beacons = beaconsFromGeojson(beaconsAsGeojson(state.beacons.map((one) => ({ ...one, dead: false }))));
-    const flags = state.beacons.map(({ dead, locked, existing }) => ({ dead: !!dead, locked: !!locked, existing: !!existing }));
-    const routes = state.routes.map(({ name, points, limit_m }) => ({ name: String(name),
-      points: routeFromCsv(routeAsCsv({ points })), limit_m: Number.isFinite(limit_m) ? limit_m : null }));
-    return { ...scene, noise: noiseFromYaml(noiseAsYaml(state.noise)), routes, zones: checkedZones(state.zones),
-      beacons: beacons.map((beacon, k) => ({ ...beacon, ...flags[k] })),
-      estimator: state.estimator === "filter" ? "filter" : "reset" };
+    beaconsFromGeojson(beaconsAsGeojson(state.beacons));  // these throw what makes no sense
+    for (const { noise } of [state, ...state.zones]) noiseFromYaml(noiseAsYaml(noise));
+    for (const route of state.routes) routeFromCsv(routeAsCsv(route));
+    const corners = state.zones.flatMap(({ polygons }) => polygons.flat(2));
+    const known = ["reset", "filter"].includes(state.estimator) && corners.flat().every(Number.isFinite);
+    return known ? { ...scene, ...Object.fromEntries(EDITED.map((key) => [key, state[key]])) } : scene;
   } catch {
     return scene;
   }
-}
-
-function checkedZones(zones) {
-  return zones.map(({ polygons, noise, factor }) => {
-    if (!polygons.flat(2).every((xy) => xy.length === 2 && xy.every(Number.isFinite))) throw new Error("no polygon");
-    return { polygons, noise: noiseFromYaml(noiseAsYaml(noise)), factor: Number.isFinite(factor) ? factor : 1 };
-  });
 }

@@ -1,5 +1,4 @@
 // Who answers what the page cannot compute: nobody in a file, the local server of `driftplan studio`, or a notebook.
-
 import { mount } from "./studio.js";
 
 /** A studio in a page of its own; it may ask the server that sent it, or nobody. */
@@ -46,7 +45,7 @@ export function render({ model, el: element }) {
     model.send({ id, what, question });
   });
   const root = document.createElement("div");
-  root.setAttribute("class", "in-notebook");
+  root.className = "in-notebook";
   element.append(root);
   const studio = mount(root, model.get("scene"), { saves: false, ask });
   studio.session.listen(() => {

@@ -1,7 +1,6 @@
 // The map: walls and floors on one canvas, routes and drift on another, and what can be grasped as SVG above them.
-
 import { CLASSES, classOf, symbolOf, themeOf } from "./colours.js";
-import { el, metres, svg } from "./dom.js";
+import { el, metres, sized, svg } from "./dom.js";
 
 const CURVE_PIXELS = 4;  // between points of a drawn curve
 const ELLIPSE_PIXELS = 90;  // between error ellipses
@@ -29,6 +28,7 @@ export class MapView {
     const [left, low, right, high] = this.studio.session.scene.bounds;
     this.centre = [(left + right) / 2, (low + high) / 2];
     this.scale = 0.9 * Math.min(this.width / Math.max(right - left, 1e-3), this.height / Math.max(high - low, 1e-3));
+    this.studio.render({ base: true });
   }
 
   resize() {
@@ -37,23 +37,14 @@ export class MapView {
     const first = !this.width;
     [this.width, this.height] = [width, height];
     this.unit = Math.max(1, Math.sqrt(width / 1500));  // lines, symbols and letters grow with a large screen
-    const ratio = window.devicePixelRatio || 1;
-    for (const canvas of [this.base, this.live]) {
-      canvas.width = Math.round(width * ratio);
-      canvas.height = Math.round(height * ratio);
-      canvas.getContext("2d").setTransform(ratio, 0, 0, ratio, 0, 0);
-    }
+    for (const canvas of [this.base, this.live]) sized(canvas, width, height);
     this.overlay.setAttribute("viewBox", `0 0 ${width} ${height}`);
     if (first) this.fit();
   }
 
-  toScreen([x, y]) {
-    return [(x - this.centre[0]) * this.scale + this.width / 2, (this.centre[1] - y) * this.scale + this.height / 2];
-  }
+  toScreen([x, y]) { return [(x - this.centre[0]) * this.scale + this.width / 2, (this.centre[1] - y) * this.scale + this.height / 2]; }
 
-  toWorld([px, py]) {
-    return [(px - this.width / 2) / this.scale + this.centre[0], (this.height / 2 - py) / this.scale + this.centre[1]];
-  }
+  toWorld([px, py]) { return [(px - this.width / 2) / this.scale + this.centre[0], (this.height / 2 - py) / this.scale + this.centre[1]]; }
 
   zoom(factor, at = [this.width / 2, this.height / 2]) {
     const before = this.toWorld(at);
@@ -69,18 +60,10 @@ export class MapView {
   }
 
   // Drawing
-
   drawBase(scene) {
     const pen = this.base.getContext("2d"), theme = this.theme = themeOf(this.node);
     pen.clearRect(0, 0, this.width, this.height);
-    const shape = (polygons) => {
-      const path = new Path2D();
-      for (const ring of polygons.flat()) {
-        ring.forEach((xy, k) => (k ? path.lineTo(...this.toScreen(xy)) : path.moveTo(...this.toScreen(xy))));
-        path.closePath();
-      }
-      return path;
-    };
+    const shape = (polygons) => new Path2D(polygons.flat().map((ring) => `M${ring.map((xy) => this.toScreen(xy)).join("L")}Z`).join(""));
     scene.zones.forEach(({ polygons }, k) => {
       const path = shape(polygons);
       pen.fillStyle = theme.zone;
@@ -94,8 +77,7 @@ export class MapView {
     pen.fillStyle = theme.wall;
     pen.fill(shape(scene.walls), "evenodd");
     const [left, low, right, high] = scene.bounds, [x, y] = this.toScreen([left, high]);
-    pen.strokeStyle = theme.faint;
-    pen.lineWidth = 1;
+    Object.assign(pen, { strokeStyle: theme.faint, lineWidth: 1 });
     pen.strokeRect(x, y, (right - left) * this.scale, (high - low) * this.scale);
     this.drawScaleBar(pen, theme);
   }
@@ -173,8 +155,7 @@ export class MapView {
 
   /** Where the estimate is with 86 % (two standard deviations in every direction), about the true place. */
   drawEllipses(pen, drift) {
-    pen.strokeStyle = this.theme.text;
-    pen.lineWidth = 1;
+    Object.assign(pen, { strokeStyle: this.theme.text, lineWidth: 1 });
     const count = Math.max(1, Math.min(60, Math.round(drift.length * this.scale / ELLIPSE_PIXELS)));
     for (let i = 1; i <= count; i++) {
       const s = drift.length * i / count, { N, e1, e2 } = drift.at(s), [x, y] = drift.place(s);
@@ -211,15 +192,13 @@ export class MapView {
 
   drawCursor(pen, drift) {
     const [x, y] = drift.place(this.studio.cursor), [px, py] = this.toScreen([x, y]);
-    pen.strokeStyle = this.theme.text;
-    pen.lineWidth = 2;
+    Object.assign(pen, { strokeStyle: this.theme.text, lineWidth: 2 });
     pen.beginPath();
     pen.arc(px, py, 8, 0, 2 * Math.PI);
     pen.stroke();
   }
 
   // What can be grasped
-
   updateOverlay({ scene }) {
     const { session } = this.studio, { selected } = session, view = `${this.scale} ${this.centre} ${this.width}`;
     while (this.beacons.length > scene.beacons.length) this.beacons.pop().node.remove();
@@ -306,7 +285,6 @@ export class MapView {
   }
 
   // Mouse, pen and touch
-
   at(event) {
     const box = this.overlay.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];

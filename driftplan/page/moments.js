@@ -6,9 +6,7 @@
 export const U = 0, P = 2, D1 = 4, D2 = 6, D = 8, E1 = 9, N = 11, E2 = 12, A = 14, B = 16;
 
 /** The piece in which nothing happens, at a pose. */
-export function nothing(ur = 1, ui = 0, pr = 0, pi = 0) {
-  return [ur, ui, pr, pi, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
-}
+export function nothing(ur = 1, ui = 0, pr = 0, pi = 0) { return [ur, ui, pr, pi, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]; }
 
 /** The piece that is X followed by Y, their errors independent. */
 export function compose(X, Y) {

@@ -1,6 +1,5 @@
 // The side of the page: the selected beacon, the routes and their verdicts, the odometry, floors, and files.
-
-import { el, metres, save } from "./dom.js";
+import { el, save } from "./dom.js";
 import { beaconsFromGeojson, noiseAsYaml, noiseFromYaml, routeAsCsv, routeFromCsv } from "./files.js";
 import { KIND_NAMES, usualKind, worse } from "./session.js";
 
@@ -28,39 +27,27 @@ export class Panel {
     this.node = el("aside", { class: "panel", "aria-label": "Details" }, this.sections);
   }
 
-  section(title, ...children) {
-    return el("details", { open: true }, el("summary", {}, title), ...children);
-  }
-
-  button(text, onclick, attributes = {}) {
-    return el("button", { type: "button", onclick, ...attributes }, text);
-  }
+  section(title, ...children) { return el("details", { open: true }, el("summary", {}, title), ...children); }
+  button(text, onclick, attributes = {}) { return el("button", { type: "button", onclick, ...attributes }, text); }
 
   beaconSection() {
     const { session } = this, selected = () => session.selected.beacon;
     this.id = el("input", { type: "text", onchange: () => session.changeBeacon(selected(), { id: this.id.value }) });
-    this.kind = el("select", { onchange: () => this.changeKind(this.kind.value) },
+    this.kind = el("select", { onchange: () => session.changeBeacon(selected(), { kind: usualKind(this.kind.value) }) },
       KIND_NAMES.map((name) => el("option", { value: name }, name)));
     this.fields = FIELDS.map(([label, where, unit]) => {
       const input = el("input", { type: "number", step: "any", onchange: () => this.changeField(where, unit, input) });
       return { input, where, unit, row: el("label", {}, label, input) };
     });
-    this.seen = el("input", { type: "checkbox", onchange: () => this.changeOfKind({ line_of_sight: this.seen.checked }) });
+    this.seen = el("input", { type: "checkbox",
+      onchange: () => session.changeBeacon(selected(), { kind: { ...session.beacon.kind, line_of_sight: this.seen.checked } }) });
     const act = (text, key, action) => this.button(text, () => session.beacon && action(selected()), { "aria-keyshortcuts": key });
     this.said = el("p", { class: "quiet" });
     this.form = el("div", { class: "fields" }, el("label", {}, "id", this.id), el("label", {}, "kind", this.kind),
       this.fields.map(({ row }) => row), el("label", {}, "walls block it", this.seen));
     return this.section("Beacon", this.said, this.form, el("div", { class: "row" },
       act("Lock", "l", (k) => this.studio.toggle(k, "locked")), act("Kill", "k", (k) => this.studio.toggle(k, "dead")),
-      act("Duplicate", "d", (k) => this.studio.duplicate(k)), act("Delete", "Delete", (k) => session.removeBeacon(k))));
-  }
-
-  changeOfKind(change) {
-    this.session.changeBeacon(this.session.selected.beacon, { kind: { ...this.session.beacon.kind, ...change } });
-  }
-
-  changeKind(name) {
-    this.session.changeBeacon(this.session.selected.beacon, { kind: usualKind(name) });
+      act("Duplicate", "d", (k) => this.studio.duplicate(k)), act("Delete", "Delete", (k) => session.remove("beacons", k))));
   }
 
   changeField(where, unit, input) {
@@ -68,6 +55,7 @@ export class Panel {
     const empty = input.value === "" && where === "facing_deg";
     if (!empty && (input.value === "" || !(value >= low && value <= high))) {
       this.studio.say(`expected a number from ${low} to ${high}, got “${input.value}”`);
+      this.beaconShown = null;
       return this.update(this.studio.shown);
     }
     const needsFacing = where === "kind.view_angle_deg" && value < 360 && session.beacon.facing_deg === null;
@@ -81,13 +69,14 @@ export class Panel {
     const { session } = this;
     this.rows = el("tbody");
     this.compared = el("input", { type: "checkbox", onchange: () => this.studio.render({}) });
-    const heads = ["route", "length", "greatest", "other robot", "limit, m", ""].map((head) => el("th", { scope: "col" }, head));
+    const heads = ["route", "length, m", "drift, m", "other robot", "limit, m", ""].map((head) => el("th", { scope: "col" }, head));
     this.limit = el("input", { type: "number", step: "any", min: "0", "aria-label": "limit for all routes, metres",
       onchange: () => this.setLimit(session.scene.routes.map((_, k) => k), this.limit.value) });
     this.table = el("table", {}, el("thead", {}, el("tr", {}, heads)), this.rows);
-    return this.section("Routes", this.table, el("div", { class: "row" }, el("label", {}, "limit of all, m", this.limit), el("label", {}, this.compared, "compare both estimators"),
-        this.button("Insert waypoint", () => session.route && session.insertWaypoint(session.selected.waypoint ?? 0)),
-        this.button("Remove waypoint", () => session.selected.waypoint !== null && session.removeWaypoint(session.selected.waypoint))));
+    return this.section("Routes", this.table, el("div", { class: "row" }, el("label", {}, "limit of all, m", this.limit),
+      el("label", {}, this.compared, "compare both estimators"),
+      this.button("Insert waypoint", () => session.route && session.insertWaypoint(session.selected.waypoint ?? 0)),
+      this.button("Remove waypoint", () => session.selected.waypoint !== null && session.removeWaypoint(session.selected.waypoint))));
   }
 
   setLimit(routes, text) {
@@ -201,9 +190,9 @@ export class Panel {
       line.state = state;
       line.name.textContent = route.name;
       const broken = drifts[k] instanceof Error, { limit_m: limit } = route, over = limit !== null && worst[k] > limit * (1 + 1e-6);
-      cells[1].textContent = broken ? "–" : metres(drifts[k].length, 1);
-      cells[2].textContent = broken ? drifts[k].message : metres(worst[k]);
-      cells[3].textContent = others[k] instanceof Error ? others[k].message : others[k] ? metres(otherWorst[k]) : "";
+      cells[1].textContent = broken ? "–" : drifts[k].length.toFixed(1);
+      cells[2].textContent = broken ? drifts[k].message : worst[k].toFixed(3);
+      cells[3].textContent = others[k] instanceof Error ? others[k].message : others[k] ? otherWorst[k].toFixed(3) : "";
       if (document.activeElement !== line.limit) line.limit.value = limit ?? "";
       line.limit.setAttribute("aria-label", `limit of ${route.name}, metres`);
       cells[5].textContent = broken || limit === null ? "" : over ? "✗ exceeds" : "✓ keeps";
@@ -217,10 +206,10 @@ export class Panel {
     this.zones.replaceChildren(...zones.map((zone, k) => {
       const factor = el("input", { type: "number", min: "0", step: "any", value: zone.factor ?? "", onchange: () => {
         const value = Number(factor.value);
-        if (value > 0) session.changeZone(k, { factor: value, noise: worse(session.scene.noise, value) });
+        if (value > 0) session.change("zones", k, { factor: value, noise: worse(session.scene.noise, value) });
       } });
       return el("div", { class: "row" }, el("label", {}, `floor ${k + 1}, times the noise elsewhere`, factor),
-        this.button("Delete", () => session.edit({ zones: session.scene.zones.filter((_, i) => i !== k) })));
+        this.button("Delete", () => session.remove("zones", k)));
     }));
   }
 }

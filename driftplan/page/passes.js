@@ -1,11 +1,8 @@
 // Where paths come into the range and sight of beacons, and where they cross floors: driftplan/beacons/passes.py,
 // readings.py and driftplan/world/zones.py, with plain geometry instead of shapely.
 
-const TOUCH = 1e-9;  // m: a path this far outside a range counts as touching it
-const ANGLE = 1e-12;  // rad
-const FLAT = 1e-9;  // m
-const DECIMALS = 1e6;  // distances are rounded to a micrometre
-const POINT_M = 1e-6;  // a pass shorter than this is one reading
+const TOUCH = 1e-9, FLAT = 1e-9, ANGLE = 1e-12;  // m, m, rad: as near as this is the same
+const DECIMALS = 1e6, POINT_M = 1e-6;  // distances are rounded to a micrometre; a pass shorter than this is one reading
 const PAST_CORNER = 1e-9;  // of a side's length
 
 const cross = (ax, ay, bx, by) => ax * by - ay * bx;
@@ -39,15 +36,13 @@ export function legsOf(points) {
 export class Walls {
   constructor(polygons) {
     this.polygons = polygons;
-    this.edges = polygons.flatMap((rings) => rings.flatMap((ring) =>
-      ring.slice(1).map(([x, y], k) => [ring[k][0], ring[k][1], x, y])));
+    this.edges = polygons.flatMap((rings) => rings.flatMap((ring) => ring.slice(1).map(([x, y], k) => [ring[k][0], ring[k][1], x, y])));
     const span = this.edges.reduce((sum, [ax, ay, bx, by]) => sum + Math.abs(bx - ax) + Math.abs(by - ay), 0);
     this.cell = Math.max(span / Math.max(this.edges.length, 1), 0.5);
     this.cells = new Map();
     this.edges.forEach(([ax, ay, bx, by], k) => {
       for (const key of this.keys(Math.min(ax, bx), Math.min(ay, by), Math.max(ax, bx), Math.max(ay, by))) {
-        if (!this.cells.has(key)) this.cells.set(key, []);
-        this.cells.get(key).push(k);
+        this.cells.set(key, [...(this.cells.get(key) ?? []), k]);
       }
     });
   }
@@ -66,9 +61,7 @@ export class Walls {
     return [...found].map((k) => this.edges[k]);
   }
 
-  inside(x, y) {
-    return this.polygons.some((rings) => insideRings(rings, x, y));
-  }
+  inside(x, y) { return this.polygons.some((rings) => insideRings(rings, x, y)); }
 
   /** The stretches of the chord from a to b (length metres) from which `eye` is seen, [from, to] in metres. */
   seen(eye, a, b, length) {
@@ -90,10 +83,7 @@ export class Walls {
       const dx = bx - ax, dy = by - ay, square = dx * dx + dy * dy;
       const t = square > 0 ? Math.min(Math.max(((x - ax) * dx + (y - ay) * dy) / square, 0), 1) : 0;
       const px = ax + t * dx, py = ay + t * dy, off = Math.hypot(px - x, py - y);
-      if (off < least) {
-        least = off;
-        best = [px, py];
-      }
+      if (off < least) [least, best] = [off, [px, py]];
     }
     return best;
   }
@@ -197,8 +187,7 @@ function inCone(chord, leg, bx, by, axis, half) {
     return rate >= -ANGLE ? [Math.max(border, chord[0]), chord[1]] : [chord[0], Math.min(border, chord[1])];
   });
   const [[s1, e1], [s2, e2]] = sides, wide = half > Math.PI / 2, apart = wide && Math.max(s1, s2) > Math.min(e1, e2);
-  const parts = apart ? sides
-    : [wide ? [Math.min(s1, s2), Math.max(e1, e2)] : [Math.max(s1, s2), Math.min(e1, e2)]];
+  const parts = apart ? sides : [wide ? [Math.min(s1, s2), Math.max(e1, e2)] : [Math.max(s1, s2), Math.min(e1, e2)]];
   return parts.filter(([s, e]) => s <= e + TOUCH).map(([s, e]) => (s > e ? [(s + e) / 2, (s + e) / 2] : [s, e]));
 }
 
@@ -246,8 +235,7 @@ export function readingsOf(path, beacon, passes) {
     const count = length < POINT_M ? 1 : parts + 1, probability = kind.detection_probability ?? 1;
     const chance = 1 - (1 - probability) ** (1 / count);
     for (let step = 0; step < count; step++) {
-      const s = enter + length * step / Math.max(count - 1, 1);
-      const [px, py] = placeAt(path, s);
+      const s = enter + length * step / Math.max(count - 1, 1), [px, py] = placeAt(path, s);
       const looser = (kind.std_per_m ?? 0) * Math.hypot(px - beacon.x, py - beacon.y);
       const variance = (std, more = 0) => (std === null || std === undefined ? null : (std + more) ** 2);
       const square = variance(kind.position_std_m, looser);
@@ -272,12 +260,7 @@ export function cutAtZones(points, zones) {
   if (!zones.length) return { points, zone: points.slice(1).map(() => -1) };
   const sides = zones.flatMap(({ polygons }) => polygons.flatMap((rings) => rings.flatMap((ring) =>
     ring.slice(1).map((end, k) => [ring[k], end]))));
-  const at = (x, y) => {
-    for (let k = zones.length - 1; k >= 0; k--) {
-      if (zones[k].polygons.some((rings) => insideRings(rings, x, y))) return k;
-    }
-    return -1;
-  };
+  const at = (x, y) => zones.findLastIndex(({ polygons }) => polygons.some((rings) => insideRings(rings, x, y)));
   const out = [points[0]], zone = [];
   for (let k = 0; k + 1 < points.length; k++) {
     const [ax, ay] = points[k], dx = points[k + 1][0] - ax, dy = points[k + 1][1] - ay, cuts = [0, 1];
@@ -287,7 +270,7 @@ export function cutAtZones(points, zones) {
       if (t > 0 && t < 1 && Math.abs(u - 0.5) <= 0.5 + PAST_CORNER) cuts.push(t);
     }
     cuts.sort((x, y) => x - y);
-    let pieces = [];
+    const pieces = [];
     for (let i = 0; i + 1 < cuts.length; i++) {
       if (!(cuts[i + 1] - cuts[i] > 1e-12 || (dx === 0 && dy === 0))) continue;
       const middle = (cuts[i] + cuts[i + 1]) / 2, here = at(ax + middle * dx, ay + middle * dy);

@@ -17,21 +17,12 @@ export function usualKind(name) {
 
 export class Session {
   constructor(scene) {
-    this.scene = scene;
-    this.past = [];
-    this.future = [];
-    this.merging = null;
+    Object.assign(this, { scene, past: [], future: [], listeners: [], merging: null });
     this.selected = { beacon: null, route: 0, waypoint: null, zone: null };
-    this.listeners = [];
   }
 
-  listen(listener) {
-    this.listeners.push(listener);
-  }
-
-  changed() {
-    for (const listener of this.listeners) listener();
-  }
+  listen(listener) { this.listeners.push(listener); }
+  changed() { for (const listener of this.listeners) listener(); }
 
   /** Replace parts of the scene. Edits with the same `merge`, one after the other, are one step of the history. */
   edit(change, merge = null) {
@@ -43,17 +34,9 @@ export class Session {
   }
 
   /** What comes next is a step of its own. */
-  settle() {
-    this.merging = null;
-  }
-
-  undo() {
-    this.travel(this.past, this.future);
-  }
-
-  redo() {
-    this.travel(this.future, this.past);
-  }
+  settle() { this.merging = null; }
+  undo() { this.travel(this.past, this.future); }
+  redo() { this.travel(this.future, this.past); }
 
   travel(from, to) {
     if (!from.length) return;
@@ -73,17 +56,20 @@ export class Session {
     this.changed();
   }
 
-  get beacon() {
-    return this.scene.beacons[this.selected.beacon] ?? null;
+  get beacon() { return this.scene.beacons[this.selected.beacon] ?? null; }
+  get route() { return this.scene.routes[this.selected.route] ?? null; }
+
+  /** Change one of the "beacons", "routes" or "zones". */
+  change(list, index, change, merge = null) {
+    this.edit({ [list]: this.scene[list].map((one, k) => (k === index ? { ...one, ...change } : one)) }, merge);
   }
 
-  get route() {
-    return this.scene.routes[this.selected.route] ?? null;
+  remove(list, index) {
+    Object.assign(this.selected, { beacon: null, zone: null });
+    this.edit({ [list]: this.scene[list].filter((_, k) => k !== index) });
   }
 
-  changeBeacon(index, change, merge = null) {
-    this.edit({ beacons: this.scene.beacons.map((one, k) => (k === index ? { ...one, ...change } : one)) }, merge);
-  }
+  changeBeacon(index, change, merge = null) { this.change("beacons", index, change, merge); }
 
   addBeacon(beacon) {
     const taken = new Set(this.scene.beacons.map(({ id }) => id));
@@ -93,32 +79,23 @@ export class Session {
     this.edit({ beacons: [...this.scene.beacons, { facing_deg: null, existing: false, ...beacon, id }] });
   }
 
-  removeBeacon(index) {
-    this.selected.beacon = null;
-    this.edit({ beacons: this.scene.beacons.filter((_, k) => k !== index) });
-  }
-
-  changeRoute(index, change, merge = null) {
-    this.edit({ routes: this.scene.routes.map((one, k) => (k === index ? { ...one, ...change } : one)) }, merge);
-  }
-
   moveWaypoint(index, point, merge = null) {
     const points = this.route.points.map((old, k) => (k === index ? point : old));
-    this.changeRoute(this.selected.route, { points }, merge);
+    this.change("routes", this.selected.route, { points }, merge);
   }
 
   insertWaypoint(after) {
     const { points } = this.route, k = Math.min(after, points.length - 2);
     const middle = [0, 1].map((axis) => (points[k][axis] + points[k + 1][axis]) / 2);
     this.selected.waypoint = k + 1;
-    this.changeRoute(this.selected.route, { points: [...points.slice(0, k + 1), middle, ...points.slice(k + 1)] });
+    this.change("routes", this.selected.route, { points: [...points.slice(0, k + 1), middle, ...points.slice(k + 1)] });
   }
 
   removeWaypoint(index) {
     const { points } = this.route;
     if (points.length <= 2) return;
     this.selected.waypoint = null;
-    this.changeRoute(this.selected.route, { points: points.filter((_, k) => k !== index) });
+    this.change("routes", this.selected.route, { points: points.filter((_, k) => k !== index) });
   }
 
   addRoute(route) {
@@ -133,15 +110,9 @@ export class Session {
     this.selected.zone = this.scene.zones.length;
     this.edit({ zones: [...this.scene.zones, { polygons: [[ring]], noise: worse(this.scene.noise, factor), factor }] });
   }
-
-  changeZone(index, change, merge = null) {
-    this.edit({ zones: this.scene.zones.map((one, k) => (k === index ? { ...one, ...change } : one)) }, merge);
-  }
 }
 
 /** A noise with standard deviations `factor` times as large. */
 export function worse(noise, factor) {
-  const changed = { ...noise };
-  for (const name of Object.keys(noise)) if (name.includes("_var_")) changed[name] = noise[name] * factor * factor;
-  return changed;
+  return Object.fromEntries(Object.entries(noise).map(([name, value]) => [name, name.includes("_var_") ? value * factor ** 2 : value]));
 }

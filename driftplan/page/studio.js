@@ -1,5 +1,4 @@
 // The studio: a scene on a page, to be looked at and changed. `mount` is all that others call.
-
 import { Calculator } from "./calculator.js";
 import { Chart } from "./chart.js";
 import { el, metres } from "./dom.js";
@@ -29,24 +28,18 @@ function roundedUp(x) {
 
 class Studio {
   constructor(root, scene, host) {
-    this.root = root;
-    this.host = host;
-    this.session = new Session(scene);
-    this.calculator = new Calculator(scene);
-    this.worsts = new WeakMap();
-    this.highlights = [];
-    this.cursor = null;
-    this.snap = true;
+    Object.assign(this, { root, host, worsts: new WeakMap(), highlights: [], cursor: null, snap: true });
+    Object.assign(this, { session: new Session(scene), calculator: new Calculator(scene) });
     this.kind = scene.beacons[0]?.kind ?? usualKind(KIND_NAMES[0]);
-    this.tools = new Tools(this);
-    this.keys = new Keys(this);
-    this.map = new MapView(this);
-    this.chart = new Chart(this);
-    this.panel = new Panel(this);
-    this.status = el("p", { class: "status", role: "status", "aria-live": "polite" });
+    [this.tools, this.keys] = [new Tools(this), new Keys(this)];
+    [this.map, this.chart, this.panel] = [new MapView(this), new Chart(this), new Panel(this)];
+    this.status = el("span", { role: "status", "aria-live": "polite" });
+    this.meter = el("progress", { max: 1, hidden: true, "aria-label": "lower bound as a share of the best layout" });
     root.classList.add("driftplan-studio");
-    root.replaceChildren(this.toolbar(), this.map.node, this.panel.node, this.chart.node, this.status);
+    root.replaceChildren(this.toolbar(), this.map.node, this.panel.node, this.chart.node,
+      el("p", { class: "status" }, this.meter, this.status));
     root.addEventListener("keydown", (event) => this.keys.everywhere(event));
+    this.session.listen(() => this.session.scene !== this.shown?.scene && this.highlights.splice(0));
     this.session.listen(() => this.render({ base: this.session.scene.zones !== this.shown?.scene.zones }));
     new ResizeObserver(() => { this.map.resize(); this.chart.resize(); this.render({ base: true }); }).observe(this.map.node);
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.render({ base: true }));
@@ -68,27 +61,23 @@ class Studio {
     return el("header", { class: "toolbar", role: "toolbar", "aria-label": "Tools" }, this.title, tools.buttons,
       el("label", {}, "new: ", kind), el("label", {}, snap, "snap to walls"), el("label", {}, "robot: ", this.estimator),
       button("Undo", () => session.undo(), { "aria-keyshortcuts": "Control+Z" }), button("Redo", () => session.redo(), { "aria-keyshortcuts": "Control+Y" }),
-      button("Whole map (0)", () => { this.map.fit(); this.render({ base: true }); }), asking);
+      button("+", () => this.map.zoom(1.25), { "aria-label": "zoom in" }), button("−", () => this.map.zoom(0.8), { "aria-label": "zoom out" }),
+      button("Whole map (0)", () => this.map.fit()), asking);
   }
 
-  say(text) {
-    this.status.textContent = text;
-  }
+  say(text) { this.status.textContent = text; }
 
   // Computing and drawing, once per frame
-
   render({ base = false }) {
     this.baseDue ||= base;
     if (this.due) return;
     this.due = true;
-    requestAnimationFrame(() => {
-      this.due = false;
-      this.frame();
-    });
+    requestAnimationFrame(() => this.frame());
   }
 
   /** Compute what changed and draw it: what a drag waits for. */
   frame() {
+    this.due = false;
     if (!this.map.width) return;
     const { session, calculator } = this, { scene } = session, other = scene.estimator === "reset" ? "filter" : "reset";
     const drifts = scene.routes.map((route) => calculator.drift(scene, route));
@@ -131,12 +120,10 @@ class Studio {
   }
 
   // Edits that buttons and keys share
-
   /** Turn "locked" or "dead" of a beacon on or off, and show what a death breaks. */
   toggle(k, flag) {
     const { session } = this, before = this.shown;
     session.changeBeacon(k, { [flag]: !session.scene.beacons[k][flag] });
-    this.highlights = [];
     this.announce();
     if (flag !== "dead" || !session.scene.beacons[k].dead) return this.render({});
     const broken = this.shown.drifts.map((drift, r) => ({ drift, r })).filter(({ r }) => {
@@ -165,13 +152,12 @@ class Studio {
   /** What a beacon does, in a sentence. */
   serves(beacon) {
     const routes = this.session.scene.routes.filter((route) => this.calculator.readingsOn(route, beacon).length);
-    return routes.length ? `Read on ${routes.length > 4 ? `${routes.length} routes` : routes.map(({ name }) => name).join(", ")}.` : "On no route within range.";
+    const names = routes.length > 4 ? `${routes.length} routes` : routes.map(({ name }) => name).join(", ");
+    return names ? `Read on ${names}.` : "Within range of no route.";
   }
 
   /** The beacons as the file that `driftplan place --existing` reads. */
-  get exported() {
-    return beaconsAsGeojson(this.session.scene.beacons);
-  }
+  get exported() { return beaconsAsGeojson(this.session.scene.beacons); }
 
   link() {
     window.location.hash = asLink(this.session.scene);
@@ -180,23 +166,21 @@ class Studio {
   }
 
   // What Python is asked
-
   async ask(what, question, then, onProgress = () => {}) {
     if (!this.host) return this.say("This page is a file: it cannot ask Python. Run “driftplan studio” for plans and the fewest beacons.");
     this.stopper?.abort();
     const stopper = this.stopper = new AbortController();
-    this.root.setAttribute("aria-busy", "true");
+    [this.meter.hidden, this.meter.value] = [false, 0];
     try {
       then(await this.host.ask(what, { scene: this.session.scene, ...question }, onProgress, stopper.signal));
     } catch (error) {
       this.say(stopper.signal.aborted ? "Stopped." : error.message);
     }
-    this.root.removeAttribute("aria-busy");
+    this.meter.hidden = stopper === this.stopper;
     return null;
   }
 
   fewest() {
-    this.highlights = [];
     this.say("Looking for the fewest beacons …");
     const began = performance.now(), seconds = () => ((performance.now() - began) / 1000).toFixed(0);
     return this.ask("fewest", { kind: this.session.beacon?.kind ?? this.kind }, (answer) => {
@@ -206,7 +190,10 @@ class Studio {
         this.session.edit({ beacons: answer.beacons });
         this.say(`${answer.proven ? "★ Proven fewest" : "Best found, not proven"}: ${answer.message}`);
       }
-    }, ({ cost, bound }) => this.say(`${seconds()} s: best layout ${cost ?? "none yet"}, at least ${bound} needed.`));
+    }, ({ cost, bound }) => {
+      this.meter.value = cost ? bound / cost : 0;  // full when the bound has met the best layout
+      this.say(`${seconds()} s: best layout ${cost ?? "none yet"}, at least ${bound} needed.`);
+    });
   }
 
   showInfeasible({ infeasible, route, from_m: from, to_m: to }) {
@@ -229,9 +216,7 @@ class Studio {
 /** Tools that act at a place, or from one place to another. */
 class Tools {
   constructor(studio) {
-    this.studio = studio;
-    this.tool = "select";
-    this.drag = null;
+    Object.assign(this, { studio, tool: "select", drag: null });
   }
 
   choose(name) {
@@ -272,9 +257,7 @@ class Tools {
 
 /** What keys do. */
 class Keys {
-  constructor(studio) {
-    this.studio = studio;
-  }
+  constructor(studio) { this.studio = studio; }
 
   everywhere(event) {
     const { studio } = this, typing = event.target.closest("input, select, textarea"), key = event.key.toLowerCase();
@@ -287,18 +270,16 @@ class Keys {
       if (tool) studio.tools.choose(tool[0]);
       else if (key === "+" || key === "=") studio.map.zoom(1.25);
       else if (key === "-") studio.map.zoom(0.8);
-      else if (key === "0") { studio.map.fit(); studio.render({ base: true }); }
+      else if (key === "0") studio.map.fit();
     }
   }
 
   /** Arrow keys as metres: 0.1, with Shift 1. */
-  step(event) {
-    return MOVES[event.key]?.map((c) => c * (event.shiftKey ? 1 : 0.1));
-  }
+  step(event) { return MOVES[event.key]?.map((c) => c * (event.shiftKey ? 1 : 0.1)); }
 
   beacon(event, k) {
     const { studio } = this, { session } = studio, beacon = session.scene.beacons[k], move = this.step(event);
-    const acts = { delete: () => session.removeBeacon(k), backspace: () => session.removeBeacon(k), d: () => studio.duplicate(k),
+    const acts = { delete: () => session.remove("beacons", k), backspace: () => session.remove("beacons", k), d: () => studio.duplicate(k),
       l: () => studio.toggle(k, "locked"), k: () => studio.toggle(k, "dead"),
       r: () => session.changeBeacon(k, { facing_deg: (beacon.facing_deg ?? 0) + (event.shiftKey ? -15 : 15) }) };
     const act = acts[event.key.toLowerCase()];

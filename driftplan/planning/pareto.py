@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, keywords_checked
+from driftplan.arrays import Floats, arguments_checked
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import InfeasibleError
 from driftplan.model.noise import OdometryNoise
@@ -19,7 +19,7 @@ from driftplan.planning.routes import Route, plan_route
 from driftplan.world.world import World
 
 
-@keywords_checked()
+@arguments_checked()
 def pareto_routes(
     world: World,
     start: ArrayLike,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, keywords_checked
+from driftplan.arrays import Floats, arguments_checked
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import DetectionChance
 from driftplan.errors import InfeasibleError
@@ -120,7 +120,7 @@ class Route:
         )
 
 
-@keywords_checked()
+@arguments_checked()
 def plan_route(
     world: World,
     start: ArrayLike,

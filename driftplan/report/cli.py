@@ -6,8 +6,10 @@ Results go to stdout, talk and progress to stderr. Exit codes: 0 done, 2 bad inp
 
 from __future__ import annotations
 
+import io
 import os
 import re
+import signal
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -35,7 +37,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with these arguments (default: those of the process) and return its exit code."""
     words = _negative_numbers_joined(sys.argv[1:] if argv is None else argv)
     name = next((word for word in words if word in COMMANDS), "")
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
+        _check_streams()
         args = build_parser().parse_args(words)
         command = COMMANDS[args.command]
         command.check(args, {word.partition("=")[0][2:].replace("-", "_") for word in words if word.startswith("--")})
@@ -43,8 +48,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             answer = command.run(args)
         deliver(args, answer)
         sys.stdout.flush()
-    except BrokenPipeError:  # such as `driftplan maps | head -1`; what is left in the buffer must not fail at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # such as `driftplan maps | head -1`
+        _drop_stdout()
         return CLOSED_PIPE
     except UsageError as err:
         return _failed(words, name, err, str(err), BAD_INPUT)
@@ -53,10 +58,34 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (NoPathError, InfeasibleError) as err:
         return _failed(words, name, err, in_options(str(err), COMMANDS[name]), NO_ROUTE)
     except (MapError, TrajectoryError, OSError) as err:  # about a file, in its own words
+        _drop_stdout()
         return _failed(words, name, err, str(err), BAD_INPUT)
     except (DriftplanError, ValueError) as err:
         return _failed(words, name, err, in_options(str(err), COMMANDS[name]), BAD_INPUT)
     return DONE
+
+
+def _check_streams() -> None:
+    """What was closed (``2>&-``) leads nowhere, so that no file gets its number; without stdout there is no answer."""
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) < 3:
+        pass
+    os.close(descriptor)
+    if sys.stderr is None:
+        sys.stderr = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w")
+    if sys.stdout is None:
+        sys.stdout = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w")
+        raise UsageError("driftplan: standard output is closed: expected somewhere to print to, such as > /dev/null")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # ± is \\xb1 where the terminal knows ASCII only
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _drop_stdout() -> None:
+    """What is left in the buffer must not fail again at exit."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def in_options(message: str, command: Command) -> str:

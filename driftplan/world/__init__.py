@@ -5,10 +5,11 @@ prepared_area                   an area that several threads may ask at once
 zones, zone_grid, zone_files    floors with odometry of their own, quick to find among many
 mapfiles                        load_world, save_world, and the formats: ros_map, movingai_map, geojson_map
 cells, cell_pictures            from cells to polygons and back; a YAML file and the picture it names
-plain_yaml                      YAML from anybody
+plain_data                      YAML and JSON from anybody
 trajectories                    paths and trajectories in files
-odometry_logs, log_tables       recordings: TUM, KITTI, MR.CLAM, ROS, CSV, MATLAB
+odometry_logs, log_tables       recordings: TUM, KITTI, MR.CLAM, CSV, MATLAB
+log_formats                     and ROS bags, CARMEN, g2o
 log_order, log_plausibility     rows in the order of their times; do headings follow the way driven
-noise_files                     a noise as YAML
+noise_files, ros_covariances    a noise as YAML; what it means for messages of ROS
 shapes                          polygons as public functions accept them
 """

@@ -9,8 +9,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
-from pathlib import Path
+from io import BytesIO
+from pathlib import Path, PureWindowsPath
 from reprlib import repr as short
 from typing import Any
 
@@ -18,53 +18,72 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from driftplan.errors import MapError
+from driftplan.arrays import number
+from driftplan.errors import MapError, naming
+from driftplan.files import read_bytes
 from driftplan.world.cells import MAX_CELLS
-from driftplan.world.plain_yaml import read_plain_yaml
+from driftplan.world.plain_data import read_yaml
 
 _MAX_YAML_BYTES = 8192
+_MIN_RESOLUTION_M = 1e-6
 _PLACED = ("image", "resolution", "origin")
 
 
 @dataclass(frozen=True)
 class CellPicture:
-    """Where the picture is, metres per pixel, and the pose (x, y, yaw) of its lower left corner."""
+    """A YAML file and its picture.
+
+    Attributes
+    ----------
+    image : where the picture is
+    resolution : metres per pixel
+    origin : the pose (x, y, yaw) of its lower left corner
+    values : of all keys of the YAML file
+    notes : what a person might not expect
+    """
 
     image: Path
     resolution: float
     origin: tuple[float, float, float]
+    values: dict[Any, Any]
+    notes: tuple[str, ...] = ()
 
 
-def read_header(
-    path: Path, required: Sequence[str], optional: Sequence[str] = ()
-) -> tuple[CellPicture, dict[Any, Any]]:
-    """The picture that a YAML file names, and the values of all its keys."""
-    said = read_plain_yaml(path, MapError, max_bytes=_MAX_YAML_BYTES)
+def read_header(path: Path, required: Sequence[str], *, lenient: bool) -> CellPicture:
+    """What a YAML file says about its picture.
+
+    ``lenient``, as map_server is: keys that are not ``required`` are passed over, and a picture that is not where it
+    was is looked for beside the file.
+    """
+    values = read_yaml(path, MapError, max_bytes=_MAX_YAML_BYTES)
     required = (*_PLACED, *required)
-    if not isinstance(said, dict):
-        raise MapError(f"{path}: expected the keys {', '.join(required)}, got {short(said)}")
+    if not isinstance(values, dict):
+        raise MapError(f"{path}: expected the keys {', '.join(required)}, got {short(values)}")
     for key in required:
-        if key not in said:
+        if key not in values:
             raise MapError(f"{path}: the key {key!r} is missing")
-    for key in said:
-        if key not in (*required, *optional):
-            raise MapError(f"{path}: unknown key {short(key)}; known are {', '.join((*required, *optional))}")
-    resolution = number(path, "resolution", said["resolution"])
-    if resolution <= 0:
-        raise MapError(f"{path}: expected resolution > 0 m per cell, got {resolution!r}")
-    origin = said["origin"]
+    for key in values:
+        if not lenient and key not in required:
+            raise MapError(f"{path}: unknown key {short(key)}; known are {', '.join(required)}")
+    origin = values["origin"]
     if not (isinstance(origin, list) and len(origin) == 3):
         raise MapError(f"{path}: expected origin to be [x, y, yaw], got {short(origin)}")
-    x, y, yaw = (number(path, "origin", value) for value in origin)
-    return CellPicture(_picture_beside(path, said["image"]), resolution, (x, y, yaw)), said
+    with naming(path, MapError):
+        resolution = number("resolution", values["resolution"])
+        if resolution < _MIN_RESOLUTION_M:
+            raise ValueError(f"expected resolution > 0 m per cell, {_MIN_RESOLUTION_M:g} at least, got {resolution!r}")
+        x, y, yaw = (number("origin", value) for value in origin)
+        image, notes = _picture_beside(path, values["image"], lenient)
+    return CellPicture(image, resolution, (x, y, yaw), values, notes)
 
 
 def read_pixels(image: Path, named_by: Path, *, colour: bool) -> NDArray[Any]:
     """Pixels of a picture, row 0 at the top: (rows, columns) of grey, with ``colour`` also (rows, columns, 3 or 4)."""
+    content = read_bytes(image, MapError)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # our own limit is lower
-            picture: Image.Image = Image.open(image, formats=("PPM", "PNG", "BMP"))
+            picture: Image.Image = Image.open(BytesIO(content), formats=("PPM", "PNG", "BMP"))
         with picture:
             width, height = picture.size
             if not 0 < width * height <= MAX_CELLS:
@@ -72,8 +91,10 @@ def read_pixels(image: Path, named_by: Path, *, colour: bool) -> NDArray[Any]:
             if not colour and picture.mode not in ("1", "L", "I", "I;16"):
                 raise MapError(f"{image}: expected a picture of greys, got one of mode {picture.mode}")
             picture.load()
-            if picture.mode in ("P", "PA", "LA") or (colour and "transparency" in picture.info):
+            if picture.mode in ("PA", "LA") or (colour and "transparency" in picture.info):
                 picture = picture.convert("RGBA")
+            elif picture.mode == "P":
+                picture = picture.convert("RGB")
             elif picture.mode == "1":
                 picture = picture.convert("L")
             return np.asarray(picture)
@@ -87,31 +108,22 @@ def read_pixels(image: Path, named_by: Path, *, colour: bool) -> NDArray[Any]:
         ) from err
 
 
-def number(path: Path, key: str, value: Any) -> float:
-    """A finite number of moderate size."""
-    try:
-        # YAML 1.1 takes 5e-2 for a word; map_server takes it for a number.
-        number = float(value) if isinstance(value, (int, float, str)) and not isinstance(value, bool) else float("nan")
-    except (ValueError, OverflowError):
-        number = float("nan")
-    if not (isfinite(number) and abs(number) < 1e9):
-        raise MapError(f"{path}: expected {key} to be a finite number, got {short(value)}")
-    return number
-
-
-def _picture_beside(path: Path, name: Any) -> Path:
-    """The picture that a map names, if it is a file in the map's folder or below."""
+def _picture_beside(path: Path, name: Any, lenient: bool) -> tuple[Path, tuple[str, ...]]:
+    """The picture that a map names, if it is a file in the map's folder or below; and what is to be said about it."""
     if not isinstance(name, str) or not name:
-        raise MapError(f"{path}: expected image to be a file name, got {short(name)}")
+        raise ValueError(f"expected image to be a file name, got {short(name)}")
     try:
         picture = (path.parent / name).resolve()
         # Two folders, because installed maps are often links into a source folder.
         inside = any(picture.is_relative_to(folder) for folder in (path.parent.resolve(), path.resolve().parent))
-        exists = picture.is_file()
+        if inside and picture.is_file():
+            return picture, ()
+        elsewhere = PureWindowsPath(name)  # which knows either kind of slash
+        beside = path.parent / elsewhere.name
+        stale = lenient and not inside and elsewhere.root and beside.is_file()
+        if stale and beside.resolve().parent == path.parent.resolve():
+            return beside, (f"{path}: image {short(name)} is not here; {beside.name} beside the map is taken",)
     except (ValueError, OSError) as err:
-        raise MapError(f"{path}: expected image to be a file name, got {short(name)}") from err
-    if not inside:
-        raise MapError(f"{path}: image {short(name)} lies outside the map's folder; put it beside the map")
-    if not exists:
-        raise MapError(f"{path}: image {short(name)} is not a file")
-    return picture
+        raise ValueError(f"expected image to be a file name, got {short(name)}") from err
+    wrong = "is not a file" if inside else "lies outside the map's folder; put it beside the map"
+    raise ValueError(f"image {short(name)} {wrong}")

@@ -8,24 +8,31 @@ later zone covers an earlier one. Coordinates are metres in the map's frame, not
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
 from reprlib import repr as short
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
+from driftplan.arrays import MAX_NUMBER
 from driftplan.errors import MapError, naming
 from driftplan.model.noise import OdometryNoise
+from driftplan.world.plain_data import read_json
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
 _KINDS = ("boundary", "obstacle", "zone")
 _NOISE_KEYS = tuple(field.name for field in fields(OdometryNoise))
 _LOCAL_METRES = {"type": "name", "properties": {"name": 'LOCAL_CS["map frame",UNIT["metre",1]]'}}
+_NOT_METRES = re.compile(
+    r"CRS:?:?8[34]|EPSG:+(?:4326|4258|4269|3857|3395|900913)\b|WGS ?84\b(?! / UTM)|[Mm]ercator|GEOGCS"
+)
+_LEAST_EXTENT_M = 0.5  # of a map: no robot drives on less
 _MAX_BYTES = 20_000_000
 # Beyond these, merging the walls and growing them would take minutes; plans of buildings stay far below.
 _MAX_POSITIONS = 50_000
@@ -91,34 +98,49 @@ def _feature(area: Any, **properties: Any) -> dict[str, Any]:
     return {"type": "Feature", "properties": properties, "geometry": json.loads(shapely.to_geojson(area))}
 
 
-def read_features(path: Path) -> list[Any]:
+def read_features(path: Path, *, metres_whatever_crs: bool = False) -> list[Any]:
     """The features of a GeoJSON FeatureCollection in metres, not looked into; a file that is none is a `MapError`."""
-    if path.stat().st_size > _MAX_BYTES:
-        raise MapError(f"{path}: expected at most {_MAX_BYTES} bytes, got {path.stat().st_size}")
-    try:
-        said = json.loads(path.read_bytes(), parse_constant=_refuse_constant, object_pairs_hook=_refuse_twice)
-    except json.JSONDecodeError as err:
-        raise MapError(f"{path}, line {err.lineno}: not JSON: {err.msg}") from err
-    except (ValueError, RecursionError) as err:
-        raise MapError(f"{path}: not JSON: {str(err)[:200]}") from err
+    held = read_json(path, max_bytes=_MAX_BYTES)
     if not (
-        isinstance(said, dict) and said.get("type") == "FeatureCollection" and isinstance(said.get("features"), list)
+        isinstance(held, dict) and held.get("type") == "FeatureCollection" and isinstance(held.get("features"), list)
     ):
         raise MapError(f"{path}: expected a GeoJSON FeatureCollection with a list of features")
-    if "crs" in said and any(name in json.dumps(said["crs"]) for name in ("CRS84", "4326")):
-        raise MapError(f"{path}: coordinates are in degrees (crs); expected metres: project the map first")
-    return list(said["features"])
+    declared = json.dumps(held.get("crs"))
+    if not metres_whatever_crs and (name := _NOT_METRES.search(declared)):
+        raise MapError(
+            f"{path}: coordinates are in degrees, or in metres that the latitude stretches (crs {name[0]}); expected "
+            "metres: project the map first, say to UTM (ogr2ogr -t_srs EPSG:32632)"
+        )
+    if not metres_whatever_crs and "LOCAL_CS" not in declared and _looks_like_degrees(held["features"]):
+        raise MapError(
+            f"{path}: less than {_LEAST_EXTENT_M} m wide, these look like longitudes and latitudes; expected metres: "
+            "project the map first"
+        )
+    return list(held["features"])
 
 
-def _refuse_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is not a number")
+def _looks_like_degrees(features: list[Any]) -> bool:
+    """Whether all coordinates are those of a place on Earth, and closer together than a robot is wide."""
+    positions = np.array([position[:2] for feature in features for position in _positions(feature)], dtype=float)
+    return bool(
+        len(positions) > 1
+        and (np.abs(positions) <= (180.0, 90.0)).all()
+        and 0 < np.ptp(positions, axis=0).max() < _LEAST_EXTENT_M
+    )
 
 
-def _refuse_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    said = dict(pairs)
-    if len(said) < len(pairs):
-        raise ValueError(f"a key occurs twice in {short([key for key, _ in pairs])}")
-    return said
+def _positions(value: Any) -> Iterator[list[Any]]:
+    """Whatever has the form of a position in a feature; other things are refused where they are read."""
+    waiting = [value.get("geometry")] if isinstance(value, dict) else []
+    while waiting:
+        inner = waiting.pop()
+        if isinstance(inner, dict):
+            waiting.append(inner.get("coordinates"))
+        elif isinstance(inner, list) and len(inner) >= 2 and all(type(v) in (int, float) for v in inner[:2]):
+            if all(abs(v) < MAX_NUMBER for v in inner[:2]):
+                yield inner
+        elif isinstance(inner, list):
+            waiting += inner
 
 
 def _area(where: str, geometry: Any) -> Polygon | MultiPolygon:

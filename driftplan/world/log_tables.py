@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import gzip
 import os
 import re
-import zlib
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,9 +13,9 @@ import numpy as np
 
 from driftplan.arrays import Bools, Floats, Ints
 from driftplan.errors import TrajectoryError, naming
+from driftplan.files import read_bytes, read_lines
 
-_MAX_BYTES = 256 << 20  # of text, unpacked: a million steps take a quarter of it
-_MAX_NUMBERS = 200_000_000
+_MAX_NUMBERS = 50_000_000
 _SAID_SHARE = 0.01  # of the rows: as many unusable ones are told,
 MAX_DROPPED_SHARE = 0.2  # and more than so many refused
 _UNITS_BY_SIZE: Mapping[float, Sequence[str]] = {
@@ -32,6 +31,8 @@ _UNITS_BY_SIZE: Mapping[float, Sequence[str]] = {
     np.pi / 180: ("deg", "degree", "degrees", "°"),
     2 * np.pi: ("rev", "turns"),
 }
+# from one mark to the next, never giving back: the time grows with the length of the line, whatever stands in it
+_NAME_AND_UNIT = re.compile(r"(?<![^\[\],;])([^\[\],;]*+)\[([^\[\]]*+)\]")
 _LENGTHS_AND_ANGLES = {unit: size for size, units in _UNITS_BY_SIZE.items() for unit in units}
 UNITS = {
     **_LENGTHS_AND_ANGLES,
@@ -86,13 +87,9 @@ def read_table(
     recording : whether columns of text are left out, and up to a fifth of the rows where a value is missing or not
         finite, as exports of recordings have them. Otherwise these are refused.
 
-    Raises
-    ------
-    TrajectoryError : if the file cannot be read: the message names it, and the line or variable
+    Raises TrajectoryError if the file cannot be read: the message names it, and the line or variable.
     """
     file = Path(path)
-    if file.exists() and not file.is_file():  # a pipe would wait for ever
-        raise TrajectoryError(f"{file}: expected a file of numbers, got something else")
     with naming(file, TrajectoryError):
         if file.suffix.lower() == ".mat":
             values = _matlab(file, variable)
@@ -110,9 +107,7 @@ def named(file: Path, table: Table, aliases: Mapping[str, Sequence[str]]) -> dic
     """Columns in SI units by the names in ``aliases`` under which the file's names for them are listed: as they are,
     else by their last words, as in ``pose.pose.position.x``.
 
-    Raises
-    ------
-    TrajectoryError : where a column has a unit that is not in `UNITS`: it lists them
+    Raises TrajectoryError where a column has a unit that is not in `UNITS`: it lists them.
     """
     return {
         name: table.values[:, k] * unit_size(file, table, k)
@@ -145,8 +140,9 @@ def unit_size(file: Path, table: Table, column: int) -> float:
 def _matlab(file: Path, variable: str | None) -> Floats:
     from scipy.io import loadmat, whosmat
 
+    content = BytesIO(read_bytes(file, TrajectoryError))
     try:
-        held = {name: (shape, kind) for name, shape, kind in whosmat(file)}
+        held = {name: (shape, kind) for name, shape, kind in whosmat(content)}
         listed = ", ".join(f"{name} {'x'.join(map(str, shape))}" for name, (shape, _) in held.items()) or "nothing"
         if variable is None:
             raise TrajectoryError(f"{file}: say which variable of the MATLAB file to read; it holds {listed}")
@@ -159,7 +155,7 @@ def _matlab(file: Path, variable: str | None) -> Floats:
             )
         if int(np.prod(shape)) > _MAX_NUMBERS:
             raise TrajectoryError(f"{file}: variable {variable!r} claims {shape} numbers, more than any recording")
-        values = np.asarray(loadmat(file, variable_names=[variable])[variable], dtype=float)
+        values = np.asarray(loadmat(content, variable_names=[variable])[variable], dtype=float)
     except NotImplementedError:
         raise TrajectoryError(f"{file}: a MATLAB 7.3 (HDF5) file: save it again with -v7, or as CSV") from None
     except (TrajectoryError, OSError):
@@ -170,7 +166,7 @@ def _matlab(file: Path, variable: str | None) -> Floats:
 
 
 def _text(file: Path, recording: bool) -> Table:
-    lines = _lines(file)
+    lines = read_lines(file, TrajectoryError)
     first = next((k for k, line in enumerate(lines) if not _is_comment(line)), None)
     if first is None:
         raise TrajectoryError(f"{file}: expected lines of numbers, found none")
@@ -267,23 +263,6 @@ def _numbers_by_line(
     return values
 
 
-def _lines(file: Path) -> list[str]:
-    with file.open("rb") as stream:
-        try:
-            text = gzip.GzipFile(fileobj=stream) if file.suffix.lower() == ".gz" else stream
-            raw = text.read(_MAX_BYTES + 1)
-        except (gzip.BadGzipFile, zlib.error, EOFError) as err:
-            raise TrajectoryError(f"{file}: broken gzip file ({err})") from err
-    if len(raw) > _MAX_BYTES:
-        raise TrajectoryError(f"{file}: more than {_MAX_BYTES >> 20} MB of text, more than any recording")
-    if b"\x00" in raw[:4096]:
-        raise TrajectoryError(f"{file}: expected text, found binary data")
-    try:
-        return raw.decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError as err:
-        raise TrajectoryError(f"{file}: expected text, found binary data at byte {err.start}") from None
-
-
 def _fields(line: str, *, all_cells: bool = False) -> list[str]:
     """The cells of a line, without empty ones at its end unless all are wanted."""
     if "," in line or ";" in line:
@@ -293,7 +272,7 @@ def _fields(line: str, *, all_cells: bool = False) -> list[str]:
 
 def _names(header: str, width: int, *, all_cells: bool = False) -> list[tuple[str, str]] | None:
     """(name, unit) of every column, if the header has as many."""
-    pairs = re.findall(r"([A-Za-z_][^\[\],;]*?)\s*\[([^\]]*)\]", header)
+    pairs = [(name.strip(" \t#%"), unit) for name, unit in _NAME_AND_UNIT.findall(header) if name.strip(" \t#%")]
     if len(pairs) != width:
         fields = _fields(header.lstrip("#% "), all_cells=all_cells)
         if len(fields) != width or all(map(_is_number, fields)):
@@ -305,14 +284,15 @@ def _names(header: str, width: int, *, all_cells: bool = False) -> list[tuple[st
 def name_and_unit(field: str) -> tuple[str, str]:
     """Name and unit of a column, in small letters.
 
-    Examples
-    --------
     >>> name_and_unit("Pose.Position.X [mm]")
     ('pose_position_x', 'mm')
     """
-    match = re.fullmatch(r"(.*?)\s*\[([^\]]*)\]", field.strip().strip("\"'"))
-    name, unit = (match[1], match[2]) if match else (field, "")
-    return re.sub(r"\W+", "_", name.strip().strip("\"'").lower()).strip("_"), unit.strip().lower()
+    name, bracket, unit = field.strip().strip("\"'").partition("[")
+    if unit.find("]") == len(unit) - 1:
+        unit = unit[:-1].strip().lower()
+    else:
+        name, unit = name + bracket + unit, ""
+    return re.sub(r"\W+", "_", name.strip().strip("\"'").lower()).strip("_"), unit
 
 
 def _is_comment(line: str) -> bool:

@@ -10,7 +10,9 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from driftplan.arrays import positive
+import shapely
+
+from driftplan.arrays import arguments_checked, positive
 from driftplan.errors import MapError
 from driftplan.files import write_files
 from driftplan.world.geojson_map import geojson_map_files, read_geojson_map
@@ -59,20 +61,21 @@ def load_world(
     if cell_size_m is not None and kind != "MovingAI":
         raise ValueError(f"cell_size_m is for MovingAI maps: {kind} maps say it themselves")
     cell_size_m = positive("cell_size_m", 1.0 if cell_size_m is None else cell_size_m)
-    if not path.is_file():
-        raise MapError(f"{path}: no such file")
-    try:
-        if kind == "ROS":
-            world = read_ros_map(path, robot_radius=robot_radius, unknown_is_free=unknown_is_free)
-        elif kind == "MovingAI":
-            world = read_movingai_map(path, robot_radius=robot_radius, cell_size_m=cell_size_m)
-        else:
-            world = read_geojson_map(path, robot_radius=robot_radius)
-    except OSError as err:
-        raise MapError(f"{path}: cannot be read: {err}") from err
-    return world if zones is None else replace(world, zones=(*world.zones, *load_zones(zones)))
+    if kind == "ROS":
+        world = read_ros_map(path, robot_radius=robot_radius, unknown_is_free=unknown_is_free)
+    elif kind == "MovingAI":
+        world = read_movingai_map(path, robot_radius=robot_radius, cell_size_m=cell_size_m)
+    else:
+        world = read_geojson_map(path, robot_radius=robot_radius)
+    if zones is None:
+        return world
+    added = load_zones(zones)
+    if not any(zone.polygon.intersects(shapely.box(*world.bounds)) for zone in added):
+        raise MapError(f"{zones}: no zone touches the map, whose bounds are {world.bounds}: is the origin right?")
+    return replace(world, zones=(*world.zones, *added))
 
 
+@arguments_checked()
 def save_world(world: World, path: str | os.PathLike[str], *, cell_size_m: float | None = None) -> None:
     """Write a world's map to a file (and, for ROS, a picture ``.pgm`` beside it), in the format of the suffix.
 

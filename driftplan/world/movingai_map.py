@@ -13,6 +13,7 @@ from reprlib import repr as short
 import numpy as np
 
 from driftplan.errors import MapError, naming
+from driftplan.files import read_bytes
 from driftplan.world.cells import MAX_CELLS, cells_of_outline, outline_of_cells
 from driftplan.world.world import World
 
@@ -23,11 +24,7 @@ _MAX_BYTES = 2 * MAX_CELLS
 
 def read_movingai_map(path: Path, *, robot_radius: float, cell_size_m: float) -> World:
     """World of a `.map` file, its lower left corner at the origin."""
-    if path.stat().st_size > _MAX_BYTES:
-        raise MapError(f"{path}: expected at most {_MAX_BYTES} bytes, got {path.stat().st_size}")
-    lines = [line.rstrip(b"\r") for line in path.read_bytes().split(b"\n")]
-    while lines and not lines[-1].strip():
-        lines.pop()
+    lines = read_bytes(path, MapError, max_bytes=_MAX_BYTES).rstrip().replace(b"\r", b"").split(b"\n")
     height, width = _read_header(path, lines[:4])
     rows = lines[4:]
     if len(rows) != height:
@@ -70,7 +67,7 @@ def _read_header(path: Path, lines: list[bytes]) -> tuple[int, int]:
     }
     for number, (wanted, found) in enumerate(expected.items(), start=1):
         if not found:
-            got = short(lines[number - 1]) if number <= len(lines) else "nothing"
+            got = short(lines[number - 1]) if lines[number - 1 : number] > [b""] else "nothing"
             raise MapError(f"{path}, line {number}: expected {wanted!r}, got {got}")
     height, width = int(words[1][1]), int(words[2][1])
     if height * width > MAX_CELLS:

@@ -5,20 +5,23 @@ from __future__ import annotations
 import os
 from dataclasses import fields
 from pathlib import Path
+from reprlib import repr as short
 from typing import Any
 
 import numpy as np
 
+from driftplan.arrays import arguments_checked
 from driftplan.errors import TrajectoryError, naming
 from driftplan.files import write_files
 from driftplan.model.calibration.fit import NoiseFit
 from driftplan.model.noise import OdometryNoise
-from driftplan.world.plain_yaml import read_plain_yaml
+from driftplan.world.plain_data import read_yaml
 
 _KEYS = tuple(f.name for f in fields(OdometryNoise))
 _MAX_BYTES = 1 << 20
 
 
+@arguments_checked()
 def save_noise(path: str | os.PathLike[str], noise: OdometryNoise | NoiseFit) -> None:
     """Write a noise, or a fitted one with its intervals as comments, under the names of `OdometryNoise`.
 
@@ -66,11 +69,10 @@ def load_noise(path: str | os.PathLike[str]) -> OdometryNoise:
         If the file is missing or broken, has unknown keys or values out of range: the message names file and key.
     """
     file = Path(path)
-    with naming(file, TrajectoryError):
-        content = read_plain_yaml(file, TrajectoryError, max_bytes=_MAX_BYTES)
+    content = read_yaml(file, TrajectoryError, max_bytes=_MAX_BYTES)
     if not isinstance(content, dict):
         raise TrajectoryError(
-            f"{file}: expected keys of OdometryNoise, such as heading_var_per_m: 1.0e-4, got {content!r:.80}"
+            f"{file}: expected keys of OdometryNoise, such as heading_var_per_m: 1.0e-4, got {short(content)}"
         )
     unknown = [key for key in content if key not in _KEYS]
     if unknown:
@@ -84,6 +86,4 @@ def _yaml(value: Any) -> str:
     if not isinstance(value, float):
         return str(value)
     text = repr(float(np.float64(value)))
-    if "e" in text and "." not in text:
-        return text.replace("e", ".0e")
-    return text
+    return text if "." in text else text.replace("e", ".0e")

@@ -15,7 +15,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely import MultiPolygon, Polygon
 
-from driftplan.arrays import Bools, Floats, Ints, bounds_of, not_negative, point_of, points_of, positive
+from driftplan.arrays import Bools, Floats, Ints, bounds_of, instance, not_negative, point_of, points_of, positive
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.inflation import Inflation
 from driftplan.world.prepared_area import PreparedArea
@@ -44,6 +44,7 @@ class World:
     bounds : (xmin, ymin, xmax, ymax), the map's extent in metres. The outside is an obstacle to driving, not to seeing.
     robot_radius : metres, >= 0
     zones : where zones overlap, the later one holds
+    notes : what a person might not expect of the map's file
 
     Raises
     ------
@@ -62,14 +63,15 @@ class World:
     bounds: tuple[float, float, float, float]
     robot_radius: float
     zones: tuple[Zone, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        instance("obstacles", self.obstacles, MultiPolygon, Polygon)
         parts = shapely.get_parts(polygon_of("obstacles", self.obstacles)) if not self.obstacles.is_empty else []
         radius = not_negative("robot_radius", self.robot_radius)
         zones = tuple(self.zones)
         for zone in zones:
-            if not isinstance(zone, Zone):
-                raise ValueError(f"expected zones to be Zone(polygon, noise), got {zone!r}")
+            instance("a zone", zone, Zone)
         object.__setattr__(self, "obstacles", MultiPolygon(list(parts)))
         object.__setattr__(self, "bounds", bounds_of(self.bounds))
         object.__setattr__(self, "robot_radius", radius)
@@ -307,7 +309,7 @@ class World:
         """What a person would want to know, not a page of coordinates."""
         return (
             f"World(bounds={self.bounds}, robot_radius={self.robot_radius}, {len(self.obstacles.geoms)} obstacles, "
-            f"{len(self.zones)} zones)"
+            f"{len(self.zones)} zones{''.join(f'; {note}' for note in self.notes)})"
         )
 
 

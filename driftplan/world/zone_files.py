@@ -47,23 +47,20 @@ def load_zones(path: str | os.PathLike[str]) -> tuple[Zone, ...]:
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    with naming(path, MapError):
-        if suffix in (".geojson", ".json"):
-            zones = read_geojson_map(path, robot_radius=0.0).zones
-        elif suffix in (".yaml", ".yml"):
-            zones = _read_raster(path)
-        else:
-            raise MapError(
-                f"{path}: expected zones in a .geojson, .json, .yaml or .yml file, got {suffix or 'no suffix'}"
-            )
+    if suffix in (".geojson", ".json"):
+        zones = read_geojson_map(path, robot_radius=0.0).zones
+    elif suffix in (".yaml", ".yml"):
+        zones = _read_raster(path)
+    else:
+        raise MapError(f"{path}: expected zones in a .geojson, .json, .yaml or .yml file, got {suffix or 'no suffix'}")
     if not zones:
         raise MapError(f"{path}: expected at least one zone, got none")
     return zones
 
 
 def _read_raster(path: Path) -> tuple[Zone, ...]:
-    picture, said = read_header(path, ("zones",))
-    listed = said["zones"]
+    picture = read_header(path, ("zones",), lenient=False)
+    listed = picture.values["zones"]
     if not (isinstance(listed, dict) and 0 < len(listed) <= _MOST_ZONES):
         raise MapError(f"{path}: expected zones to give 1 to {_MOST_ZONES} greys a noise, got {short(listed)}")
     pixels = read_pixels(picture.image, path, colour=False)[::-1]  # row 0 at the bottom

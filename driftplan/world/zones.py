@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from driftplan.arrays import Floats, Ints
+from driftplan.arrays import Floats, Ints, instance
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.prepared_area import PreparedArea
 from driftplan.world.shapes import polygon_of
@@ -42,8 +42,7 @@ class Zone:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "polygon", polygon_of("zone polygon", self.polygon))
-        if not isinstance(self.noise, OdometryNoise):
-            raise ValueError(f"expected the noise of a zone to be an OdometryNoise, got {self.noise!r}")
+        instance("the noise of a zone", self.noise, OdometryNoise)
 
     @cached_property
     def sides(self) -> Floats:

@@ -164,7 +164,7 @@ def test_trips_that_make_no_sense_are_refused_by_file_and_line(tmp_path, text, s
         load_trips(file)
     with pytest.raises(TrajectoryError):
         load_trips(tmp_path / "none.csv")
-    with pytest.raises(TrajectoryError, match="something else"):
+    with pytest.raises(TrajectoryError, match="Is a directory"):
         load_trips(tmp_path)
 
 

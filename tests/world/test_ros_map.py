@@ -58,33 +58,17 @@ def test_negate_turns_the_greys_round(tmp_path):
     assert free_cells(path, unknown_is_free=True) == [True, True, True, True, False, False]
 
 
-def test_a_value_on_a_threshold_is_unknown(tmp_path):
+def test_a_value_on_a_threshold_counts_as_nav2_has_it(tmp_path):
     # (255 - 102)/255 is 0.6, (255 - 204)/255 is 0.2
-    path = write_map(tmp_path, [[101, 102, 204, 205]], occupied_thresh="0.6", free_thresh="0.2")
+    path = write_map(tmp_path, [[102, 103, 203, 204]], occupied_thresh="0.6", free_thresh="0.2")
     assert free_cells(path) == [False, False, False, True]
     assert free_cells(path, unknown_is_free=True) == [False, True, True, True]
 
 
 def test_raw_pixels_are_percentages_and_unknown_above_100(tmp_path):
     path = write_map(tmp_path, [[0, 24, 25, 65, 66, 100, 101, 255]], mode="raw", negate="1")  # raw ignores negate
-    assert free_cells(path) == [True, True, False, False, False, False, False, False]
-    assert free_cells(path, unknown_is_free=True) == [True, True, True, True, False, False, True, True]
-
-
-@pytest.mark.parametrize(
-    ("mode", "free", "not_occupied"),
-    [
-        # r, g, b, alpha averaged: (0+0+0+255)/4 = 63.75 -> 0.75 occupied; (255*3+0)/4 = 191.25 -> 0.25 (not below)
-        ("trinary", [True, False, False, False], [True, False, True, False]),
-        # alpha below 255 is unknown; grey is the mean of r, g, b
-        ("scale", [True, False, False, False], [True, False, True, True]),
-    ],
-)
-def test_transparency_counts_as_a_colour_in_trinary_and_as_unknown_in_scale(tmp_path, mode, free, not_occupied):
-    pixels = [[(255, 255, 255, 255), (0, 0, 0, 255), (255, 255, 255, 0), (0, 0, 0, 0)]]
-    path = write_map(tmp_path, pixels, picture="map.png", mode=mode)
-    assert free_cells(path) == free
-    assert free_cells(path, unknown_is_free=True) == not_occupied
+    assert free_cells(path) == [True, True, True, False, False, False, False, False]
+    assert free_cells(path, unknown_is_free=True) == [True, True, True, False, False, False, True, True]
 
 
 def test_colours_are_averaged(tmp_path):
@@ -109,8 +93,11 @@ def test_palettes_bitmaps_and_deep_greys_are_read(tmp_path):
     assert free_cells(write_map(tmp_path, None, picture="plain.pgm")) == [True, False]
 
 
-def test_scale_of_a_picture_without_transparency_is_like_trinary(tmp_path):
-    assert free_cells(write_map(tmp_path, GREYS, mode="scale")) == [False] * 4 + [True] * 4
+def test_scale_is_rounded_to_percent_of_the_way_between_the_thresholds(tmp_path):
+    # 191 -> 0.24 %: 0, free; 188 -> 3.2 %; 90 -> 99.3 %: unknown
+    path = write_map(tmp_path, [[0, 89, 90, 188, 191, 205]], mode="scale")
+    assert free_cells(path) == [False] * 4 + [True] * 2
+    assert free_cells(path, unknown_is_free=True) == [False] * 2 + [True] * 4
 
 
 def test_a_marked_cell_is_where_origin_and_yaw_put_it(tmp_path):
@@ -141,21 +128,20 @@ def test_numbers_that_yaml_takes_for_words_are_numbers(tmp_path):
     [
         ({"resolution": None}, "map.yaml: the key 'resolution' is missing"),
         ({"image": None}, "map.yaml: the key 'image' is missing"),
-        ({"resolution": ".nan"}, "map.yaml: expected resolution to be a finite number, got nan"),
-        ({"resolution": "0"}, "expected resolution > 0 m per cell, got 0.0"),
+        ({"resolution": ".nan"}, "map.yaml: expected resolution finite, got nan"),
+        ({"resolution": "0"}, "expected resolution > 0 m per cell, 1e-06 at least, got 0.0"),
         ({"resolution": "-0.05"}, "expected resolution > 0"),
-        ({"resolution": "fine"}, "expected resolution to be a finite number, got 'fine'"),
-        ({"resolution": "true"}, "expected resolution to be a finite number, got True"),
-        ({"resolution": "1" + "0" * 400}, "expected resolution to be a finite number"),
+        ({"resolution": "fine"}, "expected resolution to be a number, got 'fine'"),
+        ({"resolution": "true"}, "expected resolution to be a number, got True"),
+        ({"resolution": "1" + "0" * 400}, "expected resolution finite, got inf"),
         ({"origin": "[0, 0]"}, r"expected origin to be \[x, y, yaw\], got \[0, 0\]"),
-        ({"origin": "[0, 0, .inf]"}, "expected origin to be a finite number, got inf"),
+        ({"origin": "[0, 0, .inf]"}, "expected origin finite, got inf"),
         ({"occupied_thresh": "0.2"}, "expected 0 <= free_thresh < occupied_thresh <= 1, got 0.25 and 0.2"),
         ({"occupied_thresh": "1.5"}, "expected 0 <= free_thresh < occupied_thresh <= 1"),
         ({"negate": "2"}, "expected negate to be 0 or 1, got 2"),
         ({"negate": "[1]"}, r"expected negate to be 0 or 1, got \[1\]"),
         ({"mode": "binary"}, "expected mode to be one of trinary, scale, raw, got 'binary'"),
         ({"mode": "[trinary]"}, "expected mode to be one of"),
-        ({"treshold": "1"}, "unknown key 'treshold'; known are image"),
         ({"image": "../secret.pgm"}, "image '../secret.pgm' lies outside the map's folder"),
         ({"image": "/etc/passwd"}, "image '/etc/passwd' lies outside the map's folder"),
         ({"image": "gone.pgm"}, "image 'gone.pgm' is not a file"),

@@ -29,8 +29,8 @@ def office():
 THREADS = """
 world = office()
 with ThreadPoolExecutor(4) as pool:  # a world that has derived nothing yet
-    found = list(pool.map(lambda _: answers(world, 25), range(4)))
-assert found == [answers(office(), 25)] * 4
+    found = list(pool.map(lambda _: answers(world, 10), range(4)))
+assert found == [answers(office(), 10)] * 4
 print("same")
 """
 PROCESSES = """
@@ -41,15 +41,16 @@ if __name__ == "__main__":
     busy.start()  # what forks while a thread asks finds no lock held
     for method in ("fork", "spawn"):
         with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context(method)) as pool:
-            assert list(pool.map(answers, [world] * 4)) == [expected] * 4, method
+            assert list(pool.map(answers, [world] * 2)) == [expected] * 2, method
     stop.set()
     busy.join()
     print("same")
 """
 ROUTES = """
-world, noise = office(), dp.OdometryNoise(heading_var_per_m=1e-3)
-start, goal = world.nearest_free((2, 2)), world.nearest_free((20, 12))
-plan = lambda seed: dp.plan_route(world, start, goal, noise, iterations=2, seed=seed).path.tolist()
+walls = [[(4, 0), (5, 0), (5, 7), (4, 7)], [(8, 3), (9, 3), (9, 10), (8, 10)]]
+world = dp.World.from_polygons(walls, bounds=(0, 0, 13, 10), robot_radius=0.3)
+noise = dp.OdometryNoise(heading_var_per_m=1e-3)
+plan = lambda seed: dp.plan_route(world, (1, 1), (12, 9), noise, iterations=1, seed=seed).path.tolist()
 with ThreadPoolExecutor(3) as pool:
     assert list(pool.map(plan, range(6))) == list(map(plan, range(6)))
 print("same")
@@ -67,8 +68,8 @@ def test_one_world_answers_many_at_once(script, tmp_path):
 def test_worlds_routes_layouts_and_noises_can_be_sent_to_another_process():
     noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
     world = load_world(bundled_map("office"), robot_radius=0.3)
-    route = plan_route(world, world.nearest_free((2, 2)), world.nearest_free((20, 12)), noise, iterations=3)
-    layout = place_beacons(world, [route.path], noise, 0.5, Sites(BeaconKind.rfid(3.0, 0.1), spacing_m=2.0))
+    route = plan_route(world, (2, 17), (32, 16.5), noise, iterations=1)
+    layout = place_beacons(world, [route.path], noise, 0.5, Sites(BeaconKind.rfid(3.0, 0.1), spacing_m=3.0))
     for value in (noise, world, route, layout, World.from_polygons([], bounds=(0, 0, 4, 4), robot_radius=0.1)):
         copy = pickle.loads(pickle.dumps(value))
         assert type(copy) is type(value)

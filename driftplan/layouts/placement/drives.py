@@ -188,7 +188,7 @@ def failures(scenario: Scenario, beacons: Sequence[Beacon]) -> list[Failure]:
 
 def worst_drifts(scenario: Scenario, beacons: Sequence[Beacon], cases: Sequence[Failure]) -> Floats:
     """Greatest score anywhere in each case, metres."""
-    if scenario.confidence is not None or not cases:
+    if scenario.confidence is not None or scenario.drives_differ or not cases:
         alive = [(r, [b for k, b in enumerate(beacons) if k not in dead]) for r, dead in cases]
         return np.array([scenario.worst(scenario.drift(r, living)) for r, living in alive])
     if scenario.estimator == "filter":

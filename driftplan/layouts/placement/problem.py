@@ -183,10 +183,13 @@ class LimitSearch:
         limit = Limit(np.array(limits, dtype=float), scenario.confidence)
         return DriftRequirements(self.routes, number, limit, scenario.redundancy)
 
+    def worst(self, chosen: Bools) -> Floats:
+        """Greatest drift on every route with the beacons dead that may be, metres."""
+        return worst_of_failures(self.problem.scenario, [self.problem.sites[i] for i in np.flatnonzero(chosen)])
+
     def excess(self, limits: Sequence[float], chosen: Bools) -> float:
-        """The greatest drift over its limit, on any route, with the beacons dead that may be."""
-        beacons = [self.problem.sites[i] for i in np.flatnonzero(chosen)]
-        return float((worst_of_failures(self.problem.scenario, beacons) / np.array(limits)).max())
+        """The greatest drift over its limit, on any route."""
+        return float((self.worst(chosen) / np.array(limits)).max())
 
     def least_factor(self, limits: Sequence[float], start: Bools, ruled_out: float, tolerance: float) -> LeastFactor:
         """By bisection: every step proves a factor out of reach or finds a layout below it."""
@@ -195,7 +198,11 @@ class LimitSearch:
             middle = 0.5 * (ruled_out + factor)
             cover = self.cover([middle * limit for limit in limits], hint=best, stop_at_first=True)
             if cover.chosen is not None:
-                best, factor = cover.chosen, min(self.excess(limits, cover.chosen), middle)
+                excess = self.excess(limits, cover.chosen)
+                if self.problem.scenario.drives_differ and excess >= factor:  # no better on average over drives
+                    return LeastFactor(best, factor, ruled_out, False)
+                best = cover.chosen
+                factor = excess if self.problem.scenario.drives_differ else min(excess, middle)
             elif cover.status is Status.INFEASIBLE:
                 ruled_out = middle
             else:

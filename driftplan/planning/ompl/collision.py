@@ -11,6 +11,7 @@ from typing import Any
 
 from ompl import base as ob
 
+from driftplan.arrays import arguments_checked
 from driftplan.planning.ompl.curves import after_arc
 from driftplan.planning.ompl.spaces import CurveFinder, SpaceKind, space_kind
 from driftplan.world.world import World
@@ -87,6 +88,7 @@ class CurveMotionValidator(ob.MotionValidator):
         return True
 
 
+@arguments_checked()
 def use_world(si: Any, world: World) -> None:
     """Make an OMPL SpaceInformation check states and motions against ``world``.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Floats, arguments_checked
 from driftplan.model.drift import Drift, PointDrift
 from driftplan.report.figures import style
 from driftplan.report.figures.ellipses import error_ellipse, magnification, mark_distances, mark_spacing
@@ -42,6 +42,7 @@ class RouteArtists(NamedTuple):
     goal: Line2D
 
 
+@arguments_checked()
 def plot_world(world: World, *, ax: Axes | None = None, **obstacle_kwargs: Any) -> WorldArtists:
     """Draw a map: obstacles as drawn (not inflated), zones hatched, axes in metres and of equal scale.
 
@@ -69,6 +70,7 @@ def plot_world(world: World, *, ax: Axes | None = None, **obstacle_kwargs: Any) 
     return WorldArtists(obstacles, zones)
 
 
+@arguments_checked()
 def plot_route(
     route: Route | Drift,
     *,

@@ -1,0 +1,139 @@
+"""Files like those that people really have: read rightly, or refused with the cause; and what other projects ship."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from driftplan import MapError, TrajectoryError, load_noise, load_trips, load_world, load_zones, read_path
+
+SHARED = Path(__file__).resolve().parents[3] / "shared"
+CASES, DATA = SHARED / "cases", SHARED / "data"
+WORLDS = {  # share of free ground and what is said, or why it is refused
+    "maps/ascii.yaml": (0.484, ""),
+    "maps/extra_key.yaml": (0.484, ""),
+    "maps/free_thresh_025.yaml": (0.921, "grey 205, .* is free by its free_thresh of 0.25, .*: 0.196 keeps it unknown"),
+    "maps/grey.yaml": (0.484, ""),
+    "maps/grey_alpha.yaml": (0.484, ""),
+    "maps/indexed.yaml": (0.484, ""),
+    "maps/keys_twice.yaml": (MapError, "line 7: .* 'resolution' occurs twice"),
+    "maps/mode_capital.yaml": (0.484, ""),
+    "maps/scale_0_1.yaml": (0.484, ""),
+    "maps/stale_absolute_path.yaml": (0.484, "is not here; grey.pgm beside the map is taken"),
+    "geojson/degrees_no_crs.geojson": (MapError, "look like longitudes and latitudes; .*: project the map first"),
+    "geojson/metres.geojson": (0.96, ""),
+    "geojson/web_mercator.geojson": (MapError, "EPSG::3857.*; expected metres: project the map first"),
+}
+OTHERS = {
+    "zones/ok.yaml": (load_zones, None),
+    "zones/scientific.yaml": (load_zones, None),
+    "noise/key_twice.yaml": (load_noise, "'heading_var_per_m' occurs twice"),
+    "routes/decimal_commas.csv": (read_path, "comma and semicolon in one line"),
+    "routes/heading_in_degrees.csv": (read_path, r"call the column heading \[deg\]"),
+    "routes/trips_bom.csv": (load_trips, None),
+}
+REAL_MAPS = {
+    "nav2_depot/depot.yaml": (30.2, 15.35, "grey 205"),
+    "nav2_depot/depot_keepout.yaml": (30.2, 15.35, "grey 205"),
+    "nav2_depot/depot_speed.yaml": (30.2, 15.35, ""),
+    "movingai/Berlin_1_256.map": (256.0, 256.0, ""),
+    "movingai/room-64-64-8.map": (64.0, 64.0, ""),
+}
+
+
+def shared(file: Path) -> Path:
+    if not file.exists():
+        pytest.skip(f"{file} is not here")
+    return file
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_maps_as_people_have_them(name):
+    right, said = WORLDS[name]
+    file = shared(CASES / name)
+    if not isinstance(right, float):
+        with pytest.raises(right, match=said):
+            load_world(file, robot_radius=0.0)
+        return
+    world = load_world(file, robot_radius=0.0)
+    xmin, ymin, xmax, ymax = world.bounds
+    assert 1 - world.obstacles.area / ((xmax - xmin) * (ymax - ymin)) == pytest.approx(right, abs=1e-3)
+    assert len(world.notes) == bool(said)
+    assert re.search(said, "".join(world.notes))
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_zones_noises_and_routes_as_people_have_them(name):
+    reader, wrong = OTHERS[name]
+    file = shared(CASES / name)
+    if wrong is None:
+        assert len(reader(file)) > 0
+    else:
+        with pytest.raises((MapError, TrajectoryError), match=wrong):
+            reader(file)
+
+
+def test_every_case_is_tried():
+    folders = ("maps", "geojson", "zones", "noise", "routes")
+    there = {f"{folder}/{f.name}" for folder in folders for f in shared(CASES / folder).iterdir()}
+    assert {name for name in there if not name.endswith((".png", ".pgm"))} == {*WORLDS, *OTHERS}
+
+
+@pytest.mark.parametrize("name", REAL_MAPS)
+def test_maps_that_others_ship(name):
+    width, height, said = REAL_MAPS[name]
+    world = load_world(shared(DATA / name), robot_radius=0.0)
+    assert world.bounds == pytest.approx((0.0, 0.0, width, height))
+    assert 0.1 < 1 - world.obstacles.area / (width * height) < 1
+    assert (said in world.notes[0]) if said else not world.notes
+
+
+def small(folder: Path, pixels: Image.Image, name: str = "map.png", **keys: object) -> Path:
+    """A map of 0.5 m per pixel."""
+    pixels.save(folder / name)
+    values = {"image": name, "resolution": 0.5, "origin": [0, 0, 0], "negate": 0, "occupied_thresh": 0.65} | keys
+    values.setdefault("free_thresh", 0.196)
+    (folder / "map.yaml").write_text("".join(f"{key}: {value}\n" for key, value in values.items()))
+    return folder / "map.yaml"
+
+
+GREYS = Image.fromarray(np.array([[254, 150, 0]], dtype=np.uint8))
+
+
+@pytest.mark.parametrize("mode", ["L", "LA", "RGB", "RGBA", "P"])
+@pytest.mark.parametrize("rule", ["trinary", "scale", "Trinary", "SCALE"])
+def test_a_picture_saved_again_is_the_same_map(tmp_path, mode, rule):
+    world = load_world(small(tmp_path, GREYS.convert(mode), mode=rule, map_type="occupancy"), robot_radius=0.0)
+    assert world.obstacles.bounds == (0.5, 0.0, 1.5, 0.5)
+    assert world.notes == ()
+
+
+def test_what_is_not_opaque_is_unknown(tmp_path):
+    picture = Image.fromarray(np.array([[[254, 254, 254, 255], [254, 254, 254, 254], [0, 0, 0, 0]]], dtype=np.uint8))
+    path = small(tmp_path, picture)
+    assert load_world(path, robot_radius=0.0).obstacles.bounds == (0.5, 0.0, 1.5, 0.5)
+    assert load_world(path, robot_radius=0.0, unknown_is_free=True).obstacles.is_empty
+
+
+def test_scientific_notation_is_a_number_everywhere(tmp_path):
+    assert load_world(small(tmp_path, GREYS, resolution="5e-1"), robot_radius=0.0).bounds == (0, 0, 1.5, 0.5)
+    (tmp_path / "noise.yaml").write_text("heading_var_per_m: 1e-4\n")
+    assert load_noise(tmp_path / "noise.yaml").heading_var_per_m == 1e-4
+
+
+@pytest.mark.parametrize("resolution", ["1e-320", "0", "-1", ".inf", "9" * 400, "yes"])
+def test_a_resolution_is_a_length_of_cells(tmp_path, resolution):
+    with pytest.raises(MapError, match=r"map\.yaml: expected resolution"):
+        load_world(small(tmp_path, GREYS, resolution=resolution), robot_radius=0.0)
+
+
+def test_zones_that_touch_nothing_are_refused(tmp_path):
+    Image.fromarray(np.array([[100]], dtype=np.uint8)).save(tmp_path / "floor.png")
+    zones = tmp_path / "floor.yaml"
+    zones.write_text("image: floor.png\nresolution: 1\norigin: [50, 0, 0]\nzones:\n  100: {heading_var_per_m: 1e-3}\n")
+    with pytest.raises(MapError, match=r"floor\.yaml: no zone touches the map"):
+        load_world(small(tmp_path, GREYS), robot_radius=0.0, zones=zones)
