@@ -26,6 +26,8 @@ WORLD = Group("map and robot", (
     Option("robot_radius", "M", "radius of the robot, metres", default=0.3),
     Option("unknown_is_free", "", "take unknown cells of a ROS map for free (default: they are obstacles)"),
     Option("cell_size_m", "M", "cell size of a MovingAI map, metres (default: 1)"),
+    Option("level", "NAME", "level of an Open-RMF building that has several", str),
+    Option("keepout", "FILE.yaml", "keepout mask of nav2's: what it marks is an obstacle too", str),
     Option("zones", "FILE", "floors with odometry of their own: .geojson, or a .yaml that says what the greys of a "
            "picture mean", str),
 ))
