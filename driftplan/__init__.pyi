@@ -87,6 +87,7 @@ from .world.noise_files import load_noise as load_noise
 from .world.noise_files import save_noise as save_noise
 from .world.odometry_logs import read_odometry as read_odometry
 from .world.odometry_logs import read_truth as read_truth
+from .world.ros_covariances import ros_covariances as ros_covariances
 from .world.trajectories import read_path as read_path
 from .world.trajectories import read_trajectory as read_trajectory
 from .world.world import World as World

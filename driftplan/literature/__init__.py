@@ -9,7 +9,7 @@ Sources
 [O]  "The unbounded-drift paper": Propositions 1 and 2, Tables I and II.                         `unbounded_drift`
 [K]  J. Knuth, P. Barooah, "Error growth in position estimation from noisy relative pose
      measurements", Robotics and Autonomous Systems, 2013: Theorems 1 to 3, Section 6.
-                                          `knuth_barooah_bounds`, `knuth_barooah`, `estimators`, `relative_pose`
+                                          `knuth_barooah`, `estimators`, `relative_pose`
 [M]  J. M. Mirats Tur, J. L. Gordillo, C. Albores, "A closed-form expression for the
      uncertainty in odometry position estimate of an autonomous vehicle", IEEE Transactions
      on Robotics, 2005, and its erratum.                                                         `ackermann`
@@ -85,13 +85,13 @@ from .estimators import crossovers as crossovers
 from .estimators import de_meaning as de_meaning
 from .estimators import estimate_positions as estimate_positions
 from .knuth_barooah import MeanNoise as MeanNoise
+from .knuth_barooah import Theorem1 as Theorem1
 from .knuth_barooah import Theorem2 as Theorem2
 from .knuth_barooah import Theorem3 as Theorem3
+from .knuth_barooah import second_moment_lower_bound as second_moment_lower_bound
+from .knuth_barooah import theorem_1 as theorem_1
 from .knuth_barooah import theorem_2 as theorem_2
 from .knuth_barooah import theorem_3 as theorem_3
-from .knuth_barooah_bounds import Theorem1 as Theorem1
-from .knuth_barooah_bounds import second_moment_lower_bound as second_moment_lower_bound
-from .knuth_barooah_bounds import theorem_1 as theorem_1
 from .relative_pose import StepNoise as StepNoise
 from .relative_pose import dead_reckoning as dead_reckoning
 from .relative_pose import step_moments as step_moments

@@ -9,10 +9,9 @@ step first turns, then moves, ::
 from the measured distance Δd and steering angle φ, with independent Gaussian errors ε_d, ε_φ; L is the wheelbase. The
 distance error enters the turn and the move, so that rotation and translation errors of a step depend on each other.
 
-The erratum adds up Cov(P_t) = Cov(P_{t-1}) + Cov(ΔP_t) and leaves the covariance of P_{t-1} and ΔP_t out. That
-covariance is no small matter: on a straight line it makes the variance grow with the cube of the number of steps
-instead of its square. Here it comes with the result (`AckermannDrift.cross_cov`), so that the recursion closes
-exactly.
+The erratum adds up Cov(P_t) = Cov(P_{t-1}) + Cov(ΔP_t) and leaves the covariance of P_{t-1} and ΔP_t out: on a
+straight line it makes the variance grow with the cube of the number of steps instead of its square. Here it comes with
+the result (`AckermannDrift.cross_cov`), so that the recursion closes exactly.
 """
 
 from __future__ import annotations
@@ -72,8 +71,7 @@ def ackermann_step(
 
         E r^k = exp(j k Δd (g - g₀) - k² g² v/2)      E[r^k τ] = j k g v E r^k      E[r² τ²] = (v - 4 g² v²) E r²
 
-    which Gauss-Hermite quadrature averages over ε_φ. Corrected: the erratum drops 1/(1 - tan φ tan ε_φ) from
-    g - g₀ = sec² φ tan ε_φ / (L (1 - tan φ tan ε_φ)), and with it a mean turn of Δd tan φ sec² φ σ_φ²/L per step.
+    which Gauss-Hermite quadrature averages over ε_φ, g - g₀ = sec² φ tan ε_φ / (L (1 - tan φ tan ε_φ)).
 
     Parameters
     ----------
@@ -81,12 +79,8 @@ def ackermann_step(
     wheelbase_m : float
     distance_std_m, steering_std_rad : deviations of each step's ε_d and ε_φ
 
-    Raises
-    ------
-    ValueError : for values that are not finite, negative deviations, or steering that with its noise reaches ±90°
+    Raises ValueError for values that are not finite, negative deviations, or steering that with its noise reaches ±90°.
 
-    Examples
-    --------
     >>> step = ackermann_step(0.5, 0.2, wheelbase_m=2.5, distance_std_m=0.02, steering_std_rad=0.02)
     >>> float(step.N) > 0.02**2  # the steering error adds to the distance error
     True
@@ -137,8 +131,6 @@ def ackermann_drift(
     ----------
     distances_m, steering_rad : (n,), these, the rest and the errors as in `ackermann_step`
 
-    Examples
-    --------
     >>> found = ackermann_drift(
     ...     [0.5] * 100, [0.2] * 100, wheelbase_m=2.5, distance_std_m=0.02, steering_std_rad=0.02
     ... )
@@ -178,9 +170,7 @@ def _cross_cov(before: Moments, step: Moments) -> Floats:
     hermitian = np.conj(before.u) * (before.a - before.e1 * np.conj(before.d1)) * np.conj(q1)
     pseudo = before.u * (before.b - before.e1 * before.d1) * q1
     total, difference = (hermitian + pseudo) / 2, (pseudo - hermitian) / 2
-    return np.stack(
-        [np.stack([total.real, difference.imag], axis=-1), np.stack([total.imag, -difference.real], axis=-1)], axis=-2
-    )
+    return np.stack([as_plane(total), np.stack([difference.imag, -difference.real], axis=-1)], axis=-1)
 
 
 @cache

@@ -14,7 +14,7 @@ Sharper than the paper:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 from typing import Any
@@ -31,13 +31,8 @@ _TRY_ALL = 4096  # step numbers tried one by one
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Correction:
-    """What is done to a measured step before dead reckoning: nothing by default.
-
-    Attributes
-    ----------
-    rotation : factor of the measured rotation exp(jθ); of a length other than 1 it also scales all that follows
-    translation_m : subtracted from the measured translation, metres
-    """
+    """What is done to a measured step before dead reckoning: the factor of the measured rotation exp(jθ) (of a length
+    other than 1 it also scales all that follows), and what is subtracted from the measured translation, metres."""
 
     rotation: complex = 1 + 0j
     translation_m: complex = 0j
@@ -45,13 +40,8 @@ class Correction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crossovers:
-    """Numbers of steps from which on, for good, an estimator is worse than plain dead reckoning; None: never.
-
-    Attributes
-    ----------
-    variance_steps : in the trace of the covariance
-    mean_square_steps : in E|e|²: later, as long as there is a bias to remove
-    """
+    """Numbers of steps from which on, for good, an estimator is worse than plain dead reckoning, None for never: in the
+    trace of the covariance, and in E|e|² (later, as long as there is a bias to remove)."""
 
     variance_steps: int | None
     mean_square_steps: int | None
@@ -63,8 +53,6 @@ def bias_reduction(noise: StepNoise) -> Correction:
     For rotation and translation errors independent of each other, as in the paper, ρ/μ is the bias b that it subtracts;
     for dependent errors subtracting b would leave a bias.
 
-    Examples
-    --------
     >>> bias_reduction(StepNoise.additive(heading_std_rad=0.1, translation_bias_m=(0.02, 0.0)))
     Correction(rotation=(1.005012520859401+0j), translation_m=(0.02+0j))
     """
@@ -77,8 +65,6 @@ def bias_reduction(noise: StepNoise) -> Correction:
 def de_meaning(noise: StepNoise) -> Correction:
     """Only the deterministic parts removed: the mean angle of the rotation errors and the bias of the translations.
 
-    Examples
-    --------
     >>> noise = StepNoise.additive(heading_std_rad=0.1, heading_mean_rad=0.3)
     >>> round(float(np.angle(de_meaning(noise).rotation)), 9)
     -0.3
@@ -88,12 +74,9 @@ def de_meaning(noise: StepNoise) -> Correction:
 
 
 def corrected(noise: StepNoise, correction: Correction) -> StepNoise:
-    """Moments of the errors that are left after a correction, for `dead_reckoning` and `step_moments`.
+    """Moments of the errors that are left after a correction, for `dead_reckoning` and `step_moments`. The corrected
+    rotation need not have length 1.
 
-    The corrected rotation need not have length 1; the error-moment algebra does not ask for it.
-
-    Examples
-    --------
     >>> noise = StepNoise.additive(heading_std_rad=0.1)
     >>> corrected(noise, bias_reduction(noise)).d1
     0j
@@ -129,12 +112,8 @@ def estimate_positions(
     measured_translations_m : (..., n, 2), each in the frame after its turn, metres
     correction : default: none
 
-    Returns
-    -------
-    (..., n + 1, 2), at the start and after every step, metres, in the frame of the start
+    Returns positions (..., n + 1, 2) at the start and after every step, metres, in the frame of the start.
 
-    Examples
-    --------
     >>> estimate_positions([0.0, np.pi / 2], [(1.0, 0.0), (1.0, 0.0)]).round(9)
     array([[0., 0.],
            [1., 0.],
@@ -162,15 +141,10 @@ def bias_reduced_cov(turns_rad: ArrayLike, translations_m: ArrayLike, noise: Ste
     ----------
     turns_rad : array, shape (n,)
     translations_m : array, shape (n, 2), or (2,) for all steps
-    noise : StepNoise, or one per step
-        Of the measurements, before the correction.
+    noise : StepNoise, or one per step: of the measurements, before the correction
 
-    Returns
-    -------
-    (2, 2), m², in the frame of the start
+    Returns a covariance (2, 2), m², in the frame of the start.
 
-    Examples
-    --------
     >>> bias_reduced_cov([0.0] * 3, (1.0, 0.0), StepNoise.additive(heading_std_rad=0.1)).round(5)
     array([[0.0013 , 0.     ],
            [0.     , 0.14001]])
@@ -195,6 +169,10 @@ def crossovers(
 ) -> Crossovers:
     """How many equal steps until the corrected estimate is worse than the uncorrected one, and stays worse.
 
+    A grid of step numbers, two per cent apart, is searched up to 25/(-ln|E r|) steps, where the bias-reduced estimate
+    has grown beyond any help; between the last grid point where it still pays and the next, every number is tried.
+    Worse means by more than 10⁻⁹ E|e|².
+
     Parameters
     ----------
     turn_rad : turn before every step: 0 for a straight line
@@ -202,14 +180,6 @@ def crossovers(
     noise : StepNoise
     correction : default: `bias_reduction` of the noise
 
-    Notes
-    -----
-    A grid of step numbers, two per cent apart, is searched up to 25/(-ln|E r|) steps, where the bias-reduced estimate
-    has grown beyond any help; between the last grid point where it still pays and the next, every number is tried.
-    Worse means by more than 10⁻⁹ E|e|².
-
-    Examples
-    --------
     >>> noise = StepNoise.additive(
     ...     heading_std_rad=0.0026**0.5, heading_mean_rad=0.0068, translation_bias_m=(0.05, 0.02),
     ...     translation_cov_m2=[[0.05, 0.0], [0.0, 0.05]],
@@ -239,22 +209,13 @@ def crossovers(
         elif pays[-1] == len(grid) - 1:
             found.append(None)
         else:
-            found.append(_first_of_the_rest(worse, which, int(grid[pays[-1]]), int(grid[pays[-1] + 1])))
+            low, high = (int(n) for n in grid[pays[-1] : pays[-1] + 2])
+            while high - low > _TRY_ALL:
+                middle = (low + high) // 2
+                low, high = (low, middle) if worse(np.array([middle]))[which][0] else (middle, high)
+            between = np.arange(low, high)
+            found.append(int(between[np.flatnonzero(~worse(between)[which])[-1]]) + 1)
     return Crossovers(variance_steps=found[0], mean_square_steps=found[1])
-
-
-def _first_of_the_rest(
-    worse: Callable[[NDArray[np.int64]], tuple[Any, Any]], which: int, pays: int, worse_from: int
-) -> int:
-    """The number after the last at which the correction pays, known to lie in [pays, worse_from)."""
-    while worse_from - pays > _TRY_ALL:
-        middle = (pays + worse_from) // 2
-        if worse(np.array([middle]))[which][0]:
-            worse_from = middle
-        else:
-            pays = middle
-    between = np.arange(pays, worse_from)
-    return int(between[np.flatnonzero(~worse(between)[which])[-1]]) + 1
 
 
 def _checked(noise: StepNoise) -> StepNoise:

@@ -1,4 +1,5 @@
-"""Theorems 2 and 3 of Knuth & Barooah, corrected: exact error after equal, and after repeated, steps.
+"""Theorems 1 to 3 of Knuth & Barooah, corrected: bounds for the error on any motion, and the exact error after equal,
+and after repeated, steps. What was corrected is listed in `driftplan.literature`, [K].
 
 J. Knuth, P. Barooah, "Error growth in position estimation from noisy relative pose measurements", Robotics and
 Autonomous Systems, 2013.
@@ -10,8 +11,9 @@ covariance of t̃, ρ = E[R̃ t̃], r the true translation. In the plane R̃ is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import log
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +21,17 @@ from numpy.typing import ArrayLike
 from driftplan.arrays import Array, Floats, as_covariance, as_plane, finite, not_negative, number, shaped, whole
 from driftplan.literature.relative_pose import StepNoise, step_moments
 from driftplan.model.moments import compose, identity, power, scan
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Theorem1:
+    """Bounds for the error after n steps of any motion: |E e| lies between ``bias_lower_m`` and ``bias_upper_m`` (it
+    grows no faster than the true displacement, plus a constant), the trace of the covariance of e is at most
+    ``variance_upper_m2`` (it grows no faster than linearly)."""
+
+    bias_lower_m: float
+    bias_upper_m: float
+    variance_upper_m2: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,8 +57,6 @@ class MeanNoise:
     ) -> MeanNoise:
         """Rotation and translation errors of a step independent: ρ = E[R̃] b.
 
-        Examples
-        --------
         >>> noise = MeanNoise.independent(
         ...     rotation_mean=0.99 * np.eye(3), translation_bias_m=(0.1, 0, 0), translation_var_m2=0.01
         ... )
@@ -80,10 +91,8 @@ class Theorem2:
     Attributes
     ----------
     bias_m : (d,), E[estimate - truth], metres, in the frame of the start
-    variance_m2 : trace of the covariance, m²: equal to ``psi_m2 * steps + omega_m2``, summed so that no digits cancel
-        on short straight runs
-    psi_m2, omega_m2 : ψ and ω(n), m². ψ is the rate at which the variance grows in the long run; ω(n) tends to a
-        constant.
+    variance_m2 : trace of the covariance, m²: ``psi_m2 * steps + omega_m2``, summed so that no digits cancel
+    psi_m2, omega_m2 : ψ, the rate at which the variance grows in the long run, and ω(n), which tends to a constant, m²
     """
 
     bias_m: Floats
@@ -96,10 +105,7 @@ class Theorem2:
 class Theorem3:
     """Error after n steps of a motion that repeats itself.
 
-    Attributes
-    ----------
-    bias_m : (2,), E[estimate - truth], metres, in the frame of the start
-    cov_m2 : (2, 2), covariance, m²
+    ``bias_m`` (2,), E[estimate - truth], metres, in the frame of the start, and ``cov_m2`` (2, 2), covariance, m².
     """
 
     bias_m: Floats
@@ -109,6 +115,85 @@ class Theorem3:
     def variance_m2(self) -> float:
         """Trace of the covariance, m²."""
         return float(np.trace(self.cov_m2))
+
+
+def theorem_1(
+    steps: int,
+    *,
+    displacement_m: float,
+    longest_step_m: float,
+    coherence: float,
+    translation_error_m: float,
+    translation_bias_m: float = 0.0,
+    rotated_bias_m: float | None = None,
+    translation_var_m2: float | None = None,
+) -> Theorem1:
+    """Bounds on bias and variance for any motion in the plane or in space (Theorem 1), with α₀ of Lemma 1 as it is
+    right. The theorem's condition (10) on the motion is not needed: see `second_moment_lower_bound`.
+
+    Parameters
+    ----------
+    steps : n >= 1
+    displacement_m : true distance |t| between the first and the last position
+    longest_step_m : τ, an upper bound of the true translations
+    coherence : γ in (0, 1], an upper bound of the spectral norm of E R̃; in the plane |E exp(jθ̃)|
+    translation_error_m : β, an upper bound of E|t̃|
+    translation_bias_m, rotated_bias_m : b and ρ, upper bounds of |E t̃| and |E[R̃ t̃]|; ρ defaults to b, which always
+        holds for independent errors
+    translation_var_m2 : upper bound of the trace of the covariance of t̃; default β²
+
+    Raises ValueError for negative bounds, a coherence outside (0, 1].
+
+    >>> bounds = theorem_1(1000, displacement_m=100.0, longest_step_m=0.1, coherence=0.999, translation_error_m=0.01)
+    >>> round(bounds.bias_lower_m, 2), round(bounds.bias_upper_m, 2), round(bounds.variance_upper_m2, 2)
+    (30.51, 169.49, 12762.45)
+    """
+    n = whole("steps", steps, least=1)
+    tau = not_negative("longest_step_m", longest_step_m)
+    gamma = number("coherence", coherence)
+    if not 0 < gamma <= 1:
+        raise ValueError(f"expected coherence in (0, 1], got {coherence!r}")
+    beta = not_negative("translation_error_m", translation_error_m)
+    b = not_negative("translation_bias_m", translation_bias_m)
+    rho = b if rotated_bias_m is None else not_negative("rotated_bias_m", rotated_bias_m)
+    P = beta**2 if translation_var_m2 is None else not_negative("translation_var_m2", translation_var_m2)
+    displacement = not_negative("displacement_m", displacement_m)
+    fading = _geometric(log(gamma), n)
+    reach = fading * (gamma * tau + beta)  # |E t̂| is at most this
+    alpha = max(tau**2 + 2 * tau * b + P + b**2, (tau + rho / gamma) * (tau + b))
+    return Theorem1(
+        bias_lower_m=max(0.0, displacement - reach),
+        bias_upper_m=displacement + reach,
+        variance_upper_m2=alpha * (2 * fading - 1) * n,
+    )
+
+
+def second_moment_lower_bound(
+    *, steps: int, coherence: float, shortest_step_m: float, translation_var_m2: float = 0.0
+) -> float:
+    """Least E|t̂|² of the estimated displacement t̂ after n steps of *any* motion, m²; sharper than Theorem 1.
+
+    E|t̂|² >= (1 - c)/(1 + c) · Σ|r_k + b_k|² + Σ Tr P_k, for rotation and translation errors independent of each other
+    and rotation errors symmetric about their mean (in the plane; isotropic in space). As |E t̂| stays bounded, the
+    variance grows linearly with the number of steps that move, whatever the motion: condition (10) of Theorem 1 is not
+    needed. Turning about at every step comes as near to the bound as one likes. What the variance grows with is the
+    distance travelled, contrary to a remark in the paper: turning in place for ever adds nothing.
+
+    Parameters
+    ----------
+    steps : n >= 1
+    coherence : c, the lower bound of |E exp(jθ̃)| over the steps, in [0, 1]
+    shortest_step_m : lower bound of |r_k + b_k|, metres
+    translation_var_m2 : lower bound of Tr P_k, m²
+
+    >>> round(second_moment_lower_bound(steps=1000, coherence=0.99, shortest_step_m=1.0), 4)
+    5.0251
+    """
+    n, c = whole("steps", steps, least=1), number("coherence", coherence)
+    if not 0 <= c <= 1:
+        raise ValueError(f"expected coherence in [0, 1], got {coherence!r}")
+    step = not_negative("shortest_step_m", shortest_step_m)
+    return n * ((1 - c) / (1 + c) * step**2 + not_negative("translation_var_m2", translation_var_m2))
 
 
 def theorem_2(
@@ -122,15 +207,10 @@ def theorem_2(
         ψ    = |w|² + Tr P + 2 wᵀ (I - x)⁻¹ v
         ω(n) = -2 wᵀ (I - x)⁻² (I - xⁿ) v - |E t̂|²                      Tr Cov = ψ n + ω(n)
 
-    Expanded for the symmetric x of the paper this reads ψ = rᵀ(I-x)⁻¹(I+x)r + Tr[P+bbᵀ] + 2(b+r)ᵀ(I-x)⁻¹ρ +
-    2bᵀ(I-x)⁻¹r.
-
-    Corrected: in print ψ lacks rᵀr and the last term and the factor 2 of rᵀ(I-x)⁻¹ρ, and ω has I - 4x +
-    2x² + 2xⁿ⁺¹ in place of -2x + 2xⁿ⁺¹ and other coefficients to match; the printed variance is negative for few
-    steps and almost three times too large after the paper's 10⁵.
+    Expanded for the symmetric x of the paper: ψ = rᵀ(I-x)⁻¹(I+x)r + Tr[P+bbᵀ] + 2(b+r)ᵀ(I-x)⁻¹ρ + 2bᵀ(I-x)⁻¹r.
 
     For a motion that turns by R at every step x becomes R x and v becomes R v: circles and helices have a variance
-    formula too.
+    formula too. (Printed are other ψ and ω: a variance negative for few steps, three times too large after 10⁵.)
 
     Parameters
     ----------
@@ -140,13 +220,9 @@ def theorem_2(
     turn : float, or (d, d) rotation matrix
         True rotation before every translation; a number is an angle in rad, in the plane.
 
-    Raises
-    ------
-    ValueError : when nothing decorrelates the steps (no rotation noise on a straight line): the variance then is n Tr
-        P, and ψ and ω do not exist
+    Raises ValueError when nothing decorrelates the steps (no rotation noise on a straight line): the variance then is n
+    Tr P, and ψ and ω do not exist.
 
-    Examples
-    --------
     >>> noise = StepNoise.polar(
     ...     translation_m=(0.064, 0.0), heading_std_rad=3.6e-3 * 2**0.5, direction_std_rad=0.0307**0.5,
     ...     distance_std_m=8.5467e-5**0.5,
@@ -211,8 +287,6 @@ def theorem_3(
     began (U_p = 1); here it need not. The covariance is that of the period's element of the error-moment algebra
     raised to the power η: O(p + log η).
 
-    Corrected: w(j) is printed with ρ_i in place of ρ_{i+1}, which belongs to the step that moves by t_{i+1}.
-
     Parameters
     ----------
     steps : n >= 1
@@ -221,12 +295,8 @@ def theorem_3(
     noise : StepNoise, or one per step of the period
         Rotation errors must have one mean: an assumption the paper makes without listing it.
 
-    Raises
-    ------
-    ValueError : for wrong shapes, or rotation errors of different means
+    Raises ValueError for wrong shapes, or rotation errors of different means.
 
-    Examples
-    --------
     >>> found = theorem_3(4000, [np.pi / 2] * 4, (1.0, 0.0), StepNoise.additive(heading_std_rad=0.05))
     >>> round(found.variance_m2, 4)  # a square, a thousand times round
     5.5006
@@ -252,10 +322,11 @@ def theorem_3(
     error = before * (np.expm1(log_fade) * pieces.p + np.exp(log_fade) * pieces.e1)  # terms of w(j), less the truth
     less = U * np.expm1(p * np.log1p(loss))
     Y = U + less
-    # Σ Yᵏ w - Σ Uᵏ t, in differences
+    # Σ Yᵏ w - Σ Uᵏ t, in differences; chains are of 1 x 1 matrices
+    Y1, less1, U1 = (np.array([[z]]) for z in (Y, less, U))
     bias = (
-        _scalar(_chain_of_differences, Y, less, U, rounds) * true.sum()
-        + _scalar(_chain, Y, rounds) * error.sum()
+        _chain_of_differences(Y1, less1, U1, rounds)[0, 0] * true.sum()
+        + _chains(Y1, rounds)[0][0, 0] * error.sum()
         + U**rounds * np.expm1(rounds * p * np.log1p(loss)) * true[:rest].sum()
         + Y**rounds * error[:rest].sum()
     )
@@ -272,11 +343,6 @@ def _chains(x: Array, n: int) -> tuple[Array, Array, Array]:
     return top[:, d : 2 * d], top[:, 2 * d : 3 * d], top[:, 3 * d :]
 
 
-def _chain(x: Array, n: int) -> Array:
-    """Σ xᵏ over k < n."""
-    return _chains(x, n)[0]
-
-
 def _chain_of_differences(x: Array, less: Array, R: Array, n: int) -> Array:
     """Σ (xᵏ - Rᵏ) over k < n, given less = x - R, without cancellation."""
     d = len(x)
@@ -285,12 +351,6 @@ def _chain_of_differences(x: Array, less: Array, R: Array, n: int) -> Array:
     chain[d : 2 * d, d : 2 * d], chain[d : 2 * d, 2 * d :] = R, np.eye(d)
     chain[2 * d :, 2 * d :] = np.eye(d)
     return np.asarray(np.linalg.matrix_power(chain, n)[:d, 2 * d :])
-
-
-def _scalar(chain: Callable[..., Array], *arguments: complex | int) -> complex:
-    """A chain of 1 x 1 matrices."""
-    *numbers, n = arguments
-    return complex(chain(*(np.array([[z]]) for z in numbers), n)[0, 0])
 
 
 def _rotation(turn: float | ArrayLike, d: int) -> Floats:
@@ -311,3 +371,8 @@ def _as_matrix(x: complex) -> Floats:
 
 def _square(vector: Floats) -> float:
     return float(vector @ vector)
+
+
+def _geometric(log_x: float, n: int) -> float:
+    """Σ xᵏ for k < n, exact for x near and at 1."""
+    return float(n) if log_x == 0 else float(np.expm1(n * log_x) / np.expm1(log_x))

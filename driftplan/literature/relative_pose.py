@@ -30,10 +30,8 @@ class StepNoise:
 
     Attributes
     ----------
-    d1, d2, D : complex, complex, float
-        E[δ], E[δ²], E[|δ|²] of δ = r - 1 (no unit).
-    s1, S, s2 : complex, float, complex
-        E[s] (m), E[|s|²] (m²), E[s²] (m²) of s = rτ. E[s] is ρ in Knuth & Barooah.
+    d1, d2, D : complex, complex, float: E[δ], E[δ²], E[|δ|²] of δ = r - 1 (no unit)
+    s1, S, s2 : complex, float, complex: E[s] (m), E[|s|²] (m²), E[s²] (m²) of s = rτ. E[s] is ρ in Knuth & Barooah.
     a, b : E[s conj(δ)], E[s δ] (m)
     """
 
@@ -68,8 +66,6 @@ class StepNoise:
         translation_cov_m2 : (2, 2), covariance of the rest
         gain_m_per_rad : (2,), what one radian of rotation error adds to τ: errors of one step that have a common cause
 
-        Examples
-        --------
         >>> StepNoise.additive(heading_std_rad=0.1, translation_bias_m=(0.02, 0.0)).translation_mean
         (0.02+0j)
         """
@@ -126,8 +122,6 @@ class StepNoise:
         direction_std_rad, direction_law : of φ̃, zero mean
         distance_std_m : of d̃, zero mean, any law
 
-        Examples
-        --------
         >>> noise = StepNoise.polar(
         ...     translation_m=(0.064, 0.0), heading_std_rad=0.005, direction_std_rad=0.175, distance_std_m=0.009
         ... )
@@ -172,11 +166,8 @@ def step_moments(turns_rad: ArrayLike, translations_m: ArrayLike, noise: StepNoi
     ----------
     turns_rad : (...), true rotation of each step, rad
     translations_m : (..., 2), true translation, metres, in the frame after the rotation
-    noise : StepNoise, or one per step
-        A sequence goes with the last axis.
+    noise : StepNoise, or one per step: a sequence goes with the last axis
 
-    Examples
-    --------
     >>> from driftplan.model.moments import power
     >>> step = step_moments(0.0, (1.0, 0.0), StepNoise.additive(heading_std_rad=0.01))
     >>> power(step, 100).N.round(4).item()  # a straight run of 100 m; to first order 0.01² · Σk² = 33.835
@@ -217,13 +208,8 @@ def dead_reckoning(
     translations_m : array, shape (n, 2), or (2,) for all steps
     noise : StepNoise, or one per step
 
-    Returns
-    -------
-    PointDrift, shape (n + 1,)
-        At the start and after every step.
+    Returns the drift (n + 1,) at the start and after every step.
 
-    Examples
-    --------
     >>> found = dead_reckoning([0.0, 0.0], (1.0, 0.0), StepNoise.additive(heading_std_rad=0.1))
     >>> found.rms.round(4)
     array([0.    , 0.0999, 0.2231])

@@ -1,4 +1,5 @@
 r"""Propositions 1 and 2 of the unbounded-drift paper with its Tables I and II, corrected, in O(n) instead of O(n²).
+What was corrected is listed in `driftplan.literature`, [O].
 
 Model: step i turns by θ_i and drives d_i. The odometry reports both with independent Gaussian errors, of deviation δ_θ
 for the turn (drawn before the step moves) and δ_d for the distance. Letters as in the paper: T_i is the heading after i
@@ -93,21 +94,14 @@ def proposition_1(
 ) -> Proposition1:
     """Bias and covariance of the odometry error at the end of a known path (Proposition 1, Table I).
 
-    Corrected: entry A is printed with 1 + exp(-2iδ_θ²) where 1 - exp(-2iδ_θ²) is right, entries C and F without their
-    factor δ_d².
-
     Parameters
     ----------
     distances_m, turns_rad : (..., n), true distance (metres) of each step and the turn before it (rad, positive to the
         left)
     heading_std_rad, distance_std_m : δ_θ and δ_d: deviations of each turn's and each distance's error
 
-    Raises
-    ------
-    ValueError : for arrays of different or empty shape, values that are not finite, negative deviations
+    Raises ValueError for arrays of different or empty shape, values that are not finite, negative deviations.
 
-    Examples
-    --------
     >>> found = proposition_1([1.0, 1.2, 0.8], [0.3, -0.2, 0.5], heading_std_rad=0.1, distance_std_m=0.1)
     >>> found.cov.diagonal().round(6)
     array([0.038969, 0.119953])
@@ -126,17 +120,13 @@ def proposition_2(
     that of fresh measurements of it. After D. Lerro and Y. Bar-Shalom, IEEE Trans. Aerospace and Electronic Systems
     29(3), 1993, pp. 1015-1022, doi:10.1109/7.220948, whose average true moments are the case of one step.
 
-    Corrected: in Table II the signs and factors of A1 and D1, the factor (d² + δ_d²) in both, and δ_d² in C1 and F1;
-    and the sums of the table, less the squared mean, are the *total* covariance, not the average true one of equation
-    (6).
+    The sums of the table, less the squared mean, are the *total* covariance, not the average true one of equation (6).
 
     Parameters
     ----------
     distances_m, turns_rad : (..., n), measured distance (metres) of each step and the measured turn before it (rad)
     heading_std_rad, distance_std_m : δ_θ and δ_d
 
-    Examples
-    --------
     >>> found = proposition_2([1.0, 1.2, 0.8], [0.3, -0.2, 0.5], heading_std_rad=0.1, distance_std_m=0.1)
     >>> found.total_cov.diagonal().round(6), found.average_true_cov.diagonal().round(6)
     (array([0.040357, 0.118745]), array([0.040352, 0.118732]))

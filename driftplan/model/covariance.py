@@ -10,7 +10,7 @@ frame, and the unknown constants of the odometry (`SystematicSpread`), if any. P
 * Reading z = Hx + v, v ~ N(0, R): ``P ← P (I + J P)⁻¹`` with the information J = Hᵀ R⁻¹ H. A reading of position,
   heading, range or bearing is one to three `Row` objects, read one after the other: no matrix is inverted, and a
   perfect reading (variance 0) is exact.
-* Whole stretches, ``P ↦ A (I + P J)⁻¹ P Aᵀ + C``, are one element each and compose (`compose`, `prefixes`).
+* Whole stretches, ``P ↦ A (I + P J)⁻¹ P Aᵀ + C``, are one element each and compose (`compose`).
   Source: S. Särkkä, Á. García-Fernández, Temporal parallelization of Bayesian smoothers, IEEE Trans. Automatic Control
   66(1), 2021; the use for routes: S. Prentice, N. Roy, The belief roadmap, IJRR 28(11-12), 2009.
 
@@ -27,7 +27,7 @@ the filter estimates them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -63,10 +63,6 @@ class CovarianceMap:
         """By the first of the leading axes."""
         return CovarianceMap(*(x[index] for x in self.arrays()))
 
-    def along_last(self, part: slice) -> CovarianceMap:
-        """A part of the last of the leading axes."""
-        return CovarianceMap(*(x[..., part, :, :] for x in self.arrays()))
-
     def __call__(self, P: Floats) -> Floats:
         """The covariance at the end of the stretch, given that at its beginning, (..., d, d)."""
         inner = np.linalg.solve(np.eye(P.shape[-1]) + P @ self.J, P)
@@ -98,8 +94,6 @@ def identity(shape: tuple[int, ...] = (), size: int = 3) -> CovarianceMap:
 def compose(first: CovarianceMap, second: CovarianceMap) -> CovarianceMap:
     """The stretch that is ``first`` followed by ``second``; associative.
 
-    Examples
-    --------
     >>> compose(identity(), identity()).A.trace().item()
     3.0
     """
@@ -108,27 +102,6 @@ def compose(first: CovarianceMap, second: CovarianceMap) -> CovarianceMap:
     return CovarianceMap(
         onward @ first.A, _symmetric(onward @ first.C @ _T(second.A) + second.C), _symmetric(back @ first.A + first.J)
     )
-
-
-def prefixes(maps: CovarianceMap) -> CovarianceMap:
-    """``maps[0]``, ``maps[0]·maps[1]``, … along the last of the leading axes, in about twice as many compositions.
-
-    Examples
-    --------
-    >>> prefixes(identity((5,))).shape
-    (5,)
-    """
-    n = maps.shape[-1]
-    if n < 2:
-        return maps
-    pairs = prefixes(compose(maps.along_last(slice(0, n - 1, 2)), maps.along_last(slice(1, None, 2))))
-    rest = compose(pairs.along_last(slice(0, (n - 1) // 2)), maps.along_last(slice(2, None, 2)))
-    arrays = [np.empty(maps.A.shape) for _ in range(3)]
-    for array, first, odd, even in zip(arrays, maps.arrays(), pairs.arrays(), rest.arrays(), strict=True):
-        array[..., 0, :, :] = first[..., 0, :, :]
-        array[..., 1::2, :, :] = odd
-        array[..., 2::2, :, :] = even
-    return CovarianceMap(*arrays)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,8 +145,6 @@ def path_legs(
 ) -> Legs:
     """All legs of a path, world frame, shape (..., m); ``which`` of the noises each has, (m,), default the first.
 
-    Examples
-    --------
     >>> from driftplan.model.paths import read_path
     >>> noise = OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-3)
     >>> path_legs(read_path([(0, 0), (30, 0)]), [noise]).C[0].diagonal().round(6)  # L q_d, q_h L³/3, q_h L
@@ -193,18 +164,8 @@ def legs(
     which: Ints | None = None,
     spread: SystematicSpread = NO_SPREAD,
 ) -> Legs:
-    """Turns on the spot followed by runs of constant curvature.
-
-    Parameters
-    ----------
-    headings, turns, lengths, curvatures : (...), true heading before the turn (rad), the turn (rad), metres, 1/m
-    noises, which : different noises, and the index of each leg's, (...)
-    spread : its constants are further states
-
-    Returns
-    -------
-    Legs, shape (...)
-    """
+    """Turns on the spot (rad) followed by runs (m) of constant curvature (1/m), by the true heading before the turn,
+    the noises and the index of each leg's, all (...); the constants of ``spread`` are further states."""
     headings, turns, lengths, curvatures, index = np.broadcast_arrays(
         headings, turns, lengths, curvatures, np.zeros((), int) if which is None else which
     )
@@ -223,8 +184,7 @@ def _of_one_noise(
 ) -> Legs:
     facing, names = np.exp(1j * headings), spread.names
     size = 3 + len(names)
-    random = replace(noise, heading_bias_per_m=0.0, heading_bias_per_rad=0.0, distance_scale_error=0.0)
-    small = _leg_moments(turns, lengths, curvatures, random.scaled(SMALL_NOISE_FACTOR))
+    small = _leg_moments(turns, lengths, curvatures, noise.corrected().scaled(SMALL_NOISE_FACTOR))
     A = np.tile(np.eye(size), (*lengths.shape, 1, 1))
     C, shift = np.zeros(A.shape), np.zeros(A.shape[:-1])
     A[..., :2, 2] = as_plane(1j * facing * small.p)

@@ -16,13 +16,7 @@ from driftplan.model.elements import of_legs
 from driftplan.model.filter_state import LINEAR_HEADING_STD_RAD
 from driftplan.model.fusion import Beliefs, fuse
 from driftplan.model.moments import Moments, compose
-from driftplan.model.noise import (
-    Noises,
-    OdometryNoise,
-    drives_to_average,
-    noise_of_legs,
-    spread_of,
-)
+from driftplan.model.noise import Noises, OdometryNoise, drives_to_average, noise_of_legs, spread_of
 from driftplan.model.paths import Runs, read_path, same_place_within
 from driftplan.model.readings import Estimator, Fix, Readings, checked_estimator
 
@@ -38,8 +32,7 @@ class PointDrift:
     Attributes
     ----------
     distance : (...), metres driven from the path's start
-    moments : Moments, shape (...)
-        True pose and error moments, world frame.
+    moments : Moments, shape (...): true pose and error moments, world frame
     """
 
     distance: Floats
@@ -152,14 +145,8 @@ class Drift(PointDrift):
         s : float or array, shape (k,), or (..., k) with the leading axes of a batch
             Distances in [0, length]. At a fix: just after it.
 
-        Returns
-        -------
-        PointDrift, shape () for one path and a float, else (..., k)
-
-        Raises
-        ------
-        ValueError
-            For a distance that is not on the path.
+        Returns a drift of shape () for one path and a float, else (..., k). Raises ValueError for a distance that is
+        not on the path.
         """
         wanted = finite("s", s)
         if wanted.ndim > 1 and self.distance.ndim == 1:
@@ -319,19 +306,12 @@ def predict_drift(
         outside of `Drift.beyond_linear`. Known systematic errors shift the filter's mean, they are not corrected; those
         that differ between drives are further states, which it estimates as it goes.
 
-    Raises
-    ------
-    ValueError
-        For paths of fewer than 2 waypoints, wrong shapes, values that are not finite, fixes off the path; for ranges
-        and bearings with ``reset``.
+    Raises ValueError for paths of fewer than 2 waypoints, wrong shapes, values that are not finite, fixes off the path;
+    for ranges and bearings with ``reset``.
 
-    Notes
-    -----
     Error-moment algebra: see `driftplan.model.moments` and `driftplan.model.elements`. The published double sums give
     the same numbers in O(n²), once their misprints are mended.
 
-    Examples
-    --------
     >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
     >>> drift = predict_drift([(0, 0), (30, 0), (30, 10)], noise)
     >>> drift.rms.round(3)

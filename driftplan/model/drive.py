@@ -1,9 +1,8 @@
 """The engine: error moments along a path, from border to border, with the readings on the way.
 
-A path is cut at its readings (`driftplan.model.paths.Runs.cut` says where and in which order they are taken); what lies
-between two borders is one element of the monoid of `driftplan.model.moments`, and at a border the readings there act as
-`driftplan.model.readings` says. `drive` carries one robot along a path; `drive_many` thousands
-at once, from reading to reading.
+A path is cut at its readings (`driftplan.model.paths.Runs.cut`); what lies between two borders is one element of the
+monoid of `driftplan.model.moments`, and at a border the readings there act as `driftplan.model.readings` says. `drive`
+carries one robot along a path, `drive_many` thousands at once, from reading to reading.
 """
 
 from __future__ import annotations
@@ -28,17 +27,9 @@ class Driven(NamedTuple):
 
 
 def drive(legs: Moments, start: Moments, readings: Readings | None = None, at: Ints | None = None) -> Driven:
-    """One robot along a path, with ``readings`` taken at the borders ``at``.
-
-    Parameters
-    ----------
-    legs : Moments (..., m)
-        A batch of paths only without readings.
-    start : Moments (...)
-        True pose and errors before the first leg and its readings.
-    readings : Readings (k,)
-    at : (k,) borders 0 … m, in any order. Fixes at border 0 are the uncertainty of the start, on arrival there too.
-    """
+    """One robot along a path of ``legs`` (..., m), a batch of paths only without readings, from the true pose and
+    errors ``start`` (...) before the first leg and its readings, with ``readings`` (k,) taken at the borders ``at``
+    (k,), 0 … m in any order. Fixes at border 0 are the uncertainty of the start, on arrival there too."""
     if readings is None or at is None:
         states = scan(legs, start)
         return Driven(states, states)
@@ -99,13 +90,9 @@ def _hop_by_hop(legs: Moments, start: Moments, due: dict[int, list[Resets]]) -> 
 def drive_many(start: Moments, intervals: Moments, resets: Resets, count: Ints) -> Moments:
     """Many robots at once, each from reading to reading: their states after every reading, (readings,).
 
-    Parameters
-    ----------
-    start : Moments (robots,)
-    intervals : Moments (readings,)
-        Robot by robot in driving order: the way from the reading before, or from the start, to each reading.
-    resets : Resets (readings,)
-    count : (robots,) readings of each
+    ``start`` is (robots,), ``intervals`` and ``resets`` are (readings,), robot by robot in driving order: the way from
+    the reading before, or from the start, to each reading, and what it does; ``count`` (robots,) says how many each
+    has.
     """
     first, states, found = np.cumsum(count) - count, start, [np.zeros(0, dtype=np.intp)]
     parts = [start[:0]]

@@ -45,12 +45,6 @@ def run_moments(length_m: Array, curvature_per_m: Array, noise: OdometryNoise) -
     length_m, curvature_per_m : (...), lengths >= 0. Broadcast against each other.
     noise : OdometryNoise
 
-    Returns
-    -------
-    Moments, shape (...)
-
-    Examples
-    --------
     >>> noise = OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-3)
     >>> run_moments(np.array(100.0), np.array(0.0), noise).N.round(6).item()  # E|e|² in m²
     33.370917
@@ -133,11 +127,8 @@ def of_legs(turns: Array, lengths: Array, curvatures: Array, which: Array, noise
     Parameters
     ----------
     turns, lengths, curvatures : (...), rad, metres, 1/m; broadcast against each other
-    which : whole numbers, shape broadcasting to (...)
-        Index into ``noises``.
+    which : whole numbers, shape broadcasting to (...): index into ``noises``
 
-    Examples
-    --------
     >>> calm, wild = OdometryNoise(distance_var_per_m=1e-4), OdometryNoise(distance_var_per_m=1e-2)
     >>> of_legs(np.zeros(2), np.ones(2), np.zeros(2), np.array([0, 1]), [calm, wild]).N.round(6).tolist()
     [0.0001, 0.01]

@@ -137,14 +137,10 @@ class FilterState:
     def read(self, rows: Sequence[Row], share: Any = None) -> FilterState:
         """After a reading.
 
-        Parameters
-        ----------
-        rows : sequence of Row
-        share : number or array in [0, 1], or None for 1
-            Which of the drives read it (0 or 1), or the probability p that it is read: then ``p g(P) + (1 - p) P`` is
-            an *upper bound* of the expected covariance of a filter that knows whether it read (g is operator-concave:
-            Jensen), a few per cent above it in rms. A mean error that a missed reading leaves adds its spread to the
-            covariance.
+        ``share``, a number or array in [0, 1] or None for 1, says which of the drives read it (0 or 1), or is the
+        probability p that it is read: then ``p g(P) + (1 - p) P`` is an *upper bound* of the expected covariance of a
+        filter that knows whether it read (g is operator-concave: Jensen), a few per cent above it in rms. A mean error
+        that a missed reading leaves adds its spread to the covariance.
         """
         P, mean = list(self.P), None if self.mean is None else list(self.mean)
         for row in rows:
@@ -163,19 +159,9 @@ class FilterState:
 def states_along(
     start: FilterState, legs: Sequence[LegColumns], rows_at: Mapping[int, Sequence[tuple[Sequence[Row], Any]]]
 ) -> tuple[FilterState, FilterState]:
-    """The states at every leg border, before and after the readings there: of one drive, or of as many as the columns
-    of the legs have.
-
-    Parameters
-    ----------
-    start : FilterState
-    legs : sequence of LegColumns, m of them
-    rows_at : border (0 to m) to its readings, in order: rows and the chance of each, None for certainty
-
-    Returns
-    -------
-    before, after : FilterState, columns of shape (..., m + 1)
-    """
+    """The states at every border of m legs, before and after the readings there, in columns of shape (..., m + 1): of
+    one drive, or of as many as the columns of the legs have. ``rows_at`` a border (0 to m) are its readings, in order:
+    rows and the chance of each, None for certainty."""
     state = start
     if state.mean is None and any(leg.shift is not None for leg in legs):
         state = FilterState(state.P, (0.0,) * state.size)
@@ -275,9 +261,7 @@ class _Entries(NamedTuple):
     """Where among the columns the entries are that the steps need."""
 
     rows: tuple[tuple[int, ...], ...]
-    row_additions: tuple[
-        tuple[int, int, int, int, tuple[tuple[int, int], ...]], ...
-    ]  # i, k, ik, ii, (ij, kj) for j != i
+    row_additions: tuple[tuple[Any, ...], ...]  # i, k, ik, ii, (ij, kj) for j != i
     besides: tuple[tuple[tuple[int, int, int], ...], ...]  # of each axis a: jk, aj, ak for j, k != a
 
 

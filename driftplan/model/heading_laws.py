@@ -32,8 +32,6 @@ def law_moments(law: HeadingLaw, variance: Array) -> LawMoments:
 
     For ``"von_mises"`` the concentration is 1/variance and the moments with θ are not available (NaN).
 
-    Examples
-    --------
     >>> law_moments("gaussian", np.array(0.04)).d1.round(6).item()  # exp(-0.02) - 1
     -0.019801
     """

@@ -110,8 +110,6 @@ def compose(A: Moments, B: Moments, lever_B: tuple[Array, ...] | None = None) ->
     ``e = e_A + u_A (e_B + δ_A (p_B + e_B))``, multiplied out and averaged; a polynomial identity, so associative on any
     tuples.
 
-    Examples
-    --------
     >>> compose(identity(), identity()).N.item()
     0.0
     """
@@ -197,9 +195,7 @@ def scan(pieces: Moments, start: Moments) -> Moments:
     pieces : Moments, shape (..., m)
     start : Moments, shape (...)
 
-    Returns
-    -------
-    Moments, shape (..., m + 1)
+    Returns moments (..., m + 1).
     """
     m = pieces.shape[-1]
     done = [Moments(*(x[..., None] for x in _broadcast(start, pieces.shape[:-1]).arrays()))]

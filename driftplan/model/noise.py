@@ -108,13 +108,8 @@ class OdometryNoise:
         Gaussian and constant during a drive. Predictions average over drives; routes and layouts are searched for with
         the values above, and scored with the average.
 
-    Raises
-    ------
-    ValueError
-        If a rate is negative, not finite, or needs a ``step_m`` that is not given.
+    Raises ValueError if a rate is negative, not finite, or needs a ``step_m`` that is not given.
 
-    Examples
-    --------
     >>> OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=4e-4).heading_std_after(100.0)
     0.1
     """
@@ -179,8 +174,6 @@ class OdometryNoise:
         heading_deg_per_full_turn : standard deviation of the heading error, in degrees, after turning once around
             (360°) on the spot
 
-        Examples
-        --------
         >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
         >>> round(noise.heading_var_per_m, 9), round(noise.distance_var_per_m, 9)
         (3.0462e-05, 0.00025)
@@ -211,8 +204,6 @@ class OdometryNoise:
     ) -> OdometryNoise:
         """Constant noise per step (rad, m), the model of the published formulas.
 
-        Examples
-        --------
         >>> round(OdometryNoise.per_step(heading_std=0.1, distance_std=0.1, step_m=1.0).heading_std_after(25.0), 9)
         0.5
         """
@@ -263,8 +254,6 @@ class OdometryNoise:
     def scaled(self, std_factor: float) -> OdometryNoise:
         """The same odometry, ``std_factor`` times as noisy: deviations and systematic errors times the factor.
 
-        Examples
-        --------
         >>> OdometryNoise(heading_var_per_m=1e-4).scaled(2.0).heading_var_per_m
         0.0004
         """
@@ -294,8 +283,6 @@ class OdometryNoise:
         """The noise on a drive whose three systematic errors (heading per metre and per radian, distance scale) lie so
         many of their standard deviations off; it varies no more.
 
-        Examples
-        --------
         >>> OdometryNoise(heading_bias_per_m=0.01, heading_bias_std_per_m=0.02).on_drive((-1, 0, 0))
         OdometryNoise(heading_bias_per_m=-0.01)
         """
@@ -305,6 +292,12 @@ class OdometryNoise:
         changed["distance_scale_error"] = max(changed["distance_scale_error"], -0.99)
         changed |= dict.fromkeys(BETWEEN_DRIVES.values(), 0.0)
         return replace(self, **changed)
+
+    def corrected(self) -> OdometryNoise:
+        """What is left when the known systematic errors are corrected for: the random ones, and the spread between
+        drives."""
+        none: dict[str, Any] = dict.fromkeys(SYSTEMATIC, 0.0)
+        return replace(self, **none)
 
     @property
     def is_systematic(self) -> bool:

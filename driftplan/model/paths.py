@@ -26,8 +26,6 @@ class Run:
 
     Lengths are >= 0; turns and curvatures (1/m) are positive to the left.
 
-    Examples
-    --------
     >>> Run(length_m=2.0, curvature_per_m=0.5)  # an arc of one radian
     Run(length_m=2.0, curvature_per_m=0.5, turn_rad=0.0)
     """
@@ -69,8 +67,6 @@ class Runs:
         ----------
         distances_m, turns_rad : (..., m), distances >= 0. The path starts at the origin with heading 0.
 
-        Examples
-        --------
         >>> Runs.from_odometry([1.0, 1.0], [0.0, 1.5]).lengths
         array([1., 1.])
         """
@@ -92,9 +88,7 @@ class Runs:
         there: what happens there happens on arrival, before the robot turns on the spot, whether that turn belongs to
         the next run, to a pose or to a run of no length.
 
-        Raises
-        ------
-        ValueError : for several paths at once, and distances off the path
+        Raises ValueError for several paths at once, and distances off the path.
         """
         if self.lengths.ndim != 1:
             raise ValueError(
@@ -155,9 +149,7 @@ def read_path(path: Any, start_heading: float | ArrayLike | None = None) -> Runs
         Heading before the first turn, rad. Default: the heading of the first run; for `Run` lists and logs 0. Poses
         bring their own.
 
-    Raises
-    ------
-    ValueError : for fewer than 2 waypoints, wrong shapes, values that are not finite, negative lengths
+    Raises ValueError for fewer than 2 waypoints, wrong shapes, values that are not finite, negative lengths.
     """
     driven = path if isinstance(path, Runs) else _from_runs(path) if _is_sequence_of(path, Run) else None
     runs = _from_array(_as_array(path)) if driven is None else driven
@@ -177,8 +169,6 @@ def wrap(angle_rad: Floats) -> Floats:
     """The same angles in (-π, π], where a half turn, exact or within a millionth, goes to the left: rounding, and with
     it where the world's axes lie, does not decide the sense of an about-face (but may leave it at π + 1e-6).
 
-    Examples
-    --------
     >>> wrap(np.array([4.0])).round(3)
     array([-2.283])
     """

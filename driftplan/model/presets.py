@@ -28,8 +28,7 @@ class Preset:
     caution : what to know before using it
     lengths_m : segments over which it was measured, from the shortest to the longest; None where the source says
         nothing.
-    intervals : mapping of str to (float, float)
-        95 % intervals of the rates, where they were fitted.
+    intervals : mapping of str to (float, float): 95 % intervals of the rates, where they were fitted
     """
 
     noise: OdometryNoise

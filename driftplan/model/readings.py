@@ -74,12 +74,9 @@ class Fix:
         were no fix
     range_std_m, bearing_std : standard deviation of the measured distance to ``anchor`` (m), and of its measured
         direction in the robot's frame (rad)
-    anchor : (2,) array or None
-        Where the beacon is to which a range or bearing is measured, metres, world frame.
+    anchor : (2,) array or None: where the beacon is to which a range or bearing is measured, metres, world frame
 
-    Raises
-    ------
-    ValueError : for negative or infinite values, a covariance that is none, a probability outside [0, 1]
+    Raises ValueError for negative or infinite values, a covariance that is none, a probability outside [0, 1].
     """
 
     s_m: float
@@ -114,8 +111,6 @@ class Fix:
     def full(cls, s_m: float, *, position_std_m: float, heading_std: float, detection_probability: float = 1.0) -> Fix:
         """Position and heading: an AprilTag, a reflector set, a docking station. ``position_std_m`` is per axis.
 
-        Examples
-        --------
         >>> Fix.full(10.0, position_std_m=0.1, heading_std=0.02).heading_std
         0.02
         """
@@ -140,8 +135,6 @@ class Fix:
     def range(cls, s_m: float, *, anchor: ArrayLike, range_std_m: float, detection_probability: float = 1.0) -> Fix:
         """Distance to an anchor only: an ultra-wideband radio. It needs a filter.
 
-        Examples
-        --------
         >>> Fix.range(10.0, anchor=(3.0, 4.0), range_std_m=0.1).anchor
         array([3., 4.])
         """
@@ -172,8 +165,6 @@ class Readings:
     anchor : complex, metres: to what a range or bearing is measured; NaN where neither is
     range_var, bearing_var : variances of a distance (m²) and of a direction (rad²) that are read; NaN where none is
 
-    Examples
-    --------
     >>> Readings.of([Fix.position(3.0, position_std_m=0.1), Fix.heading(5.0, heading_std=0.02)]).s_m.tolist()
     [3.0, 5.0]
     """
@@ -235,9 +226,7 @@ class Readings:
     def resets(self) -> Resets:
         """What the estimator ``reset`` makes of them.
 
-        Raises
-        ------
-        ValueError : for a range or a bearing: they need a filter
+        Raises ValueError for a range or a bearing: they need a filter.
         """
         if not (np.isnan(self.range_var) & np.isnan(self.bearing_var)).all():
             raise ValueError(f"{NEEDS_FILTER}; expected estimator='filter'")
@@ -297,8 +286,6 @@ class Resets:
         """Error moments (world frame) just after readings, given those just before them; over any leading axes, or in
         Python's numbers; exact.
 
-        Examples
-        --------
         >>> tag = Readings.of([Fix.position(0.0, position_std_m=0.1)])
         >>> tag.resets()[0].apply(identity()).N.round(3).item()
         0.02

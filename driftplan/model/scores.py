@@ -36,8 +36,6 @@ def mean_distance(mean: Floats, cov: Floats) -> Floats:
     mean : (..., 2)
     cov : (..., 2, 2)
 
-    Examples
-    --------
     >>> mean_distance(np.zeros(2), np.eye(2)).round(6).item()  # sqrt(π/2)
     1.253314
     """
@@ -48,8 +46,6 @@ def mean_distance(mean: Floats, cov: Floats) -> Floats:
 def probability_within(radius: Any, mean: Floats, cov: Floats) -> Floats:
     """Probability that e ~ N(mean, cov) is no longer than ``radius`` (same unit, broadcast over the leading axes).
 
-    Examples
-    --------
     >>> probability_within(1.0, np.zeros(2), np.eye(2)).round(6).item()  # 1 - exp(-1/2)
     0.393469
     """
@@ -64,8 +60,6 @@ def probability_within(radius: Any, mean: Floats, cov: Floats) -> Floats:
 def radius_at(confidence: float, mean: Floats, cov: Floats) -> Floats:
     """Radius of the disc about zero that holds e ~ N(mean, cov) with the given confidence.
 
-    Examples
-    --------
     >>> radius_at(0.95, np.zeros(2), np.eye(2)).round(4).item()  # sqrt(-2 ln 0.05)
     2.4477
     """

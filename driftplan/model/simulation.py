@@ -12,15 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.arrays import Complexes, Floats, bounded, positive, whole
-from driftplan.model.noise import (
-    BETWEEN_DRIVES,
-    SYSTEMATIC,
-    Noises,
-    OdometryNoise,
-    noise_of_legs,
-    spread_of,
-    steps_in,
-)
+from driftplan.model.noise import BETWEEN_DRIVES, SYSTEMATIC, Noises, OdometryNoise, noise_of_legs, spread_of, steps_in
 from driftplan.model.paths import Runs, read_path
 from driftplan.model.readings import Estimator, Fix, checked_estimator
 
@@ -51,13 +43,8 @@ def simulate_drift(
         filter, linearised at the robot's own estimate. It also estimates systematic errors that differ from drive to
         drive.
 
-    Returns
-    -------
-    array, shape (runs, n, 2)
-        Estimated minus true position in metres, world frame. At a waypoint with a fix: after it.
+    Returns estimated minus true positions (runs, n, 2), metres, world frame; at a waypoint with a fix: after it.
 
-    Examples
-    --------
     >>> errors = simulate_drift([(0, 0), (10, 0)], OdometryNoise(distance_var_per_m=0.01), runs=4000, rng=1)
     >>> errors.shape, round(float(errors[:, -1, 0].std()), 2)  # sqrt(0.01 * 10) = 0.316
     ((4000, 2, 2), 0.32)
@@ -97,12 +84,7 @@ class _Drives:
     """Many drives at once: heading error and estimated position of each, beside the one true pose."""
 
     def __init__(
-        self,
-        noises: list[OdometryNoise],
-        count: int,
-        rng: np.random.Generator,
-        legs: Runs,
-        substep_m: float | None,
+        self, noises: list[OdometryNoise], count: int, rng: np.random.Generator, legs: Runs, substep_m: float | None
     ) -> None:
         self.noises, self.rng, self.legs, self.count = noises, rng, legs, count
         self.learnt: dict[str, Floats] = {}  # what the robot has found of its systematic errors

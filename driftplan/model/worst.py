@@ -36,12 +36,8 @@ _RADIUS_ROUNDS = 3  # of looking closer at the greatest
 def worst_rms(drift: Drift) -> float:
     """The greatest rms anywhere along one path of straight runs, metres: exact to a ten-billionth of itself.
 
-    Raises
-    ------
-    ValueError : for batches of paths, curved runs and noise per step
+    Raises ValueError for batches of paths, curved runs and noise per step.
 
-    Examples
-    --------
     A heading error that drives the estimate in circles makes the drift greatest between waypoints:
 
     >>> from driftplan.model.drift import predict_drift
@@ -61,16 +57,12 @@ def worst_rms(drift: Drift) -> float:
 
 
 def worst_radius(drift: Drift, confidence: float) -> float:
-    """The greatest radius that holds the estimate with a confidence, anywhere along one path of straight runs, metres.
+    """The greatest radius that holds the estimate with a confidence in (0, 1), anywhere along one path of straight
+    runs, metres.
 
     A radius has no bound between points. It is taken at all borders, both sides of fixes and turns and 200 points along
     the path, then more and more closely around the greatest: a peak that is narrower than a 200th of the path and not
     at a border may be missed.
-
-    Parameters
-    ----------
-    drift : Drift
-    confidence : float in (0, 1)
     """
     _check(drift)
     length = float(drift.length)
@@ -135,21 +127,13 @@ def greatest_between(
     group: Ints,
     greatest: Floats,
 ) -> Floats:
-    """Raise the ``greatest`` E|e|² of each group of straight stretches, m², to what is found inside them.
+    """Raise the ``greatest`` E|e|² (m²) of each group of straight stretches, (groups,) and at least that of all ends,
+    to what is found inside them: at most 1e-10 of itself below the least upper bound.
 
     Parameters
     ----------
-    begun : Moments (n,)
-        At the beginning of every stretch.
-    length, which : (n,), metres; index into ``noises``
-    end : (n,) E|e|² at the end of every stretch, m²
-    group : (n,) index into ``greatest``
-    greatest : (groups,) at least that of all ends
-
-    Returns
-    -------
-    array (groups,)
-        At most 1e-10 of itself below the least upper bound.
+    begun : Moments (n,): at the beginning of every stretch
+    length, which, end, group : (n,), metres; index into ``noises``; E|e|² at its end, m²; index into ``greatest``
     """
     rates = np.array([bend_rates(noise) for noise in noises]).reshape(-1, 2)
     greatest = greatest.copy()

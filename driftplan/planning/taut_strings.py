@@ -41,6 +41,7 @@ _SLACK = 1e-9  # and what ends so short of an obstacle, as a share of the distan
 _FIRST_MARGIN_RADII, _FIRST_MARGIN_SIZES = 1 / 6, 1e-4  # of the robot, and of the map
 _MARGINS, _FINER = 4, 2.5  # margins tried at most, each so much finer than the one before
 _WORTH = 0.8  # of the gap left by a margin: then the next one does not pay
+_MOST_LOOKS = 1_500_000  # at corners, from others, for one string: about half a second
 _LENGTHS = 2000  # of routes, at which the bound of the mean square is evaluated
 _HEADING_STD_FACTOR = 2.0  # times that of the route found: where a bound must be restricted, it is for up to that
 
@@ -277,16 +278,17 @@ class _Corners:
 
     def string(self, start: complex, upper: float, stop: Stop) -> tuple[float, list[int] | None]:
         """The shortest string from the start to the goal, and the corners it bends at; if none is below ``upper``, or
-        none was found in time, a length that every string has, and None."""
+        none was found in time or with so many looks, a length that every string has, and None."""
         power, goal = self._power, len(self.z)
         to_goal = np.append(self._reach, 0.0)
         far = np.full(goal + 1, np.inf)
         came_from = np.full(goal + 1, -1)
         done = np.zeros(goal + 1, dtype=bool)
-        queue = [(abs(start) ** power / power, -1, 0.0)]
+        queue, looks = [(abs(start) ** power / power, -1, 0.0)], 0
         while queue:
             bound, corner, gone = heapq.heappop(queue)
-            if bound >= upper * (1 + _SLACK) or stop():
+            looks += goal
+            if bound >= upper * (1 + _SLACK) or looks > _MOST_LOOKS or stop():
                 return bound, None
             if corner == goal:
                 bends = [int(came_from[goal])]

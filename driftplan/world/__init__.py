@@ -7,8 +7,9 @@ mapfiles                        load_world, save_world, and the formats: ros_map
 cells, cell_pictures            from cells to polygons and back; a YAML file and the picture it names
 plain_data                      YAML and JSON from anybody
 trajectories                    paths and trajectories in files
-odometry_logs, log_tables       recordings: TUM, KITTI, MR.CLAM, ROS, CSV, MATLAB
+odometry_logs, log_tables       recordings: TUM, KITTI, MR.CLAM, CSV, MATLAB
+log_formats                     and ROS bags, CARMEN, g2o
 log_order, log_plausibility     rows in the order of their times; do headings follow the way driven
-noise_files                     a noise as YAML
+noise_files, ros_covariances    a noise as YAML; what it means for messages of ROS
 shapes                          polygons as public functions accept them
 """

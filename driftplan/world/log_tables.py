@@ -87,9 +87,7 @@ def read_table(
     recording : whether columns of text are left out, and up to a fifth of the rows where a value is missing or not
         finite, as exports of recordings have them. Otherwise these are refused.
 
-    Raises
-    ------
-    TrajectoryError : if the file cannot be read: the message names it, and the line or variable
+    Raises TrajectoryError if the file cannot be read: the message names it, and the line or variable.
     """
     file = Path(path)
     with naming(file, TrajectoryError):
@@ -109,9 +107,7 @@ def named(file: Path, table: Table, aliases: Mapping[str, Sequence[str]]) -> dic
     """Columns in SI units by the names in ``aliases`` under which the file's names for them are listed: as they are,
     else by their last words, as in ``pose.pose.position.x``.
 
-    Raises
-    ------
-    TrajectoryError : where a column has a unit that is not in `UNITS`: it lists them
+    Raises TrajectoryError where a column has a unit that is not in `UNITS`: it lists them.
     """
     return {
         name: table.values[:, k] * unit_size(file, table, k)
@@ -288,8 +284,6 @@ def _names(header: str, width: int, *, all_cells: bool = False) -> list[tuple[st
 def name_and_unit(field: str) -> tuple[str, str]:
     """Name and unit of a column, in small letters.
 
-    Examples
-    --------
     >>> name_and_unit("Pose.Position.X [mm]")
     ('pose_position_x', 'mm')
     """

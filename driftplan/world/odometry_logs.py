@@ -1,4 +1,5 @@
-"""Odometry logs and true trajectories from files: TUM, KITTI, UTIAS MR.CLAM, CSV with named columns, MATLAB 5.
+"""Odometry logs and true trajectories from files: TUM, KITTI, UTIAS MR.CLAM, CSV with named columns, MATLAB 5, and the
+formats of `driftplan.world.log_formats`: ROS bags, CARMEN, g2o.
 
 What the columns mean is taken from their names where the file has any, else from their number:
 
@@ -33,12 +34,13 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from driftplan.arrays import Complexes, Floats
+from driftplan.arrays import Complexes, Floats, positive
 from driftplan.errors import TrajectoryError, naming
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
+from driftplan.world.log_formats import read_recording
 from driftplan.world.log_order import in_order, seconds
 from driftplan.world.log_plausibility import misread
-from driftplan.world.log_tables import Table, columns_of, name_and_unit, read_table, unit_size
+from driftplan.world.log_tables import Table, columns_of, name_and_unit, unit_size
 
 Kind = Literal["increments", "velocities", "poses"]
 
@@ -57,7 +59,12 @@ _ALIASES: Mapping[str, Sequence[str]] = {
     "turn": ("dtheta", "delta_theta", "turn_rad", "dyaw"),
     "speed": ("v", "velocity", "forward_velocity", "linear_x", "speed_m_per_s"),
     "turn_rate": ("w", "omega", "angular_velocity", "angular_z", "yaw_rate", "turn_rate_rad_per_s"),
+    "left_speed": ("v_left", "left_wheel_speed", "wheel_speed_left", "vl"),
+    "right_speed": ("v_right", "right_wheel_speed", "wheel_speed_right", "vr"),
+    "left_ticks": ("ticks_left", "left_encoder", "encoder_left"),
+    "right_ticks": ("ticks_right", "right_encoder", "encoder_right"),
 }
+_WHEELS = {"speeds": ("left_speed", "right_speed"), "ticks": ("left_ticks", "right_ticks")}
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _POSE = ("x", "y", "z", *_QUATERNION)
 _NAMELESS: Mapping[int, Sequence[str]] = {3: ("time", "x", "y"), 4: ("time", "x", "y", "heading"), 8: ("time", *_POSE)}
@@ -91,29 +98,27 @@ def read_odometry(
     columns: Sequence[str] | None = None,
     variable: str | None = None,
     rate_hz: float = 10.0,
+    track_width_m: float | None = None,
+    metres_per_tick: float | None = None,
 ) -> OdometryLog:
     """Odometry from a file.
 
     Parameters
     ----------
-    path : see the module's table, and `driftplan.world.log_tables.read_table` for the containers
+    path : see the module's table, `driftplan.world.log_tables.read_table` and `driftplan.world.log_formats`
     kind : {"increments", "velocities", "poses"}, optional
         What the log holds; needed where three nameless columns do not say.
     columns : names of the columns, in place of the file's: ``time``, ``distance``, ``turn``; ``speed``, ``turn_rate``;
-        ``x``, ``y``, ``heading``; ``qx``, ``qy``, ``qz``, ``qw``; any other name is skipped. A unit may follow, as in
-        ``time[ns]`` or ``heading[deg]``. Increments may lack ``time``.
-    variable : name of the array in a MATLAB file
+        ``x``, ``y``, ``heading``; ``qx``, ``qy``, ``qz``, ``qw``; ``left_speed``, ``right_speed``; ``left_ticks``,
+        ``right_ticks``; any other name is skipped. A unit may follow, as in ``time[ns]`` or ``heading[deg]``.
+        Increments may lack ``time``.
+    variable : name of the array in a MATLAB file, or topic of a ROS bag
     rate_hz : poses per second of a KITTI file
+    track_width_m, metres_per_tick : distance between the wheels, for wheel speeds and ticks; what a tick is worth
 
-    Raises
-    ------
-    TrajectoryError
-        If the file cannot be read or does not say what its columns are: the message names file and line or column.
-    ValueError
-        If an argument is none of those above.
+    Raises TrajectoryError if the file cannot be read or does not say what its columns are: the message names file and
+    line or column; ValueError if an argument is none of those above.
 
-    Examples
-    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder) / "wheels.csv"
@@ -125,7 +130,7 @@ def read_odometry(
     if kind is not None and kind not in get_args(Kind):
         raise ValueError(f"expected kind one of {get_args(Kind)}, got {kind!r}")
     file = Path(path)
-    table = read_table(file, variable, recording=True)
+    table = read_recording(file, "odometry", variable)
     if columns is None and table.names is None and table.values.shape[1] == 3:
         if kind is None or kind == "poses":
             raise TrajectoryError(
@@ -135,6 +140,7 @@ def read_odometry(
         columns = _NAMELESS_STEPS[kind]
     with naming(file, TrajectoryError):
         found, notes = _recording(file, table, columns, rate_hz)
+        found = _of_wheels(found, track_width_m, metres_per_tick)
         kind = kind or _kind_of(table, found)
         if kind == "poses":
             truth = _trajectory(found, ())
@@ -160,8 +166,6 @@ def read_truth(
 
     Parameters and errors are those of `read_odometry`.
 
-    Examples
-    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "truth.csv")
@@ -171,7 +175,7 @@ def read_truth(
     """
     file = Path(path)
     with naming(file, TrajectoryError):
-        return _trajectory(*_recording(file, read_table(file, variable, recording=True), columns, rate_hz))
+        return _trajectory(*_recording(file, read_recording(file, "truth", variable), columns, rate_hz))
 
 
 def _recording(file: Path, table: Table, columns: Sequence[str] | None, rate_hz: float) -> _Recording:
@@ -212,6 +216,28 @@ def _with_names(table: Table, columns: Sequence[str] | None, rate_hz: float) -> 
         raise ValueError(f"{width} columns{called} do not say what they are (known: {known}): name them")
     rest = tuple(f"unnamed_{k}" for k in range(width - len(names)))
     return table._replace(names=(*names, *rest), units=None)
+
+
+def _of_wheels(
+    found: dict[str, Floats], track_width_m: float | None, metres_per_tick: float | None
+) -> dict[str, Floats]:
+    """Wheel speeds as speed and turn rate, wheel ticks as distance and turn."""
+    which = [kind for kind, names in _WHEELS.items() if set(names) <= found.keys()]
+    ticks = which == ["ticks"]
+    if (track_width_m is None) != (not which) or (metres_per_tick is None) != (not ticks) or len(which) > 1:
+        raise ValueError(
+            "expected track_width_m with left_speed and right_speed, track_width_m and metres_per_tick with left_ticks "
+            f"and right_ticks, and neither without; found {' '.join(found)}"
+        )
+    if track_width_m is None:
+        return found
+    left, right = (found[name] for name in _WHEELS[which[0]])
+    if metres_per_tick is not None:
+        size = positive("metres_per_tick", metres_per_tick)
+        left, right = (size * np.diff(count, prepend=count[0]) for count in (left, right))
+    names = ("distance", "turn") if ticks else ("speed", "turn_rate")
+    moves = (0.5 * (left + right), (right - left) / positive("track_width_m", track_width_m))
+    return {**found, **dict(zip(names, moves, strict=True))}
 
 
 def _kind_of(table: Table, found: Mapping[str, Floats]) -> Kind:

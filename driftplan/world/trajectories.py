@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from driftplan.arrays import Complexes, Floats
+from driftplan.arrays import Complexes, Floats, as_plane
 from driftplan.errors import TrajectoryError
-from driftplan.world.log_tables import named, read_table
-from driftplan.world.odometry_logs import read_truth
+from driftplan.model.calibration.recordings import OdometryLog, Trajectory
+from driftplan.world.log_formats import Role, read_recording
+from driftplan.world.log_tables import Table, named, read_table
+from driftplan.world.odometry_logs import read_odometry, read_truth
 
+_STRAIGHT_WITHIN_M = 0.02  # what a recorded way swings less is jitter
 _PATH_COLUMNS = {"x": ("x_m",), "y": ("y_m",), "heading": ("heading_rad", "yaw", "yaw_rad", "theta")}
 
 
@@ -25,15 +29,12 @@ def read_path(path: str | os.PathLike[str]) -> Floats:
     ----------
     path : text of one waypoint a line, ``x, y`` or ``x, y, heading``, with commas, semicolons or blanks between, and a
         header that names the columns or none. Lines that begin with ``#`` are comments. A unit in brackets, as in
-        ``x [mm]`` or ``heading [deg]``, is converted.
+        ``x [mm]`` or ``heading [deg]``, is converted. Or a recorded drive, in any of the formats of `read_trajectory`
+        and `driftplan.read_odometry`: its way, straight where it is within 2 cm of it.
 
-    Raises
-    ------
-    TrajectoryError : if the file cannot be read, has other columns or fewer than 2 waypoints: the message names it, and
-        the line
+    Raises TrajectoryError if the file cannot be read, has other columns or fewer than 2 waypoints: the message names
+    it, and the line.
 
-    Examples
-    --------
     >>> import os, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "path.csv")
@@ -42,7 +43,35 @@ def read_path(path: str | os.PathLike[str]) -> Floats:
     [[0.0, 0.0], [5.0, 0.0], [5.0, 3.0]]
     """
     file = Path(path)
-    table = read_table(file)
+    try:
+        return _waypoints(file, read_table(file))
+    except TrajectoryError:
+        driven = _driven(file)
+        if driven is None:
+            raise
+        return driven
+
+
+def _driven(file: Path) -> Floats | None:
+    """Corners of the way of a recorded drive; None if it is none: few nameless columns are a path gone wrong."""
+    from shapely import LineString
+
+    readers: tuple[tuple[Role, Callable[[Path], Trajectory | OdometryLog]], ...]
+    readers = (("truth", read_truth), ("odometry", read_odometry))
+    for role, read in readers:
+        try:
+            table = read_recording(file, role, None)
+            if table.names is None and table.values.shape[1] <= len(_PATH_COLUMNS):
+                return None
+            way = as_plane(read(file).positions)
+        except TrajectoryError:
+            continue
+        return np.asarray(LineString(way).simplify(_STRAIGHT_WITHIN_M, preserve_topology=False).coords)
+    return None
+
+
+def _waypoints(file: Path, table: Table) -> Floats:
+    """The columns of a path."""
     width = table.values.shape[1]
     found = named(file, table, _PATH_COLUMNS)
     if not found and width in (2, 3) and (table.names is None or table.names_are_a_comment):

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+import yaml
 
 from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
@@ -111,3 +112,30 @@ def test_a_fit_that_is_not_to_be_used_writes_nothing_unless_asked(files, tmp_pat
     said = run(*words, "--accept-faults")
     assert "millimetres or metres?" in said.out
     assert (tmp_path / "noise.yaml").exists()
+
+
+def test_covariances_for_messages_need_the_robots_speed(files, tmp_path, run, refused):
+    words = ("fit", *files[:2], *FEW, "--lengths-m", "2,4,8", "--ros", tmp_path / "odom.yaml")
+    refused(*words, match="expected --speed, the robot's in m/s, with --ros")
+    assert not (tmp_path / "odom.yaml").exists()
+    run(*words, "--speed", "0.5", "--message-rate-hz", "20")
+    found = yaml.safe_load((tmp_path / "odom.yaml").read_text())
+    assert np.reshape(found["twist_covariance"], (6, 6))[0, 0] == pytest.approx(1e-3 * 0.5 * 20, rel=0.5)
+    assert np.shape(found["pose_covariance"]) == (36,)
+
+
+def test_wheels_are_read_with_their_track_width(tmp_path, run, files):
+    log, _ = simulate_log(PATH, NOISE, rng=0, truth_position_std_m=0.003)
+    sides = [np.append((np.abs(log.moves) + way * log.turns * 0.25) / np.diff(log.times), 0) for way in (-1, 1)]
+    rows = np.column_stack([log.times, *sides])
+    np.savetxt(tmp_path / "wheels.csv", rows, header="time,v_left,v_right", comments="", delimiter=",")
+    words = (*FEW, "--lengths-m", "2,4,8", "--json")
+    found = json.loads(run("fit", tmp_path / "wheels.csv", files[1], "--track-width-m", "0.5", *words).out)
+    assert found["noise"]["distance_scale_error"] == pytest.approx(0.05, abs=0.02)
+
+
+def test_a_recorded_drive_is_a_path_to_predict(files, run):
+    noise = ("--heading-deg", "2", "--after-m", "10")
+    said = json.loads(run("predict", files[1], *noise, "--json").out)["paths"][0]
+    assert said["length_m"] == pytest.approx(sum(np.hypot(*np.diff(PATH, axis=0).T)), rel=0.01)
+    assert len(said["points"]) < 100  # corners, not samples

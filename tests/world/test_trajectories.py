@@ -65,7 +65,7 @@ def test_headings_in_degrees_are_converted(tmp_path):
         ("0,0\n1,nan\n", "line 2: expected finite numbers"),
         ("0,0\n1,inf\n", "line 2: expected finite numbers"),
         ("0\n1\n", "expected the columns x, y and perhaps heading, got 1"),
-        ("0,0,0,0\n1,1,1,1\n", "expected the columns x, y and perhaps heading, got 4"),
+        ("0,0,0,0,0\n1,1,1,1,1\n", "expected the columns x, y and perhaps heading, got 5"),
         ("x,y,speed\n0,0,1\n1,1,1\n", "expected the columns x, y and perhaps heading, got 3 called x, y, speed"),
         ("lon,lat\n0,0\n1,1\n", "got 2 called lon, lat"),
         ("x,y,heading_deg\n0,0,1\n1,1,1\n", "got 3 called x, y, heading_deg"),

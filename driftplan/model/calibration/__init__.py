@@ -7,9 +7,8 @@ relative_errors     drift in % and deg/m, as benchmarks count it
 recordings          what the odometry said, and where the robot was
 simulated_log       a recording of a simulated drive
 
-How a fit goes: `matched_drive` puts odometry beside truth, `reference_offsets` finds what lies between them for good,
-`resampling` takes the drive at even knots, `segment_sets` cuts drives into `segments` of several lengths,
-`quasi_likelihood` fits their errors' moments, `bootstrap` tells how well they are known and how drives differ,
-`segment_check` compares predicted with measured, `chance` tells how far they may differ under a right model, `notes`
-says in words what to know.
+How a fit goes: `matched_drive` puts odometry beside truth, `resampling` takes the drive at even knots, `segment_sets`
+cuts drives into `segments` of several lengths, `quasi_likelihood` fits their errors' moments, `bootstrap` tells how
+well they are known and how drives differ, `noise_check` compares predicted with measured, `chance` tells how far they
+may differ under a right model, `notes` says in words what to know.
 """

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Floats, Ints
+from driftplan.arrays import Floats
 from driftplan.model.calibration.quasi_likelihood import (
     RANDOM,
     SYSTEMATIC,
@@ -16,6 +16,7 @@ from driftplan.model.calibration.quasi_likelihood import (
     Solution,
     drive_deviations,
     equations,
+    information,
     models,
     normed,
     start_and_scale,
@@ -35,22 +36,20 @@ def bootstrap(segments: SegmentSet, solution: Solution, resamples: int, rng: np.
 
     Blocks, two longest segments long, may begin anywhere in steps of 1/8 of their length; the drives' end joins their
     beginning. Variances may come out negative here; what pushes one that is at its bound below zero is taken out, so
-    that its replicates spread about zero.
+    that its replicates spread about zero. (F. Hu and J. D. Kalbfleisch, The estimating function bootstrap, Canadian
+    Journal of Statistics 28 (2000) 449-481.)
 
-    Returns
-    -------
-    replicates : array, shape (resamples, k)
-    blocks : int
-        How many blocks make the whole.
+    Returns replicates (resamples, k), and how many blocks make the whole.
     """
     length = _BLOCK_SPANS * segments.bins[-1].length_m
     blocks = max(int(segments.total_m / length), 2)
     slots = _BLOCK_STARTS * blocks
     slot_of = np.minimum((segments.place_m / segments.total_m * slots).astype(int), slots - 1)
-    score, information = _blocks(solution.score, slot_of, slots), _blocks(solution.information, slot_of, slots)
+    score = _blocks([solution.score[slot_of == k].sum(axis=0) for k in range(slots)])
+    slope = _blocks([information(solution.root[slot_of == k]) for k in range(slots)])
     drawn = rng.multinomial(blocks, np.full(slots, 1 / slots), size=resamples).astype(float)
     push = np.where(solution.bounded & (solution.theta == 0), solution.score.sum(axis=0), 0.0)
-    total, scale = normed(np.tensordot(drawn, information, 1))
+    total, scale = normed(np.tensordot(drawn, slope, 1))
     step = np.linalg.solve(total, ((drawn @ score - push) * scale)[..., None])[..., 0] * scale
     return np.asarray(solution.theta + step), blocks
 
@@ -127,19 +126,18 @@ def systematic_errors(
     theta = np.array([*(getattr(noise, name) for name in (*SYSTEMATIC, *RANDOM)), *truth])
     model = Model(segments, names, theta)
     d_mean, d_cov = model.slopes(start_and_scale(segments, names)[1])
-    score, information = equations(segments, model.mean, model.cov, d_mean, d_cov)
     few = len(SYSTEMATIC)
-    score, information = score[:, :few], information[:, :few, :few]
-    step = np.linalg.lstsq(information.sum(axis=0), score.sum(axis=0))[0]
-    there = score - information @ step
-    here = Solution(SYSTEMATIC, theta[:few] + step, there, information, True, "", d_mean[:, :few], d_cov[:, :few])
+    score, root = (x[:, :few] for x in equations(segments, model.mean, model.cov, d_mean, d_cov))
+    step = np.linalg.lstsq(information(root), score.sum(axis=0))[0]
+    there = score - (root @ np.swapaxes(root, 1, 2)) @ step
+    here = Solution(SYSTEMATIC, theta[:few] + step, there, root, True, "", d_mean[:, :few], d_cov[:, :few])
     replicates, blocks = bootstrap(segments, here, 400, np.random.default_rng(0))
     error = standard_errors(replicates, blocks) * student_allowance(blocks, _THREE_ERRORS)
     found = {name: (float(here.theta[k]), float(error[k])) for k, name in enumerate(SYSTEMATIC)}
     return found, here.d_mean
 
 
-def between_drives(segments: SegmentSet, solution: Solution, std_errors: dict[str, float]) -> dict[str, float]:
+def between_drives(segments: SegmentSet, solution: Solution, std_errors: dict[str, float]) -> dict[str, Any]:
     """Standard deviations, by the names of `OdometryNoise`, by which another drive's systematic errors differ from the
     fitted ones: the fit's own error, and the spread from drive to drive beyond what each drive leaves open. Of one
     drive that spread is unknown, and taken for as large as the fit's own error."""
@@ -156,8 +154,6 @@ def _widened(blocks: int) -> float:
     return sqrt(blocks / (blocks - 1) / (1 - 1 / (3 * _BLOCK_SPANS)))
 
 
-def _blocks(values: Floats, slot_of: Ints, slots: int) -> Floats:
-    """Sums over the blocks that begin at every bin."""
-    slotted = np.zeros((slots, *values.shape[1:]))
-    np.add.at(slotted, slot_of, values)
+def _blocks(slotted: list[Floats]) -> Floats:
+    """Sums over the blocks that begin at every slot."""
     return np.asarray(np.sum([np.roll(slotted, -k, axis=0) for k in range(_BLOCK_STARTS)], axis=0))

@@ -64,30 +64,30 @@ def normalised_squares(segments: SegmentSet, values: Floats, mean: Floats, cov: 
     return np.asarray(np.einsum("...ni,nij,...nj->...n", surplus, np.linalg.inv(cov[:, where, where]), surplus))
 
 
-def by_chance(segments: SegmentSet, noise: OdometryNoise, truth: TruthNoise, mean: Floats, cov: Floats) -> Chance:
-    """Spread of a check's figures for segments with these moments (n, 3), (n, 3, 3) under a noise."""
+def repetitions(segments: SegmentSet, noise: OdometryNoise, truth: TruthNoise) -> Floats:
+    """The observed values of all segments, (runs, n, 3), if the drives are driven again under a noise."""
     rng = np.random.default_rng(0)
     knots = sum(len(part.driven) for part in segments.resampled)
     chunk = int(np.clip(_NUMBERS_AT_ONCE // (knots + len(segments.values)), 1, _RUNS))
-    squares, shares, tails = [], [], []
+    found = []
     for begin in range(0, _RUNS, chunk):
         runs = min(chunk, _RUNS - begin)
         deviations = rng.standard_normal((3, runs)) if noise.varies_between_drives else np.zeros((3, runs))
         drives = [repeated(part, noise, truth, rng, deviations) for part in segments.resampled]
-        values = np.concatenate(
-            [
-                errors_of(drives[i], seen.starts, length.steps)
-                for length in segments.bins
-                for i, seen in length.observed
-            ],
-            axis=-2,
-        )
-        nees = normalised_squares(segments, values, mean, cov)
-        mine = [segments.bin_of == k for k in range(len(segments.bins))]
-        square = (values[..., segments.position] ** 2).sum(axis=-1)
-        squares.append(np.stack([square[:, of].mean(axis=1) for of in mine], axis=1))
-        tails.append(np.stack([tail_weight(nees[:, of]) for of in mine], axis=1))
-        inside = [[(nees[:, of] < limit).mean(axis=1) for limit in LIMITS] for of in mine]
-        shares.append(np.moveaxis(np.array(inside), 2, 0))
-    log_rms = 0.5 * np.log(np.maximum(np.concatenate(squares), 1e-300))
-    return Chance(log_rms, np.concatenate(shares), np.concatenate(tails))
+        observed = [(drives[i], seen.starts, length.steps) for length in segments.bins for i, seen in length.observed]
+        found.append(np.concatenate([errors_of(*one) for one in observed], axis=-2))
+    return np.concatenate(found)
+
+
+def by_chance(segments: SegmentSet, repeated_values: Floats, mean: Floats, cov: Floats) -> Chance:
+    """Spread of a check's figures for segments with these moments (n, 3), (n, 3, 3), in `repetitions`."""
+    nees = normalised_squares(segments, repeated_values, mean, cov)
+    square = (repeated_values[..., segments.position] ** 2).sum(axis=-1)
+    squares, shares, tails = [], [], []
+    for k in range(len(segments.bins)):
+        mine = segments.bin_of == k
+        squares.append(square[:, mine].mean(axis=1))
+        shares.append(np.stack([(nees[:, mine] < limit).mean(axis=1) for limit in LIMITS], axis=1))
+        tails.append(tail_weight(nees[:, mine]))
+    log_rms = 0.5 * np.log(np.maximum(np.stack(squares, axis=1), 1e-300))
+    return Chance(log_rms, np.stack(shares, axis=1), np.stack(tails, axis=1))

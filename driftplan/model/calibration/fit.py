@@ -24,16 +24,10 @@ from driftplan.model.calibration.bootstrap import (
     standard_errors,
     systematic_covariance,
 )
-from driftplan.model.calibration.matched_drive import MatchCounts
-from driftplan.model.calibration.noise_check import Estimate, Truth, checked
-from driftplan.model.calibration.notes import (
-    drive_notes,
-    fault_notes,
-    judged,
-    mounting_notes,
-    reference_notes,
-    swap_notes,
-)
+from driftplan.model.calibration.chance import repetitions
+from driftplan.model.calibration.matched_drive import MatchCounts, MatchOptions
+from driftplan.model.calibration.noise_check import Estimate, SegmentCheck, Truth, check_segments, checked, judged
+from driftplan.model.calibration.notes import drive_notes, fault_notes, mounting_notes, reference_notes, swap_notes
 from driftplan.model.calibration.quasi_likelihood import (
     DRIVES_TO_HOLD_OUT,
     RANDOM,
@@ -47,7 +41,6 @@ from driftplan.model.calibration.quasi_likelihood import (
 )
 from driftplan.model.calibration.relative_errors import RelativeErrors, segment_errors
 from driftplan.model.calibration.resampling import laid_on_truth
-from driftplan.model.calibration.segment_check import SegmentCheck, check_segments
 from driftplan.model.calibration.segment_sets import SegmentSet, drives_of, segment_set
 from driftplan.model.noise import OdometryNoise
 from driftplan.tables import table
@@ -97,7 +90,7 @@ class NoiseFit:
     """
 
     noise: OdometryNoise
-    between_drives: dict[str, float]
+    between_drives: dict[str, Any]
     intervals: dict[str, tuple[float, float]]
     std_errors: dict[str, float]
     confidence: float
@@ -126,17 +119,14 @@ class NoiseFit:
     ) -> SegmentCheck:
         """Predicted against measured errors on drives that were not fitted, recorded with the same reference.
 
-        Parameters
-        ----------
-        estimates, truths, options : as for `fit_noise` (``use_heading``, ``time_offset_s``, ``heading_offset``,
-            ``max_gap_s``)
-        lengths_m : lengths of segments, metres. Default: as `fit_noise` chooses for these drives.
+        Arguments as for `fit_noise`; ``options`` are ``use_heading``, ``time_offset_s``, ``heading_offset``,
+        ``max_gap_s``.
         """
         segments, _ = segment_set(drives_of(estimates, truths), lengths_m=lengths_m, **options)
         there = elsewhere(segments, self._solution)
         spread = rms_spread(segments, there, self._replicates, self.confidence, segments.position)
         noise, truth = models(there.names, there.theta)
-        return checked(segments, _varying(noise, self.between_drives), truth, spread)
+        return checked(segments, replace(noise, **self.between_drives), truth, spread)
 
     def __str__(self) -> str:
         names, intervals = list(self.intervals), self.intervals.values()
@@ -170,13 +160,9 @@ class NoiseFit:
         if any(self.heading_offsets):
             turned = ", ".join(f"{degrees(offset):+.2f} deg" for offset in self.heading_offsets)
             lines.append(f"the reference's heading is mounted askew, and was turned back: {turned}")
-        lines += [
-            "",
-            "each drive predicted from the others"
-            if len(self.time_offsets_s) >= DRIVES_TO_HOLD_OUT
-            else "each fifth of the drives predicted from the other four",
-            str(self.held_out),
-        ]
+        others = "each drive predicted from the others"
+        few = "each fifth of the drives predicted from the other four"
+        lines += ["", others if drives >= DRIVES_TO_HOLD_OUT else few, str(self.held_out)]
         if self.relative_errors is not None:
             lines += ["", "relative errors, as KITTI's development kit counts them", str(self.relative_errors)]
         last = self.notes or ("Nothing speaks against this fit: errors are as predicted, within chance.",)
@@ -205,11 +191,10 @@ def fit_noise(
 
     Parameters
     ----------
-    estimates : OdometryLog, (n, 3) array of poses x, y, heading, or a sequence of these
-        Odometry of one or several drives.
-    truths : Trajectory, (n, 2) or (n, 3) array, or a sequence of these
-        Their truths, in the same order; arrays are sampled at the same instants as the estimate's array. Positions are
-        enough; true headings, where measured independently, make the fit sharper.
+    estimates : odometry of one drive or a sequence of them, each an `OdometryLog` or an (n, 3) array of poses x, y,
+        heading
+    truths : theirs, each a `Trajectory` or an (n, 2) or (n, 3) array, sampled at the same instants as the estimate's.
+        Positions are enough; true headings, where measured independently, make the fit sharper.
     parameters : fields of `OdometryNoise` to fit, of `PARAMETERS`; the others are 0
     lengths_m : lengths of the segments, metres. Default: five, each half the next, the longest 1/16 of all drives
         together (at most 1/4 of the shortest). All lengths count the same; choose those for which you want predictions.
@@ -220,18 +205,8 @@ def fit_noise(
     resamples : bootstrap replicates
     seed : of the bootstrap
 
-    Raises
-    ------
-    ValueError
-        For arguments out of range, recordings that do not overlap, and drives too short for the segments.
+    Raises ValueError for arguments out of range, recordings that do not overlap, and drives too short for the segments.
 
-    Notes
-    -----
-    One-step bootstrap of estimating functions: F. Hu and J. D. Kalbfleisch, The estimating function bootstrap,
-    Canadian Journal of Statistics 28 (2000) 449-481.
-
-    Examples
-    --------
     >>> from driftplan.model.calibration.simulated_log import simulate_log
     >>> noise = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3, distance_scale_error=0.02)
     >>> square = [(0, 0), (5, 0), (5, 5), (0, 5)]
@@ -247,14 +222,8 @@ def fit_noise(
     if isinstance(resamples, bool) or resamples < 100:
         raise ValueError(f"expected resamples >= 100, got {resamples!r}")
     drives = drives_of(estimates, truths)
-    segments, matches = segment_set(
-        drives,
-        lengths_m=lengths_m,
-        use_heading=use_heading,
-        time_offset_s=time_offset_s,
-        heading_offset=heading_offset,
-        max_gap_s=max_gap_s,
-    )
+    offsets: MatchOptions = {"time_offset_s": time_offset_s, "heading_offset": heading_offset, "max_gap_s": max_gap_s}
+    segments, matches = segment_set(drives, lengths_m=lengths_m, use_heading=use_heading, **offsets)
     if len(segments.values) < len(names):
         raise ValueError(
             f"expected drives with at least as many segments as there are rates to fit, {len(names)}, got "
@@ -264,7 +233,8 @@ def fit_noise(
     solution, replicates, std_errors = found.solution, found.replicates, found.std_errors
     noise, truth = models(solution.names, solution.theta)
     spread = rms_spread(segments, solution, replicates, confidence, segments.position)
-    check = judged(check_segments(segments, noise, truth, rms_intervals_m=spread.intervals))
+    again, moments = repetitions(segments, noise, truth), segments.expected(segments.windows(noise), truth)
+    check = judged(check_segments(segments, moments, again, spread.intervals))
     relative = heading_rms = None
     if segments.has_heading:
         relative = segment_errors(segments, drives, matches, max_gap_s)
@@ -272,7 +242,7 @@ def fit_noise(
     faults = fault_notes(segments, solution, check)
     between = between_drives(segments, solution, std_errors)
     return NoiseFit(
-        noise=_varying(noise, between),
+        noise=replace(noise, **between),
         between_drives=between,
         intervals=found.intervals,
         std_errors=std_errors,
@@ -280,7 +250,7 @@ def fit_noise(
         truth_position_std_m=sqrt(truth.position_var),
         truth_heading_std=sqrt(truth.heading_var),
         check=check,
-        held_out=judged(check_segments(segments, noise, truth, moments=held_out(segments, solution))),
+        held_out=judged(check_segments(segments, held_out(segments, solution), again)),
         relative_errors=relative,
         heading_rms_intervals=heading_rms,
         counts=sum((m.counts for m in matches), MatchCounts()),
@@ -325,10 +295,6 @@ def estimated(
     std_errors = {solution.names[k]: float(error[k]) for k in rates}
     held = {solution.names[k]: (float(low[k]), float(high[k])) for k in rates}
     return Estimated(solution, replicates, std_errors, held), notes
-
-
-def _varying(noise: OdometryNoise, stds: dict[str, Any]) -> OdometryNoise:
-    return replace(noise, **stds)
 
 
 def _checked_parameters(parameters: Sequence[str]) -> tuple[str, ...]:

@@ -1,5 +1,5 @@
 """Odometry beside truth: the two recordings associated by time, cleaned, cut where they cannot be followed, and brought
-to common knots."""
+to common knots; and what lies between them for good: their clocks, and how the reference's heading is mounted."""
 
 from __future__ import annotations
 
@@ -8,14 +8,23 @@ from typing import NamedTuple, TypedDict
 
 import numpy as np
 
-from driftplan.arrays import Bools, Floats
-from driftplan.model.calibration import reference_offsets
+from driftplan.arrays import Bools, Complexes, Floats
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
-from driftplan.model.calibration.resampling import ResampledDrive, along_travel, resample, robust_std, true_motion
-
-_JUMP_SPREADS = (
-    10.0  # a truth sample is an outlier if it is farther from the last good one than the odometry's distance
+from driftplan.model.calibration.resampling import (
+    ResampledDrive,
+    along_travel,
+    interpolated,
+    resample,
+    robust_std,
+    true_motion,
 )
+
+_OFFSETS = 20  # clock offsets tried to either side
+_CLEARLY = 0.95  # an offset must reduce the disagreement of the recordings to this share
+_CLEARLY_TURNED = 4.0  # standard errors that a heading offset must have,
+_LEAST_RAD = 1e-6  # and more than rounding
+# a truth sample is an outlier if it is farther from the last good one than the odometry's distance
+_JUMP_SPREADS = 10.0
 _JUMP_S = 0.25  # from so many seconds before to after, plus so many robust standard deviations of one step
 _MOUNTING_KNOTS = 8  # from one to the next when the mounting of the reference is estimated
 _MAX_OUTLIERS = 10  # so many in a row are no outliers: the truth has jumped, and the drive is cut there
@@ -99,21 +108,20 @@ def match(
     max_gap_s : truth samples farther apart in time, between which the robot moved, cut the drive; so do gaps in
         odometry velocities. Default: 2 s or five median intervals, whichever is longer.
 
-    Raises
-    ------
-    ValueError
-        When the recordings do not overlap in time.
+    Raises ValueError when the recordings do not overlap in time.
     """
     odometry = odometry.without_glitches()
     if time_offset_s is None:
-        time_offset_s = reference_offsets.clock_offset(odometry, truth)
+        time_offset_s = _clock_offset(odometry, truth)
     clocked = replace(truth, times=truth.times - time_offset_s)
     good, jumps = _good_samples(odometry, clocked)
     cleaned = clocked.chosen(good)
     first, last = _overlap(odometry, cleaned)
     standing = odometry.standing
     travelled = np.concatenate([[0.0], np.cumsum(np.where(standing, 0.0, np.abs(odometry.moves)))])
-    gaps = [*jumps, *_glitches(odometry), *_gaps(odometry, cleaned, travelled, max_gap_s, spacing_m)]
+    wild = np.searchsorted(odometry.times, odometry.glitches)
+    glitches = zip(odometry.times[wild].tolist(), odometry.times[wild + 1].tolist(), strict=True)
+    gaps = [*jumps, *glitches, *_gaps(odometry, cleaned, travelled, max_gap_s, spacing_m)]
     pieces = _without(first, last, gaps)
     motion = true_motion(odometry, cleaned, travelled, spacing_m)
     found = (resample(odometry, cleaned, motion, begin, end, spacing_m) for begin, end in pieces)
@@ -133,7 +141,10 @@ def match(
         used_m=float(sum(np.ptp(part.driven) for part in resampled)),
         turned_rad=float(sum(part.angles.sum() for part in resampled)),
     )
-    turned_back = tuple(_turned_by(part, -heading_offset) for part in resampled)
+    turned_back = tuple(
+        part if part.truth_heading is None else part._replace(truth_heading=part.truth_heading - heading_offset)
+        for part in resampled
+    )
     return MatchedDrive(turned_back, counts, float(time_offset_s), float(heading_offset))
 
 
@@ -148,22 +159,69 @@ def _overlap(odometry: OdometryLog, truth: Trajectory) -> tuple[float, float]:
 
 
 def _mounting(resampled: list[ResampledDrive]) -> float:
-    """By how much true headings as measured are turned against the robot's."""
-    estimated, true, gained = [], [], []
+    """By how much true headings as measured are turned against the robot's, rad.
+
+    A marker or sensor that is mounted askew turns every measured heading by the same angle, and so all true
+    displacements in the measured frame, long and short, whereas errors of odometry grow with length. The heading error
+    gained over a short segment is seen from half of it, and its effect on the displacement undone. 0 unless four
+    standard errors away.
+    """
+    products: list[Complexes] = [np.zeros(0, complex)]
     for part in resampled:
         if part.truth_heading is None:
             return 0.0
         at = np.arange(0, len(part.driven), _MOUNTING_KNOTS)
-        estimated.append(np.diff(part.estimate[at]) * np.exp(-1j * part.estimate_heading[at[:-1]]))
-        true.append(np.diff(part.truth[at]) * np.exp(-1j * part.truth_heading[at[:-1]]))
-        gained.append(np.diff(part.estimate_heading[at] - part.truth_heading[at]))
-    if not resampled:
+        estimate = np.diff(part.estimate[at]) * np.exp(-1j * part.estimate_heading[at[:-1]])
+        true = np.diff(part.truth[at]) * np.exp(-1j * part.truth_heading[at[:-1]])
+        gained = np.diff(part.estimate_heading[at] - part.truth_heading[at])
+        products.append(np.conj(estimate * np.exp(-0.5j * gained)) * true)
+    product = np.concatenate(products)
+    mean = product.sum()
+    if mean == 0:
         return 0.0
-    return reference_offsets.heading_offset(np.concatenate(estimated), np.concatenate(gained), np.concatenate(true))
+    angle = -float(np.angle(mean))
+    error = float(np.sqrt(np.sum((product * np.exp(1j * angle)).imag ** 2)) / np.abs(mean))
+    return angle if abs(angle) > max(_CLEARLY_TURNED * error, _LEAST_RAD) else 0.0
 
 
-def _turned_by(part: ResampledDrive, angle: float) -> ResampledDrive:
-    return part if part.truth_heading is None else part._replace(truth_heading=part.truth_heading + angle)
+def _clock_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0) -> float:
+    """Truth clock minus odometry clock, s, up to ``reach_s``: where turns (without headings: distances) over short
+    windows agree best. 0 unless their mean difference falls by a twentieth: a slow or steady drive says nothing about
+    clocks."""
+    window = max(0.5, 2 * float(np.median(np.diff(truth.times))), 2 * float(np.median(np.diff(odometry.times))))
+    first = max(odometry.times[0], truth.times[0]) + reach_s
+    last = min(odometry.times[-1], truth.times[-1]) - reach_s
+    if last - first < 20 * window:
+        return 0.0
+    at = np.linspace(first, last, min(int((last - first) / (0.5 * window)), 4000))
+    at = at[at + window <= last]
+    turning, counted, true = False, odometry.positions, truth.positions
+    if truth.heading is not None:
+        turning, counted, true = True, odometry.headings.astype(complex), truth.heading.astype(complex)
+
+    def gained(begin: Floats, times: Floats, values: Complexes) -> Floats:
+        change = interpolated(begin + window, times, values) - interpolated(begin, times, values)
+        return np.asarray(change.real if turning else np.abs(change))
+
+    said: Floats = gained(at, odometry.times, counted)
+
+    def disagreement(offset: float) -> float:
+        difference = said - gained(at + offset, truth.times, true)
+        return float(np.mean(np.abs(difference - np.median(difference))))
+
+    unshifted = disagreement(0.0)
+    best, step = 0.0, reach_s / _OFFSETS
+    for _ in range(2):  # a coarse search, then a fine one around its best
+        offsets = best + step * np.arange(-_OFFSETS, _OFFSETS + 1)
+        values = [disagreement(float(offset)) for offset in offsets]
+        best, least, step = float(offsets[int(np.argmin(values))]), min(values), step / _OFFSETS
+    if (
+        least > _CLEARLY * unshifted
+        or unshifted < 1e-9 * float(np.ptp(said))
+        or abs(best) > (1 - 1 / _OFFSETS) * reach_s
+    ):
+        return 0.0
+    return best
 
 
 def _good_samples(odometry: OdometryLog, truth: Trajectory) -> tuple[Bools, list[tuple[float, float]]]:
@@ -192,11 +250,6 @@ def _good_samples(odometry: OdometryLog, truth: Trajectory) -> tuple[Bools, list
     kept = np.flatnonzero(good)
     ends = [(kept[kept <= k][-1], kept[kept > k][0]) for k in jumps]
     return good, [(float(times[low]), float(times[high])) for low, high in ends]
-
-
-def _glitches(odometry: OdometryLog) -> list[tuple[float, float]]:
-    k = np.searchsorted(odometry.times, odometry.glitches)
-    return list(zip(odometry.times[k].tolist(), odometry.times[k + 1].tolist(), strict=True))
 
 
 def _gaps(

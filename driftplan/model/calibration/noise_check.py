@@ -1,25 +1,113 @@
-"""check_noise: how well a noise model, fitted or given, predicts the errors of recorded drives."""
+"""check_noise: does a noise, fitted or given, describe the errors of recorded segments? Predicted against measured."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import hypot
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import arguments_checked
+from driftplan.arrays import Floats, arguments_checked
 from driftplan.model.calibration.bootstrap import RmsSpread, systematic_errors
-from driftplan.model.calibration.notes import judged, systematic_notes
+from driftplan.model.calibration.chance import LEVELS, LIMITS, by_chance, normalised_squares, repetitions, tail_weight
+from driftplan.model.calibration.matched_drive import MatchOptions
 from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
-from driftplan.model.calibration.segment_check import SegmentCheck, check_segments
 from driftplan.model.calibration.segment_sets import SegmentSet, drives_of, segment_set
 from driftplan.model.calibration.segments import TruthNoise
 from driftplan.model.noise import BETWEEN_DRIVES, OdometryNoise
+from driftplan.tables import decimals, table
 
 Estimate = OdometryLog | ArrayLike
 Truth = Trajectory | ArrayLike
+
+HEAVY_TAILS_CHANCE = 0.05  # that Gaussian errors are said not to be so
+_CLEAR_SHIFT_ERRORS = 3.0  # standard errors by which the systematic errors of other drives are said to differ
+_TRUSTED = 1.35  # measured over predicted rms, or its inverse, up to which a prediction is said to hold
+_CLEAR_RATIO = 0.15  # of the predicted rms, by which the measured one is at least off if it is said to be
+
+
+class LengthCheck(NamedTuple):
+    """Segments of one length.
+
+    Attributes
+    ----------
+    length_m : with positions alone the first half serves to align, and the errors are those of the second half's end
+    segments : overlapping ones
+    independent : how many fit side by side
+    measured_rms_m, predicted_rms_m : root mean square position error, with the white errors of the reference in both
+    measured_rms_error_m : standard error of the measured one
+    predicted_rms_interval_m : of the predicted one, by the fit's intervals; both are the prediction itself where the
+        noise is taken as given
+    measured_heading_rms, predicted_heading_rms : of the sine of the heading error gained; nan without true headings
+    coverage : share of the errors inside the regions that should hold 50, 90 and 95 %
+    coverage_error : standard deviations of these shares if the model were right (`driftplan.model.calibration.chance`)
+    mean_nees : mean normalised error squared per degree of freedom: 1 if the model is right, above if it promises too
+        much
+    """
+
+    length_m: float
+    segments: int
+    independent: float
+    measured_rms_m: float
+    predicted_rms_m: float
+    measured_rms_error_m: float
+    predicted_rms_interval_m: tuple[float, float]
+    measured_heading_rms: float
+    predicted_heading_rms: float
+    coverage: tuple[float, ...]
+    coverage_error: tuple[float, ...]
+    mean_nees: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SegmentCheck:
+    """What `fit_noise` and `check_noise` found at each length, and what to make of it.
+
+    Attributes
+    ----------
+    lengths : shortest first
+    errors_m : position errors of all segments, metres, by length
+    has_heading : whether segments were aligned by measured headings
+    heavy_tails : (int, float)
+        Index of the length at which most of the error lies in the fewest segments, and the chance that Gaussian errors
+        look so at some length.
+    clear_errors : standard errors by which measured rms, and shares in the widest region, differ clearly at some length
+    notes : plain sentences; empty when the model describes the errors within sampling errors
+    """
+
+    lengths: tuple[LengthCheck, ...]
+    errors_m: tuple[Floats, ...]
+    has_heading: bool
+    heavy_tails: tuple[int, float]
+    clear_errors: tuple[float, float]
+    notes: tuple[str, ...]
+
+    @property
+    def fits(self) -> bool:
+        """Whether nothing speaks against the model."""
+        return not self.notes
+
+    def __str__(self) -> str:
+        rows = self.lengths
+        columns = {
+            "length m": [f"{row.length_m:.3g}" for row in rows],
+            "number": decimals([row.independent for row in rows], 0),
+            "rms m": [f"{row.measured_rms_m:.4g}" for row in rows],
+            "predicted": [f"{row.predicted_rms_m:.4g}" for row in rows],
+        }
+        intervals = [row.predicted_rms_interval_m for row in rows]
+        if any(low < high for low, high in intervals):
+            columns["interval"] = [f"{low:.3g} .. {high:.3g}" for low, high in intervals]
+        for k, level in enumerate(LEVELS):
+            shares = ((row.coverage[k], row.coverage_error[k]) for row in rows)
+            columns[f"{100 * level:g} %"] = [f"{100 * share:5.1f} (±{200 * error:3.0f})" for share, error in shares]
+        columns["NEES"] = decimals([row.mean_nees for row in rows], 2)
+        head = "errors of segments, measured and predicted; shares inside the predicted regions (± 2 standard errors)"
+        return f"{head}\n{table(columns)}"
 
 
 @arguments_checked()
@@ -46,23 +134,14 @@ def check_noise(
     """
     if noise.step_m is not None or noise.heading_distance_corr != 0:
         raise ValueError(f"expected a noise of the continuous model without heading_distance_corr, got {noise!r}")
-    segments, _ = segment_set(
-        drives_of(estimates, truths),
-        lengths_m=lengths_m,
-        use_heading=use_heading,
-        time_offset_s=time_offset_s,
-        heading_offset=heading_offset,
-        max_gap_s=max_gap_s,
-    )
-    truth = TruthNoise(truth_position_std_m**2, truth_heading_std**2)
-    return checked(segments, noise, truth)
+    offsets: MatchOptions = {"time_offset_s": time_offset_s, "heading_offset": heading_offset, "max_gap_s": max_gap_s}
+    drives = drives_of(estimates, truths)
+    segments, _ = segment_set(drives, lengths_m=lengths_m, use_heading=use_heading, **offsets)
+    return checked(segments, noise, TruthNoise(truth_position_std_m**2, truth_heading_std**2))
 
 
 def checked(
-    segments: SegmentSet,
-    noise: OdometryNoise,
-    truth: TruthNoise,
-    spread: RmsSpread | None = None,
+    segments: SegmentSet, noise: OdometryNoise, truth: TruthNoise, spread: RmsSpread | None = None
 ) -> SegmentCheck:
     """The check of a noise, and what it says of systematic errors; for a fit within what it knows."""
     mean, cov = segments.expected(segments.windows(noise), truth)
@@ -70,8 +149,167 @@ def checked(
     between = {name: getattr(noise, std) for name, std in BETWEEN_DRIVES.items()}
     variances = np.array([between[name] for name in SYSTEMATIC]) ** 2
     cov = cov + np.einsum("nki,k,nkj->nij", slopes, variances, slopes)
-    found = check_segments(
-        segments, noise, truth, moments=(mean, cov), rms_intervals_m=None if spread is None else spread.intervals
+    intervals, errors = (None, None) if spread is None else spread
+    found = check_segments(segments, (mean, cov), repetitions(segments, noise, truth), intervals)
+    return judged(replace(found, notes=tuple(_systematic_notes(noise, values, between))), errors)
+
+
+def check_segments(
+    segments: SegmentSet,
+    moments: tuple[Floats, Floats],
+    repeated_values: Floats,
+    rms_intervals_m: Floats | None = None,
+) -> SegmentCheck:
+    """The errors of segments against ``moments`` (n, 3), (n, 3, 3) that are predicted for them, and what chance does in
+    `driftplan.model.calibration.chance.repetitions`. ``rms_intervals_m`` (lengths, 2) of the predicted rms are told;
+    `judged` adds the verdict."""
+    mean, cov = moments
+    cov = cov + segments.floor()[segments.bin_of]
+    where = segments.position
+    m, C = mean[:, where], cov[:, where, where]
+    nees = normalised_squares(segments, segments.values, mean, cov)
+    squares = (segments.values[:, where] ** 2).sum(axis=1)
+    predicted = (m**2).sum(axis=1) + np.trace(C, axis1=1, axis2=2)
+    gained, heading = segments.values[:, 2] ** 2, mean[:, 2] ** 2 + cov[:, 2, 2]
+    chance = by_chance(segments, repeated_values, mean, cov)
+    relative_error, share_errors = chance.log_rms.std(axis=0), chance.shares.std(axis=0)
+    lengths, tails = [], []
+    for k, length in enumerate(segments.bins):
+        mine = segments.bin_of == k
+        rms, predicted_rms = (float(np.sqrt(x[mine].mean())) for x in (squares, predicted))
+        scatter = _mean_error(squares[mine], segments.place_m[mine], length.length_m) / (2 * rms) if rms > 0 else 0.0
+        tails.append(tail_weight(nees[mine]))
+        lengths.append(
+            LengthCheck(
+                length.length_m,
+                int(mine.sum()),
+                max(segments.total_m / length.length_m, 1.0),
+                rms,
+                predicted_rms,
+                max(scatter, float(relative_error[k]) * rms),
+                *((predicted_rms, predicted_rms) if rms_intervals_m is None else rms_intervals_m[k].tolist(),),
+                float(np.sqrt(gained[mine].mean())) if segments.has_heading else float("nan"),
+                float(np.sqrt(heading[mine].mean())) if segments.has_heading else float("nan"),
+                tuple(float((nees[mine] < limit).mean()) for limit in LIMITS),
+                tuple(float(error) for error in share_errors[k]),
+                float(nees[mine].mean() / 2),
+            )
+        )
+    return SegmentCheck(
+        lengths=tuple(lengths),
+        errors_m=tuple(np.sqrt(squares[segments.bin_of == k]) for k in range(len(lengths))),
+        has_heading=segments.has_heading,
+        heavy_tails=chance.heavy_tails(np.array(tails)),
+        clear_errors=(chance.clear_rms_errors, chance.clear_share_errors),
+        notes=(),
     )
-    shifts = systematic_notes(noise, values, between)
-    return judged(replace(found, notes=tuple(shifts)), None if spread is None else spread.std_errors)
+
+
+def _mean_error(values: Floats, place_m: Floats, length_m: float) -> float:
+    """Standard error of a mean over overlapping segments: from the means of blocks of two segments' length."""
+    block = np.floor(place_m / (2 * length_m)).astype(int)
+    _, block = np.unique(block, return_inverse=True)
+    count = np.bincount(block)
+    if len(count) < 3:
+        return float(values.std())
+    surplus = np.bincount(block, values - values.mean())
+    return float(np.sqrt((surplus**2).sum() * len(count) / (len(count) - 1)) / len(values))
+
+
+def trust(check: SegmentCheck) -> str:
+    """How far a fit may be trusted on the drives of a check, by length, in one sentence."""
+    ratios = [(row, row.measured_rms_m / max(row.predicted_rms_m, 1e-300)) for row in check.lengths]
+    held = [row for row, ratio in ratios if max(ratio, 1 / max(ratio, 1e-300)) <= _TRUSTED]
+    off = [(f"{ratio:.2f}", f"{row.length_m:.3g}") for row, ratio in ratios if row not in held]
+    said = []
+    if held:
+        where = " and ".join(f"{length:.3g}" for length in sorted({held[0].length_m, held[-1].length_m}))
+        lengths = f"between {where}" if len(held) > 1 else f"at {where}"
+        said.append(f"within {100 * (_TRUSTED - 1):.0f} % of the predicted one {lengths} m")
+    if off:
+        times, lengths = (", ".join(words) for words in zip(*off, strict=True))
+        said.append(f"{times} times {'it' if held else 'the predicted one'} at {lengths} m")
+    shares = [100 * row.coverage[1] for row in check.lengths]
+    return (
+        f"The rms of these drives is {' and '.join(said)}; the 90 % regions hold {min(shares):.0f} to "
+        f"{max(shares):.0f} % of their errors."
+    )
+
+
+def judged(check: SegmentCheck, rms_errors_m: Floats | None = None) -> SegmentCheck:
+    """The check with notes on what does not fit, beyond what chance allows; where the prediction owes nothing to these
+    segments, the standard errors of its rms (lengths,) count too."""
+    found = (_growth_note(check, rms_errors_m), _shape_note(check, rms_errors_m))
+    return replace(check, notes=(*check.notes, *(note for note in found if note)))
+
+
+def _growth_note(check: SegmentCheck, rms_errors_m: Floats | None) -> str:
+    """How the rms grows with length, measured over predicted."""
+    rows = check.lengths
+    measured, predicted, error = (
+        np.array([getattr(row, name) for row in rows])
+        for name in ("measured_rms_m", "predicted_rms_m", "measured_rms_error_m")
+    )
+    ratio, error = np.maximum(measured, 1e-300) / predicted, error / np.maximum(measured, 1e-300)
+    # as chance was measured, of logarithms: theirs is a mean too low by the error squared, where the square's is right
+    shift = np.abs(np.log(ratio) + error**2)
+    clear = shift > check.clear_errors[0] * np.hypot(error, 0.0 if rms_errors_m is None else rms_errors_m / predicted)
+    if len(rows) < 2 or not (clear & (np.abs(ratio - 1) > _CLEAR_RATIO)).any():
+        return ""
+    if ratio[-1] > ratio[0] * (1 + _CLEAR_RATIO):
+        why = "errors grow faster with length than a random walk's: they are correlated over longer stretches"
+    elif ratio[-1] < ratio[0] / (1 + _CLEAR_RATIO):
+        why = (
+            "errors grow slower with length than a random walk's: part of them does not add up (clock, antenna, "
+            "turns undone by the next)"
+        )
+    else:
+        why = "the errors are of another size than in the drives that were fitted"
+    return (
+        f"The random-walk model does not fit: measured over predicted rms is {ratio[0]:.2f} at {rows[0].length_m:.3g} "
+        f"m and {ratio[-1]:.2f} at {rows[-1].length_m:.3g} m; {why}."
+    )
+
+
+def _shape_note(check: SegmentCheck, rms_errors_m: Floats | None) -> str:
+    """Whether few segments hold most of the error, or too many fall outside."""
+    rows = check.lengths
+    share, error = (np.array([getattr(row, name) for row in rows]) for name in ("coverage", "coverage_error"))
+    if rms_errors_m is not None:  # regions too large or small by a share p hold χ² exp(-χ²/2) p less or more of χ²
+        slope = np.array(LIMITS) * np.exp(-0.5 * np.array(LIMITS))
+        relative = rms_errors_m / [row.predicted_rms_m for row in rows]
+        error = np.hypot(error, relative[:, None] * slope)
+    excess = (share - LEVELS) / np.maximum(error, 1e-12)
+    k, chance = check.heavy_tails
+    if chance <= HEAVY_TAILS_CHANCE:
+        row = rows[k]
+        outside = 1 - row.coverage[2]
+        tails = f" and {100 * outside:.0f} % outside the 95 % region" if outside > 1 - LEVELS[2] else ""
+        narrow = " and too narrow for the rest" if tails else ""
+        return (
+            f"The errors are not Gaussian: {100 * row.coverage[0]:.0f} % lie inside the 50 % region{tails} at "
+            f"{row.length_m:.3g} m. Most of the drift comes from a few places (slips?): the rms may hold, the regions "
+            f"are too wide for most segments{narrow}. (Gaussian errors look so in {100 * chance:.2g} % of fits.)"
+        )
+    if (excess[:, 2] < -check.clear_errors[1]).any():
+        row = rows[int(np.argmin(excess[:, 2]))]
+        return (
+            f"The regions are too small: {100 * (1 - row.coverage[2]):.0f} % of the errors lie outside the 95 % region "
+            f"at {row.length_m:.3g} m."
+        )
+    return ""
+
+
+def _systematic_notes(
+    noise: OdometryNoise, found: Mapping[str, tuple[float, float]], std_errors: Mapping[str, float]
+) -> list[str]:
+    """Which systematic errors, found with their standard errors, are clearly not those of the noise."""
+    notes = []
+    for name, (value, error) in found.items():
+        expected, its_error = getattr(noise, name), std_errors.get(name, 0.0)
+        if abs(value - expected) > _CLEAR_SHIFT_ERRORS * hypot(error, its_error):
+            notes.append(
+                f"The systematic errors differ: {name} seems to be {value:.2g} ± {error:.1g} on these drives, not "
+                f"{expected:.2g}" + (f" ± {its_error:.1g}." if its_error else ".")
+            )
+    return notes

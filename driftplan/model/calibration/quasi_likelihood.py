@@ -11,7 +11,8 @@ prediction even where the model is only roughly right:
 
 * Each *length* has the same weight in all. Short segments, far more numerous, would otherwise decide alone, and at
   short range odometry errs in ways that do not last (clock offsets, antenna levers, jitter).
-* V_i is the inverse of 0.8 C_i + 0.2 C̄, C̄ the average over all segments of that length: a segment from which the model
+* V_i is the inverse of 0.8 C_i + 0.2 C̄, C̄ the average over all segments of that length: a segment from which the
+model
   promises next to no error must not decide either. (On the drives of a mower with slips, predicted and measured rms
   then agree at all lengths, where the maximum of the likelihood was off by a factor of two.)
 
@@ -59,7 +60,7 @@ class Solution(NamedTuple):
     names: tuple[str, ...]  # parameters, k in all: fields of `OdometryNoise` and the truth's variances
     theta: Floats  # (k,)
     score: Floats  # (n, k) left side of the equations, of every observation, at the estimate
-    information: Floats  # (n, k, k) its expected slope
+    root: Floats  # (n, k, 12) root of its expected slope, the `information`
     converged: bool
     slowest: str
     d_mean: Floats  # (n, k, 3) derivatives of the moments of the observations
@@ -78,18 +79,13 @@ class Solution(NamedTuple):
 
     def estimate_only(self) -> Solution:
         """Without what belongs to single observations."""
-        none, k = np.zeros(0), len(self.names)
-        return self._replace(
-            score=none.reshape(0, k),
-            information=none.reshape(0, k, k),
-            d_mean=none.reshape(0, k, 3),
-            d_cov=none.reshape(0, k, 3, 3),
-        )
+        single = ("score", "root", "d_mean", "d_cov")
+        return self._replace(**{name: getattr(self, name)[:0] for name in single})
 
     def variance_inflation(self) -> dict[str, float]:
         """How many times larger the variance of each estimate is than were the others known; not of those at 0."""
         free = np.flatnonzero(~self.bounded | (self.theta > 0))
-        total, _ = normed(self.information.sum(axis=0)[np.ix_(free, free)])
+        total, _ = normed(information(self.root[:, free]))
         return {self.names[k]: float(v) for k, v in zip(free, np.diag(np.linalg.inv(total)), strict=True)}
 
 
@@ -119,8 +115,8 @@ def solve(
     for k in range(most_steps):
         if size > _SETTLED:
             slopes = model.slopes(scale)
-        score, information = equations(segments, model.mean, model.cov, *slopes, fitted_cov)
-        total = information.sum(axis=0)
+        score, root = equations(segments, model.mean, model.cov, *slopes, fitted_cov)
+        total = information(root)
         error = 1 / np.sqrt(np.maximum(np.diag(total), 1e-300))
         lowest = np.where(bounded, -(1 - _SLOWEST_SHRINK) * model.theta, -np.inf)
         lowest = np.where(bounded & (model.theta < _NEGLIGIBLE * error), -model.theta, lowest)  # may vanish
@@ -135,8 +131,8 @@ def solve(
     vanishing = bounded & (model.theta < _NEGLIGIBLE * error)
     model = Model(segments, names, np.where(vanishing, 0.0, model.theta))
     slopes = model.slopes(scale)
-    score, information = equations(segments, model.mean, model.cov, *slopes, fitted_cov)
-    return Solution(names, model.theta, score, information, size < _CONVERGED, names[slowest], *slopes)
+    score, root = equations(segments, model.mean, model.cov, *slopes, fitted_cov)
+    return Solution(names, model.theta, score, root, size < _CONVERGED, names[slowest], *slopes)
 
 
 def drive_deviations(segments: SegmentSet, solution: Solution) -> Floats:
@@ -145,22 +141,20 @@ def drive_deviations(segments: SegmentSet, solution: Solution) -> Floats:
     own = []
     for drive in np.unique(segments.drive_of):
         mine = segments.drive_of == drive
-        information = solution.information[mine].sum(axis=0)[np.ix_(chosen, chosen)]
-        own.append(np.linalg.lstsq(information, solution.score[mine].sum(axis=0)[chosen])[0])
+        total = information(solution.root[mine][:, chosen])
+        own.append(np.linalg.lstsq(total, solution.score[mine].sum(axis=0)[chosen])[0])
     return np.array(own)
 
 
-def bounded_step(information: Floats, score: Floats, lowest: Floats) -> Floats:
+def bounded_step(total: Floats, score: Floats, lowest: Floats) -> Floats:
     """Minimiser d of d'Id/2 - g'd with d >= lowest, shapes (k, k), (k,), (k,).
 
-    Examples
-    --------
     >>> bounded_step(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-3.0, 0.0]), np.array([-1.0, -np.inf])).round(9)
     array([-1. ,  0.5])
     """
     from scipy.optimize import lsq_linear
 
-    unit, scale = normed(information)
+    unit, scale = normed(total)
     root = np.linalg.cholesky(unit)
     bounds = (np.minimum(lowest / scale, -1e-15), np.inf)
     found = lsq_linear(root.T, np.linalg.solve(root, score * scale), bounds, method="bvls", tol=1e-12)
@@ -171,8 +165,8 @@ def elsewhere(segments: SegmentSet, solution: Solution) -> Solution:
     """The same estimate beside other segments: its equations and derivatives there."""
     model = Model(segments, solution.names, solution.theta)
     slopes = model.slopes(start_and_scale(segments, solution.names)[1])
-    score, information = equations(segments, model.mean, model.cov, *slopes)
-    return solution._replace(score=score, information=information, d_mean=slopes[0], d_cov=slopes[1])
+    score, root = equations(segments, model.mean, model.cov, *slopes)
+    return solution._replace(score=score, root=root, d_mean=slopes[0], d_cov=slopes[1])
 
 
 def held_out(segments: SegmentSet, solution: Solution) -> tuple[Floats, Floats]:
@@ -189,9 +183,9 @@ def held_out(segments: SegmentSet, solution: Solution) -> tuple[Floats, Floats]:
     for k in range(parts):
         mine, model = part == k, whole
         for _ in range(_HELD_OUT_STEPS):
-            score, information = equations(segments, model.mean, model.cov, solution.d_mean, solution.d_cov)
+            score, root = equations(segments, model.mean, model.cov, solution.d_mean, solution.d_cov)
             lowest = np.where(solution.bounded, -model.theta, -np.inf)
-            step = bounded_step(information[~mine].sum(axis=0), score[~mine].sum(axis=0), lowest)
+            step = bounded_step(information(root[~mine]), score[~mine].sum(axis=0), lowest)
             model = Model(segments, solution.names, _possible(solution.names, model.theta + step))
         mean[mine], cov[mine] = model.mean[mine], model.cov[mine]
     return mean, cov
@@ -229,18 +223,27 @@ class Model:
 def equations(
     segments: SegmentSet, mean: Floats, cov: Floats, d_mean: Floats, d_cov: Floats, fitted_cov: Floats | None = None
 ) -> tuple[Floats, Floats]:
-    """Left side (n, k) and expected slope (n, k, k), observation by observation."""
+    """Left side (n, k) and the root (n, k, 12) of its expected slope, for every observation: least squares in three
+    whitened values and nine of their squares."""
     typical = (segments.by_bin(cov) + segments.floor())[segments.bin_of]
     white = np.linalg.inv(np.linalg.cholesky((1 - _EVENNESS) * cov + _EVENNESS * typical))  # white' white = V
     transposed = np.swapaxes(white, 1, 2)
     r = (white @ (segments.values - mean)[..., None])[..., 0]
     J = d_mean @ transposed
-    K = (white[:, None] @ d_cov @ transposed[:, None]).reshape(*d_mean.shape[:2], 9)
+    both = (transposed[:, :, None, :, None] * transposed[:, None, :, None, :]).reshape(-1, 9, 9)
+    K = d_cov.reshape(*d_mean.shape[:2], 9) @ both  # white ∂C white'
     spread = cov if fitted_cov is None else cov - np.swapaxes(d_mean, 1, 2) @ fitted_cov @ d_mean
-    surplus = (r[:, :, None] * r[:, None, :] - white @ spread @ transposed).reshape(-1, 9, 1)
-    score = (J @ r[..., None] + 0.5 * K @ surplus)[..., 0]
-    information = J @ np.swapaxes(J, 1, 2) + 0.5 * K @ np.swapaxes(K, 1, 2)
-    return score * segments.weight[:, None], information * segments.weight[:, None, None]
+    surplus = (r[:, :, None] * r[:, None, :] - white @ spread @ transposed).reshape(-1, 9)
+    weight = np.sqrt(segments.weight)[:, None]
+    root = np.concatenate([J, np.sqrt(0.5) * K], axis=2) * weight[..., None]
+    misfit = np.concatenate([r, np.sqrt(0.5) * surplus], axis=1) * weight
+    return (root @ misfit[..., None])[..., 0], root
+
+
+def information(root: Floats) -> Floats:
+    """The expected slope (k, k) of the left side of the equations of these observations."""
+    columns = np.moveaxis(root, 1, 0).reshape(root.shape[1], root.shape[0] * root.shape[2])
+    return np.asarray(columns @ columns.T)
 
 
 def start_and_scale(segments: SegmentSet, names: Sequence[str]) -> tuple[Floats, Floats]:
@@ -263,8 +266,8 @@ def start_and_scale(segments: SegmentSet, names: Sequence[str]) -> tuple[Floats,
     return theta, np.array([max(float(size[name]), 1e-18) for name in names])
 
 
-def normed(information: Floats) -> tuple[Floats, Floats]:
+def normed(total: Floats) -> tuple[Floats, Floats]:
     """Information (..., k, k) with a unit diagonal, barely regularised, and the scales that made it so."""
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 1e-300))
-    normed = information * scale[..., :, None] * scale[..., None, :]
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(total, axis1=-2, axis2=-1), 1e-300))
+    normed = total * scale[..., :, None] * scale[..., None, :]
     return normed + 1e-9 * np.eye(scale.shape[-1]), scale

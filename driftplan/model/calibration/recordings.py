@@ -58,13 +58,8 @@ class OdometryLog:
         times_s : (n + 1,) or (n,), optional, times before the first and after every step, or only after every step (the
             first is then taken to last as long as the median one). Default: 0, 1, 2, ...
 
-        Raises
-        ------
-        ValueError
-            For wrong shapes and values that are not finite.
+        Raises ValueError for wrong shapes and values that are not finite.
 
-        Examples
-        --------
         >>> log = OdometryLog.from_increments([1.0, 1.0], [0.0, np.pi / 2], times_s=[1.0, 2.0])
         >>> log.times, log.travelled.round(3)
         (array([0., 1., 2.]), array([0. , 1. , 1.9]))
@@ -94,8 +89,6 @@ class OdometryLog:
         times_s, speeds_m_per_s, turn_rates_rad_per_s : array, shape (n,), n >= 2
             Seconds, m/s (negative backwards), rad/s (positive to the left).
 
-        Examples
-        --------
         >>> OdometryLog.from_velocities([0.0, 2.0, 3.0], [0.5, 1.0, 9.0], [0.0, 0.0, 0.0]).moves.real
         array([1., 1.])
         """
@@ -117,12 +110,9 @@ class OdometryLog:
 
         Parameters
         ----------
-        poses : array, shape (n, 3), n >= 2
-            x, y (m), heading (rad).
+        poses : array, shape (n, 3), n >= 2: x, y (m), heading (rad)
         times_s : (n,), optional, default: 0, 1, 2, ...
 
-        Examples
-        --------
         >>> OdometryLog.from_poses([(0, 0, np.pi / 2), (0, 2, np.pi / 2)]).moves.round(6)
         array([2.+0.j])
         """
@@ -211,13 +201,8 @@ class Trajectory:
     repeated : samples left out because their time was not later than the one before
     notes : what is to be said about the file that it was read from
 
-    Raises
-    ------
-    ValueError
-        For wrong shapes, values that are not finite, fewer than 2 samples.
+    Raises ValueError for wrong shapes, values that are not finite, fewer than 2 samples.
 
-    Examples
-    --------
     >>> Trajectory([0.0, 1.0, 1.0], [(0, 0), (1, 0), (1, 0)]).repeated
     1
     """

@@ -87,17 +87,11 @@ def relative_errors(
     estimate, truth : (n, 3), (n, 3, 4) or (n, 4, 4), poses at the same instants: x, y (m), heading (rad), or matrices
         of the plane's or of space's poses. Each may have a frame of its own.
     lengths_m : segment lengths. KITTI's default, 100 to 800 m, suits cars.
-    pairs : {"kitti", "evo"}
-        Which segments; see the module.
+    pairs : {"kitti", "evo"}: which segments; see the module
     step : frames from one segment's start to the next (KITTI only)
 
-    Raises
-    ------
-    ValueError
-        For wrong shapes, and where the path is shorter than every length.
+    Raises ValueError for wrong shapes, and where the path is shorter than every length.
 
-    Examples
-    --------
     >>> frames = np.arange(101.0)
     >>> truth = np.column_stack([frames, 0 * frames, 0 * frames])
     >>> errors = relative_errors(truth * [1.02, 1, 1], truth, [10.0, 50.0])  # 2 % too long

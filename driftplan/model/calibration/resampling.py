@@ -17,7 +17,6 @@ import numpy as np
 
 from driftplan.arrays import Complexes, Floats
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
-from driftplan.model.calibration.reference_offsets import interpolated
 
 _PLAY_TRUE = 5.0  # standard deviations of the true heading's jitter within which it may swing without having turned,
 _PLAY_ODOMETRY = 10.0  # and of the odometry's, where the true one is not known: its errors wander
@@ -199,3 +198,7 @@ def _turned(headings: Floats, play_rad: float) -> Floats:
         total += abs(pull)
         turned[k] = total
     return turned
+
+
+def interpolated(at: Floats, times: Floats, positions: Complexes) -> Complexes:
+    return np.asarray(np.interp(at, times, positions.real) + 1j * np.interp(at, times, positions.imag))

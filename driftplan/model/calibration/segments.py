@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Complexes, Floats, Ints
+from driftplan.arrays import Complexes, Floats, Ints, as_covariance, as_plane
 from driftplan.model.calibration.resampling import ResampledDrive
 from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import OdometryNoise
@@ -168,18 +168,8 @@ def pieces(part: ResampledDrive, noise: OdometryNoise, way: int = 1) -> Moments:
     move = np.diff(part.truth)
     shift = noise.distance_scale_error * move
     zero = np.zeros(move.shape)
-    moved = Moments(
-        np.ones(move.shape),
-        move,
-        zero,
-        zero,
-        zero,
-        shift,
-        np.abs(shift) ** 2 + random.square,
-        shift**2 + random.elongation,
-        zero,
-        zero,
-    )
+    square, skew = np.abs(shift) ** 2 + random.square, shift**2 + random.elongation
+    moved = Moments(np.ones(move.shape), move, zero, zero, zero, shift, square, skew, zero, zero)
     return compose(compose(half, moved), half)
 
 
@@ -204,27 +194,16 @@ def _increments(part: ResampledDrive, noise: OdometryNoise, way: int = 1) -> _In
 
 
 def windows(pieces: Moments, steps: Sequence[int]) -> dict[int, Moments]:
-    """Moments of every run of n consecutive pieces, for each n in ``steps``: (m - n + 1,) each, by doubling."""
-    doubled = {1: pieces}
-    found = {}
-    for n in sorted(set(steps)):
-        joined, covered, power = None, 0, 1
-        while power <= n:
-            if power not in doubled:
-                half = doubled[power // 2]
-                doubled[power] = compose(half[: -(power // 2)], half[power // 2 :])
-            if n & power:
-                part = doubled[power]
-                if joined is None:
-                    joined = part
-                else:
-                    count = pieces.shape[0] - covered - power + 1
-                    joined = compose(joined[:count], part[covered : covered + count])
-                covered += power
-            power *= 2
-        assert joined is not None
-        found[n] = joined
-    return found
+    """Moments of every run of n consecutive pieces, for each n in ``steps``: (m - n + 1,) each, from its halves."""
+    known, count = {1: pieces}, pieces.shape[0]
+
+    def of(n: int) -> Moments:
+        if n not in known:
+            half = n // 2
+            known[n] = compose(of(half)[: count - n + 1], of(n - half)[half:])
+        return known[n]
+
+    return {n: of(n) for n in steps}
 
 
 def _heading_error(variance: Floats, mean: Floats) -> Moments:
@@ -241,11 +220,11 @@ def _expect_with_heading(seen: Observations, w: Moments, truth: TruthNoise) -> t
     sine_square = -0.5 * (2 * w.d1 + w.d2).real
     e_sine = (w.b - w.a) / (2j * seen.frame)
     mean = np.stack([e1.real, e1.imag, sine], axis=-1)
-    spread, skew = w.N - np.abs(e1) ** 2, e2 - e1**2
     cross = e_sine - e1 * sine
-    cov = _symmetric(
-        (spread + skew.real) / 2, skew.imag / 2, (spread - skew.real) / 2, cross.real, cross.imag, sine_square - sine**2
-    )
+    cov = np.empty((len(sine), 3, 3))
+    cov[:, :2, :2] = as_covariance(e1, w.N, e2)
+    cov[:, :2, 2] = cov[:, 2, :2] = as_plane(cross)
+    cov[:, 2, 2] = sine_square - sine**2
     # a heading error η of the truth at the start turns the estimate by η, and adds η to the heading gained
     lever = 1j * seen.chord
     eta = np.stack([lever.real, lever.imag, np.ones(len(sine))], axis=-1)
@@ -266,9 +245,9 @@ def _expect_positions(seen: Observations, back: Moments, ahead: Moments, truth: 
     second = ahead.p / seen.frame
     c2 = (ahead.p + y1) / g
     v = truth.position_var
-    cov = np.zeros((len(c1), 4, 4))  # of Re x, Im x, Re y, Im y there
-    cov[:, :2, :2] = _planar_cov(X - np.abs(x1) ** 2 + 4 * v, (x2 - x1**2) / g**2)
-    cov[:, 2:, 2:] = _planar_cov(Y - np.abs(y1) ** 2 + 4 * v, (y2 - y1**2) / g**2)
+    cov, none = np.zeros((len(c1), 4, 4)), np.zeros(())  # of Re x, Im x, Re y, Im y there
+    cov[:, :2, :2] = as_covariance(none, X - np.abs(x1) ** 2 + 4 * v, (x2 - x1**2) / g**2)
+    cov[:, 2:, 2:] = as_covariance(none, Y - np.abs(y1) ** 2 + 4 * v, (y2 - y1**2) / g**2)
     for k in (0, 1):
         cov[:, k, 2 + k] = cov[:, 2 + k, k] = -v
 
@@ -287,17 +266,5 @@ def _expect_positions(seen: Observations, back: Moments, ahead: Moments, truth: 
     spread = form @ cov[:, None]
     base = np.stack([c1 - seen.chord.real, (c2 - second).real, (c2 - second).imag], axis=-1)
     mean = base + np.trace(spread, axis1=2, axis2=3)
-    spread[:, 0] = (
-        0.0  # |c1 + x| varies no more than Re x: what the one has of Im x², the other has with the other sign
-    )
+    spread[:, 0] = 0.0  # |c1 + x| varies no more than Re x: what one has of Im x², the other has with the other sign
     return mean, linear @ cov @ np.swapaxes(linear, 1, 2) + 2 * np.einsum("niab,njba->nij", spread, spread)
-
-
-def _planar_cov(spread: Floats, skew: Complexes) -> Floats:
-    xx, yy, xy = (spread + skew.real) / 2, (spread - skew.real) / 2, skew.imag / 2
-    return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
-
-
-def _symmetric(xx: Floats, xy: Floats, yy: Floats, xz: Floats, yz: Floats, zz: Floats) -> Floats:
-    rows = [np.stack(row, axis=-1) for row in ([xx, xy, xz], [xy, yy, yz], [xz, yz, zz])]
-    return np.stack(rows, axis=-2)

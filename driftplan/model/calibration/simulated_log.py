@@ -41,8 +41,6 @@ def simulate_log(
     speed_m_per_s : speed between samples; on the spot one radian takes as long as one metre
     truth_position_std_m, truth_heading_std : white errors of the recorded truth: metres per coordinate, rad
 
-    Examples
-    --------
     >>> odometry, truth = simulate_log([(0, 0), (10, 0), (10, 5)], OdometryNoise(distance_scale_error=0.02))
     >>> odometry.travelled[-1].round(6).item(), truth.xy[-1].round(6).tolist()
     (15.3, [10.0, 5.0])

@@ -1,10 +1,8 @@
 """UMBmark: systematic odometry errors from squares driven both ways round.
 
-The robot drives squares by its odometry, some clockwise and some counter-clockwise, always from the same pose, and the
-place where it really comes back to is measured. Wheels of unequal size bend the sides the same way in both directions,
-a wrong wheelbase makes the corners too wide or too narrow; the two directions tell them apart. (J. Borenstein, L. Feng,
-Measurement and correction of systematic odometry errors in mobile robots, IEEE Transactions on Robotics and Automation
-12 (1996) 869-880.)
+Wheels of unequal size bend the sides the same way in both directions, a wrong wheelbase makes the corners too wide or
+too narrow; the two directions tell them apart. (J. Borenstein, L. Feng, Measurement and correction of systematic
+odometry errors in mobile robots, IEEE Transactions on Robotics and Automation 12 (1996) 869-880.)
 """
 
 from __future__ import annotations
@@ -46,21 +44,14 @@ class Umbmark:
         return 1 + self.noise.heading_bias_per_rad
 
     def wheel_diameter_ratio(self, wheelbase_m: float) -> float:
-        """Diameter of the right wheel over that of the left, the paper's E_d, for a robot with this wheelbase.
-
-        Examples
-        --------
-        >>> squares = umbmark([(-0.2, -0.1)], [(0.0, 0.0)])
-        >>> round(squares.wheel_diameter_ratio(0.34), 4)
-        1.0008
-        """
+        """Diameter of the right wheel over that of the left, the paper's E_d, for a robot with this wheelbase."""
         half = 0.5 * positive("wheelbase_m", wheelbase_m)
         curvature = -self.noise.heading_bias_per_m / self.wheelbase_ratio  # of sides the odometry takes for straight
         return (1 + half * curvature) / (1 - half * curvature)
 
 
 def umbmark(clockwise: ArrayLike, counterclockwise: ArrayLike, *, side_m: float = 4.0) -> Umbmark:
-    """Systematic errors from the return errors of squares driven both ways.
+    """Systematic errors from squares that the robot drives by its odometry, both ways round, always from the same pose.
 
     Parameters
     ----------
@@ -68,13 +59,8 @@ def umbmark(clockwise: ArrayLike, counterclockwise: ArrayLike, *, side_m: float 
         y to its left, a row per run
     side_m : side of the square, metres, as the odometry counts it
 
-    Raises
-    ------
-    ValueError
-        For arguments of the wrong shape, and errors larger than the square.
+    Raises ValueError for arguments of the wrong shape, and errors larger than the square.
 
-    Examples
-    --------
     >>> result = umbmark([(-0.21, -0.19), (-0.19, -0.21)], [(-0.05, -0.04), (-0.03, -0.04)], side_m=4.0)
     >>> round(result.alpha, 4), round(result.beta, 4)
     (0.015, 0.01)

@@ -8,18 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from driftplan.arrays import Floats, finite
-from driftplan.model.spatial.isotropic import IsotropicMoments
-from driftplan.model.spatial.moments import Arrays, SpatialMoments, like, rotate, scan, spread
+from driftplan.model.spatial.moments import SpatialMoments, rotate, scan
 from driftplan.model.spatial.rotations import RotationNoise, orthonormal
 from driftplan.model.spatial.steps import checked_array, read_steps
-
-Element = TypeVar("Element", SpatialMoments, IsotropicMoments)
 
 _AT_ONCE = 4096  # steps per scan: a few megabytes, which stay in the cache
 
@@ -90,30 +86,18 @@ def predict_drift_3d(
     rotation_noise : one for all steps, or with a leading axis of length n
     translation_cov : (3, 3) or (n, 3, 3), optional
         Covariance of the displacement error, m², body frame. Default: none.
-    translation_bias : (3,) or (n, 3), optional
-        Mean of the displacement error, metres, body frame. Default: none.
+    translation_bias : (3,) or (n, 3), optional: mean of the displacement error, metres, body frame. Default: none.
     repeats : int or (n,) ints, optional
         How often each step is done in a row, >= 0, by repeated squaring: 10⁹ equal steps take milliseconds. Results are
         then for the ends of the rows of equal steps.
 
-    Returns
-    -------
-    SpatialDrift
-        n + 1 points; the first is the start, where nothing has drifted yet.
+    Returns the drift at n + 1 points; the first is the start, where nothing has drifted yet. Raises ValueError for
+    wrong shapes, values that are not finite, matrices that are no rotations or no covariances.
 
-    Raises
-    ------
-    ValueError : for wrong shapes, values that are not finite, matrices that are no rotations or no covariances
-
-    Notes
-    -----
     Model of J. Knuth and P. Barooah, Error growth in position estimation from noisy relative pose measurements,
     Robotics and Autonomous Systems 61 (2013), with independent rotation and translation noise; their bounds follow from
-    these moments. See `driftplan.model.spatial.moments`; isotropic noise takes the shorter way of
-    `driftplan.model.spatial.isotropic`.
+    these moments. See `driftplan.model.spatial.moments`.
 
-    Examples
-    --------
     A helix, 16 turns to the left and 20 m up:
 
     >>> c, s = np.cos(0.1), np.sin(0.1)
@@ -124,8 +108,29 @@ def predict_drift_3d(
     (array([-0.513,  0.112, 20.   ]), 5.1404)
     """
     R, t, cov, bias = read_steps(rotations, translations, rotation_noise, translation_cov, translation_bias)
-    algebra = IsotropicMoments if rotation_noise.is_isotropic else SpatialMoments
-    return _predict(algebra, R, t, rotation_noise, cov, bias, _repeats(repeats, len(R)))
+    times, count = _repeats(repeats, len(R)), len(R)
+
+    def at_rest(where: slice) -> SpatialMoments:
+        return SpatialMoments.of_step(rotation_noise.of_steps(where), _part(bias, 2, where), _part(cov, 3, where))
+
+    same = at_rest(slice(None)) if not rotation_noise.batch and bias.ndim == 1 and cov.ndim == 2 else None
+    distance = np.linalg.norm(t, axis=-1)
+    if times is None:
+        S = attitudes(R)
+
+        def pieces(where: slice) -> SpatialMoments:
+            step = same if same is not None else at_rest(where)
+            return step.rotated(S[where]).moved(rotate(S[where], t[where]))
+    else:
+        step = same if same is not None else at_rest(slice(None))
+        gained, rows = power(R, step.rotated(R).moved(rotate(R, t)).spread(count), times)
+        S = np.concatenate([np.eye(3)[None], attitudes(gained)[:-1]])
+        distance = distance * times
+
+        def pieces(where: slice) -> SpatialMoments:
+            return rows.part(where).rotated(S[where])
+
+    return _drift(distance, *chain(pieces, count))
 
 
 def predict_flight_drift(
@@ -149,22 +154,12 @@ def predict_flight_drift(
     distance_var_per_m, lateral_var_per_m : float or (n - 1,)
         Variance of the position error along, and in each direction across, the direction of flight per metre, m²/m.
 
-    Returns
-    -------
-    SpatialDrift
-        n points, the first of which is the start.
+    Returns the drift at n points, the first of which is the start. Raises ValueError for wrong shapes, values that are
+    not finite, negative variances.
 
-    Raises
-    ------
-    ValueError : for wrong shapes, values that are not finite, negative variances
-
-    Notes
-    -----
     E|e|² is that of a planar robot whose heading variance per metre is twice ``rotation_var_per_m``: two axes out of
     three bend a run.
 
-    Examples
-    --------
     >>> drift = predict_flight_drift([(0, 0, 0), (100, 0, 0), (100, 0, 20)], rotation_var_per_m=1e-5)
     >>> drift.rms.round(3)
     array([0.   , 2.582, 2.742])
@@ -177,69 +172,30 @@ def predict_flight_drift(
     along = _rate("distance_var_per_m", distance_var_per_m, len(legs))
     across = _rate("lateral_var_per_m", lateral_var_per_m, len(legs))
 
-    def pieces(where: slice) -> IsotropicMoments:
-        return IsotropicMoments.of_straight_runs(legs[where], turn[where], along[where], across[where])
+    def pieces(where: slice) -> SpatialMoments:
+        return SpatialMoments.of_straight_runs(legs[where], turn[where], along[where], across[where])
 
     position, mean, square = chain(pieces, len(legs))
-    return _drift(path[0] + position, np.linalg.norm(legs, axis=-1), mean, square)
+    return _drift(np.linalg.norm(legs, axis=-1), path[0] + position, mean, square)
 
 
-def _predict(
-    algebra: type[IsotropicMoments] | type[SpatialMoments],
-    R: Floats,
-    t: Floats,
-    noise: RotationNoise,
-    cov: Floats,
-    bias: Floats,
-    repeats: NDArray[np.int64] | None,
-) -> SpatialDrift:
-    """`predict_drift_3d` for checked input; every law fits `SpatialMoments`, isotropic ones also the other algebra."""
-    count = len(R)
-
-    def at_rest(where: slice) -> Any:
-        return algebra.of_step(noise.of_steps(where), _part(bias, 2, where), _part(cov, 3, where))
-
-    same = at_rest(slice(None)) if not noise.batch and bias.ndim == 1 and cov.ndim == 2 else None
-    distance = np.linalg.norm(t, axis=-1)
-    if repeats is None:
-        S = attitudes(R)
-
-        def pieces(where: slice) -> Any:
-            step = same if same is not None else at_rest(where)
-            return step.rotated(S[where]).moved(rotate(S[where], t[where]))
-    else:
-        step = same if same is not None else at_rest(slice(None))
-        gained, rows = power(R, spread(step.rotated(R).moved(rotate(R, t)), count), repeats)
-        S = np.concatenate([np.eye(3)[None], attitudes(gained)[:-1]])
-        distance = distance * repeats
-
-        def pieces(where: slice) -> Any:
-            return like(rows, (x[where] for x in rows)).rotated(S[where])
-
-    position, mean, square = chain(pieces, count)
-    return _drift(position, distance, mean, square)
-
-
-def chain(pieces: Callable[[slice], Element], count: int) -> tuple[Floats, Floats, Floats]:
+def chain(pieces: Callable[[slice], SpatialMoments], count: int) -> tuple[Floats, Floats, Floats]:
     """True position and E[e], (count + 1, 3), and E[e eᵀ], (count + 1, 3, 3), after pieces flown one after the other.
 
-    Parameters
-    ----------
-    pieces : function of a slice
-        The pieces of that slice of 0..count, in world axes; asked for in order.
+    ``pieces`` gives those of a slice of 0..count, in world axes; it is asked in order.
     """
     position, bias, square = np.zeros((count + 1, 3)), np.zeros((count + 1, 3)), np.zeros((count + 1, 3, 3))
-    last: Element | None = None
+    last: SpatialMoments | None = None
     for begin in range(0, count, _AT_ONCE):
         end = min(begin + _AT_ONCE, count)
-        state = spread(pieces(slice(begin, end)), end - begin)
+        state = pieces(slice(begin, end)).spread(end - begin)
         if last is not None:
-            state = like(state, (np.concatenate(pair) for pair in zip(last, state, strict=True)))
+            state = SpatialMoments(*(np.concatenate(pair) for pair in zip(last, state, strict=True)))
         state = state.prefixes()
         position[begin + 1 : end + 1] = state.p[begin - end :]
         bias[begin + 1 : end + 1] = state.bias[begin - end :]
         square[begin + 1 : end + 1] = state.square[begin - end :]
-        last = like(state, (x[-1:] for x in state))
+        last = state.part(slice(-1, None))
     return position, bias, square
 
 
@@ -255,21 +211,16 @@ def attitudes(rotations: Floats) -> Floats:
     return products
 
 
-def power(R: Floats, piece: Element, count: NDArray[np.int64]) -> tuple[Floats, Element]:
-    """Attitude gained, and moments, when piece k, which turns by R[k], is flown count[k] >= 0 times: by squaring.
-
-    Parameters
-    ----------
-    R : (n, 3, 3)
-    piece : element of shape (n,), in the axes in which it starts
-    count : (n,)
-    """
-    left = count.copy()
-    gained, total = np.broadcast_to(np.eye(3), R.shape), like(piece, (np.zeros_like(x) for x in piece))
+def power(R: Floats, piece: SpatialMoments, count: NDArray[np.int64]) -> tuple[Floats, SpatialMoments]:
+    """Attitude gained, and moments, when piece k (in the axes in which it starts), which turns by R[k], is flown
+    count[k] >= 0 times: by squaring."""
+    left, gained = count.copy(), np.broadcast_to(np.eye(3), R.shape)
+    total = SpatialMoments(*(np.zeros_like(x) for x in piece))
     while True:
-        odd = left % 2 == 1
-        total = like(piece, _where(odd, total.append(piece.rotated(gained)), total))
-        gained = _where(odd, [orthonormal(gained @ R)], [gained])[0]
+        odd = (left % 2 == 1)[:, None, None]
+        more = total.append(piece.rotated(gained))
+        total = SpatialMoments(np.where(odd[..., 0], more.p, total.p), np.where(odd, more.X, total.X))
+        gained = np.where(odd, orthonormal(gained @ R), gained)
         left //= 2
         if not left.any():
             return gained, total
@@ -299,13 +250,9 @@ def _part(x: Floats, batched: int, where: slice) -> Floats:
     return x[where] if x.ndim == batched else x
 
 
-def _drift(position: Floats, distances: Floats, mean: Floats, square: Floats) -> SpatialDrift:
+def _drift(distances: Floats, position: Floats, mean: Floats, square: Floats) -> SpatialDrift:
     cov = square - mean[:, :, None] * mean[:, None, :]
     arrays = position, np.concatenate([[0.0], np.cumsum(distances)]), mean, cov
     for array in arrays:
         array.setflags(write=False)
     return SpatialDrift(*arrays)
-
-
-def _where(condition: NDArray[np.bool_], yes: Arrays, no: Arrays) -> Arrays:
-    return [np.where(condition.reshape(-1, *[1] * (x.ndim - 1)), x, y) for x, y in zip(yes, no, strict=True)]

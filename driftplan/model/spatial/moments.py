@@ -13,24 +13,22 @@ cancels for small noise:
 
     X_AB = X' + X_B + X' X_B,   X' = Sym²(T)⁻¹ X_A Sym²(T).
 
-Exact; associative as an identity of polynomials. If the rotation noise prefers no direction, the same algebra shrinks
-to scalars, vectors and one 3x3 matrix: `driftplan.model.spatial.isotropic`.
+Exact; associative as an identity of polynomials.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple, TypeVar, cast
+from collections.abc import Callable, Sequence
+from math import factorial
+from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from driftplan.arrays import Floats
 from driftplan.model.spatial.rotations import RotationNoise
 
 Arrays = Sequence[Floats]
-Motion = TypeVar("Motion", bound=tuple[Floats, ...])  # of either algebra
-
-_OWN_AXES = {"X": 2, "square": 2, "lost1": 0, "lost2": 0}  # of a motion's arrays, one otherwise
 
 # Symmetric 3x3 matrices as six numbers, in an orthonormal basis so that rotations act by orthogonal matrices.
 _ROW, _COLUMN = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
@@ -39,13 +37,18 @@ _BASIS = np.zeros((6, 3, 3))
 for _a in range(6):
     _BASIS[_a, _ROW[_a], _COLUMN[_a]] += 0.5 * _WEIGHT[_a]
     _BASIS[_a, _COLUMN[_a], _ROW[_a]] += 0.5 * _WEIGHT[_a]
-_TO_SIX = np.einsum("aik,bjl->ijklab", _BASIS, _BASIS).reshape(81, 36)
 _SYMMETRIC_PRODUCT = np.einsum("aij->iaj", 2 * _BASIS).reshape(3, 18)  # p -> (v -> p vᵀ + v pᵀ), six numbers by three
 _EYE = np.eye(3)
+_ROUND = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # the unit matrix
+
+# power series of the closed forms of `_straight_integrals`, which cancel for small x
+_SLIP = [(-1) ** k / factorial(k) for k in range(2, 28)]
+_BALL = [(-1) ** k * (1 - 3.0 ** (k - 2)) / factorial(k) for k in range(3, 28)]
+_LINE = [(-1) ** k * (3.0**k / 3 - 2 * k - 1) / factorial(k) for k in range(3, 28)]
 
 
 class SpatialMoments(NamedTuple):
-    """Moments for any rotation noise, over any leading axes."""
+    """Moments of motions, over any leading axes."""
 
     p: Floats  # (..., 3) true displacement
     X: Floats  # (..., 9, 10) E[Sym²] - I without its last row, which is zero
@@ -63,6 +66,41 @@ class SpatialMoments(NamedTuple):
         jitter[..., :6, 9] = _as_six(cov + bias[..., :, None] * bias[..., None, :])
         jitter[..., 6:, 9] = bias
         return cls(np.zeros(3), X).append(cls(np.zeros(3), jitter))
+
+    @classmethod
+    def of_straight_runs(cls, z: Floats, rotation_rate: Floats, along: Floats, across: Floats) -> SpatialMoments:
+        """Runs with continuous noise: Brownian attitude error, white translation error.
+
+        The attitude error prefers no direction: with l1 = exp(-x) and l2 = exp(-3x), x its variance about each axis,
+        E[G] = l1 I and E[G Y Gᵀ] = l2 Y for symmetric Y without trace; E[e (G v)ᵀ] + its transpose is (f·v) I + g vᵀ +
+        v gᵀ with f and g along the run.
+
+        Parameters
+        ----------
+        z : (..., 3), displacements, metres
+        rotation_rate : (...), variance of the attitude error about each axis per metre, rad²/m
+        along, across : (...), variance of the position per metre, m²/m, in the estimated direction of flight and in
+            each across it
+        """
+        length = np.linalg.norm(z, axis=-1)
+        u = z / np.where(length > 0, length, 1.0)[..., None]
+        x = rotation_rate * length
+        lost1, lost2 = -np.expm1(-x), -np.expm1(-3 * x)
+        slip, bend, ball, line = _straight_integrals(x, lost1)
+        f = length * bend * (2 - 2 / 3 * lost1)
+        g = -length * (1 - lost1) * (slip + bend)
+        area = length * length
+        skewed = (along - across) * length * np.where(x > 0, lost2 / np.where(x > 0, 3 * x, 1.0), 1.0)
+        round_part = area * ball + length * (across + (along - across) / 3) - skewed / 3
+        uu = u[..., :, None] * u[..., None, :]
+        square = round_part[..., None, None] * _EYE + (area * line + skewed)[..., None, None] * uu
+        X = np.zeros((*length.shape, 9, 10))
+        X[..., :6, :6] = -lost2[..., None, None] * (np.eye(6) - np.outer(_ROUND, _ROUND) / 3)
+        X[..., :6, 6:9] = _ROUND[:, None] * (f[..., None] * u)[..., None, :] + _symmetric_product(g[..., None] * u)
+        X[..., :6, 9] = _as_six(square)
+        X[..., 6:, 6:9] = -lost1[..., None, None] * _EYE
+        X[..., 6:, 9] = -z * slip[..., None]
+        return cls(z, X)
 
     @property
     def bias(self) -> Floats:
@@ -104,7 +142,16 @@ class SpatialMoments(NamedTuple):
 
     def prefixes(self) -> SpatialMoments:
         """Moments of the first, the first two, ... of these motions (n,), in the same axes: an associative scan."""
-        return like(self, scan(lambda A, B: SpatialMoments(*A).append(SpatialMoments(*B)), self))
+        return SpatialMoments(*scan(lambda A, B: SpatialMoments(*A).append(SpatialMoments(*B)), self))
+
+    def spread(self, count: int) -> SpatialMoments:
+        """The same ``count`` times: one leading axis on each array that has none yet."""
+        p, X = self
+        return SpatialMoments(np.broadcast_to(p, (count, 3)), np.broadcast_to(X, (count, 9, 10)))
+
+    def part(self, index: int | slice) -> SpatialMoments:
+        """By the leading axis."""
+        return SpatialMoments(self.p[index], self.X[index])
 
 
 def scan(operation: Callable[[Arrays, Arrays], Arrays], pieces: Arrays) -> Arrays:
@@ -128,17 +175,6 @@ def scan(operation: Callable[[Arrays, Arrays], Arrays], pieces: Arrays) -> Array
     return prefixes
 
 
-def spread(motion: Motion, count: int) -> Motion:
-    """The same ``count`` times: one leading axis on each array that has none yet."""
-    arrays = zip(motion, (_OWN_AXES.get(name, 1) for name in cast(Any, motion)._fields), strict=True)
-    return like(motion, (np.broadcast_to(x, (count, *x.shape[x.ndim - axes :])) for x, axes in arrays))
-
-
-def like(motion: Motion, arrays: Iterable[Floats]) -> Motion:
-    """A motion of the same algebra."""
-    return cast(Motion, cast(Any, type(motion))(*arrays))
-
-
 def _symmetric_product(p: Floats) -> Floats:
     """The map v -> p vᵀ + v pᵀ, (..., 6, 3)."""
     return np.asarray(p @ _SYMMETRIC_PRODUCT).reshape(*p.shape[:-1], 6, 3)
@@ -153,6 +189,25 @@ def _six_by_six(R: Floats) -> Floats:
     first, second = R[..., :, _ROW], R[..., :, _COLUMN]  # column a of the map: first_a second_aᵀ, made symmetric
     mixed = first[..., _ROW, :] * second[..., _COLUMN, :] + first[..., _COLUMN, :] * second[..., _ROW, :]
     return np.asarray(0.5 * _WEIGHT[:, None] * _WEIGHT * mixed)
+
+
+def _straight_integrals(x: Floats, lost1: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Shape of a straight run of attitude variance x and length L along u.
+
+    E[e] = -slip L u and E[e eᵀ] = (ball I + line u uᵀ) L²; the cross moments consist of slip and bend = lost1²/(2x).
+    """
+    near, far = np.minimum(x, 0.7), np.maximum(x, 0.7)
+    fade = np.exp(-far)
+    slip = (far - 1 + fade) / far
+    ball = (fade - fade**3 / 9 - 8 / 9 + 2 / 3 * far) / far**2
+    line = 2 * ((0.5 * far - 1) * far + 1 / 3 + (far - 0.5) * fade + fade**3 / 6) / far**2
+    small = x < 0.7
+    return (
+        np.where(small, near * polyval(near, _SLIP), slip),
+        lost1**2 / (2 * np.where(x > 0, x, 1.0)),
+        np.where(small, near * polyval(near, _BALL), ball),
+        np.where(small, near * polyval(near, _LINE), line),
+    )
 
 
 def rotate(S: Floats, v: Floats) -> Floats:

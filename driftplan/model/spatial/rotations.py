@@ -44,8 +44,6 @@ class RotationNoise:
     law : "gaussian", "brownian", "von_mises_fisher" (isotropic) or "anisotropic_gaussian"
     parameter : (...) or (..., 3, 3), standard deviation in rad per axis, concentration, or covariance in rad²
 
-    Examples
-    --------
     >>> noise = RotationNoise.isotropic(0.1)
     >>> noise.mean_offset.diagonal().round(6)  # E[R̃] - I
     array([-0.009958, -0.009958, -0.009958])
@@ -63,8 +61,6 @@ class RotationNoise:
     def isotropic(cls, std_rad: ArrayLike) -> RotationNoise:
         """Rotation vector normal with standard deviation ``std_rad`` (rad, >= 0) about each axis.
 
-        Examples
-        --------
         >>> RotationNoise.isotropic(0.3).decay[0].round(16).item()  # 1 - E[tr R̃]/3
         0.0866948610212527
         """
@@ -86,8 +82,6 @@ class RotationNoise:
         The law of J. Knuth and P. Barooah for attitude from cameras. For large kappa the angle about each axis has
         variance 4/kappa.
 
-        Examples
-        --------
         >>> RotationNoise.von_mises_fisher(1e4).decay[0].round(16).item()
         0.0003999400015002
         """
@@ -102,9 +96,7 @@ class RotationNoise:
 
         Variances along the principal axes may be zero (a vehicle that errs in heading only), and at most (π rad)².
 
-        Raises
-        ------
-        ValueError : for wrong shapes, values that are not finite, not symmetric or with a negative eigenvalue
+        Raises ValueError for wrong shapes, values that are not finite, not symmetric or with a negative eigenvalue.
         """
         cov = checked_covariance("cov_rad2", cov_rad2)
         largest = float(np.linalg.eigvalsh(cov).max(initial=0.0))
@@ -148,9 +140,7 @@ class RotationNoise:
         E[R̃] = l1 I; X -> E[R̃ X R̃ᵀ] multiplies symmetric traceless X by l2, antisymmetric ones by l1. Steps multiply:
         after n of them l1ⁿ and l2ⁿ remain.
 
-        Raises
-        ------
-        ValueError : for an anisotropic law, which has no such numbers
+        Raises ValueError for an anisotropic law, which has no such numbers.
         """
         if not self.is_isotropic:
             raise ValueError("expected an isotropic law, got anisotropic_gaussian: use mean_offset and square_offset")
@@ -187,8 +177,6 @@ class RotationNoise:
     def sample(self, rng: np.random.Generator, size: int) -> Floats:
         """``size`` independent R̃ as matrices, (size, ..., 3, 3), straight from the law's definition.
 
-        Examples
-        --------
         >>> RotationNoise.isotropic(0.1).sample(np.random.default_rng(0), 5).shape
         (5, 3, 3)
         """

@@ -26,22 +26,13 @@ def simulate_drift_3d(
 
     Parameters
     ----------
-    rotations, translations, rotation_noise, translation_cov, translation_bias
-        As for `predict_drift_3d`.
+    rotations, translations, rotation_noise, translation_cov, translation_bias : as for `predict_drift_3d`
     runs : number of flights, >= 1
-    rng : Generator or seed
-        Same seed, same answer.
+    rng : Generator or seed: same seed, same answer
 
-    Returns
-    -------
-    (runs, n + 1, 3), e = estimated minus true position, metres, world frame, after every step; zero at the start
+    Returns estimated minus true positions (runs, n + 1, 3), metres, world frame, at the start and after every step.
+    Raises ValueError as `predict_drift_3d`, and for runs < 1.
 
-    Raises
-    ------
-    ValueError : as `predict_drift_3d`, and for runs < 1
-
-    Examples
-    --------
     >>> noise = RotationNoise.isotropic(0.1)
     >>> errors = simulate_drift_3d([np.eye(3)] * 10, [[1.0, 0.0, 0.0]] * 10, noise, runs=4000)
     >>> errors.shape, np.sqrt((errors[:, -1] ** 2).sum(axis=-1).mean()).round(1).item()

@@ -25,18 +25,9 @@ def flight_steps(waypoints: ArrayLike, step_m: float) -> tuple[Floats, Floats]:
     waypoints : (n, 3), metres, n >= 2. Runs of no length give no step.
     step_m : greatest length of a step, metres
 
-    Returns
-    -------
-    rotations : (steps, 3, 3)
-    translations : (steps, 3)
+    Returns rotations (steps, 3, 3) and translations (steps, 3). Raises ValueError for wrong shapes, values that are not
+    finite, a path of no length, a step so short that memory would not do.
 
-    Raises
-    ------
-    ValueError : for wrong shapes, values that are not finite, a path of no length, a step so short that memory would
-        not do
-
-    Examples
-    --------
     >>> rotations, translations = flight_steps([(0, 0, 0), (2, 0, 0), (2, 0, 1)], step_m=1.0)
     >>> translations
     array([[1., 0., 0.],

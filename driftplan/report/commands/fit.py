@@ -16,7 +16,7 @@ from driftplan.tables import counted
 
 if TYPE_CHECKING:
     from driftplan import NoiseFit, OdometryLog, Trajectory
-    from driftplan.model.calibration.segment_check import SegmentCheck
+    from driftplan.model.calibration.noise_check import SegmentCheck
 
     Drive = tuple[OdometryLog, Trajectory]
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def run(args: argparse.Namespace) -> Answer:
     """The noise of the drives that the arguments name."""
     from driftplan.model.calibration.fit import PARAMETERS, fit_noise
-    from driftplan.model.calibration.notes import trust
+    from driftplan.model.calibration.noise_check import trust
     from driftplan.report.figures.fits import plot_fit
     from driftplan.world.noise_files import noise_yaml
 
@@ -63,8 +63,21 @@ def run(args: argparse.Namespace) -> Answer:
     return Answer(
         payload=lambda: _as_json(found, checks),
         text=lambda: "\n".join([str(found), *chain(*checked_on)]),
-        files={"yaml": lambda: noise_yaml(found), "picture": lambda: plot_fit(found, checks)},
+        files={
+            "yaml": lambda: noise_yaml(found),
+            "ros": lambda: _messages(found, args).encode(),
+            "picture": lambda: plot_fit(found, checks),
+        },
     )
+
+
+def _messages(found: NoiseFit, args: argparse.Namespace) -> str:
+    """Covariances of the robot's odometry messages."""
+    from driftplan import ros_covariances
+
+    if args.speed is None:
+        raise ValueError("expected --speed, the robot's in m/s, with --ros: the covariance of its twist grows with it")
+    return ros_covariances(found.noise, rate_hz=args.message_rate_hz, speed_m_per_s=args.speed)
 
 
 def _recorded(args: argparse.Namespace, files: list[str]) -> dict[str, Drive]:
@@ -83,6 +96,8 @@ def _recorded(args: argparse.Namespace, files: list[str]) -> dict[str, Drive]:
                 columns=args.odometry_columns,
                 variable=args.odometry_variable,
                 rate_hz=args.rate_hz,
+                track_width_m=args.track_width_m,
+                metres_per_tick=args.metres_per_tick,
             ),
             read_truth(truth, columns=args.truth_columns, variable=args.truth_variable, rate_hz=args.rate_hz),
         )
@@ -141,14 +156,17 @@ _READING = Group(
                 Option(
                     f"{which}_columns",
                     "NAME,NAME,...",
-                    f"columns of the {which}: time, distance, turn, speed, turn_rate, x, y, heading, qx, qy, qz, qw; "
-                    "any other name is skipped; units as in time[ns] or heading[deg]",
+                    f"columns of the {which}: time, distance, turn, speed, turn_rate, x, y, heading, qx, qy, qz, qw, "
+                    "left_speed, right_speed, left_ticks, right_ticks; any other name is skipped; units as in time[ns] "
+                    "or heading[deg]",
                     names,
                 ),
-                Option(f"{which}_variable", "NAME", f"variable of a MATLAB file with the {which}", str),
+                Option(f"{which}_variable", "NAME", f"MATLAB variable or ROS topic with the {which}", str),
             )
         ),
         Option("rate_hz", "HZ", "poses per second of KITTI files", default=10.0),
+        Option("track_width_m", "M", "distance between the wheels, of odometry as wheel speeds or ticks", float),
+        Option("metres_per_tick", "M", "what a tick of a wheel is worth, metres", float),
     ),
 )
 _FITTING = Group("fitting", (
@@ -164,20 +182,25 @@ _FITTING = Group("fitting", (
     Option("confidence", "P", "confidence of the intervals", default=0.95),
     Option("seed", "N", "seed of the bootstrap", int, 0),
 ))
+_MESSAGES = Group("messages of ROS, with --ros", (
+    Option("speed", "M/S", "usual speed of the robot", float),
+    Option("message_rate_hz", "HZ", "odometry messages per second", default=30.0),
+))
 COMMAND = Command(
     name="fit",
     summary="the noise of an odometry from recorded drives and their truth",
     description="Fit the systematic and the random errors of an odometry to recorded drives whose truth is known, "
-    "with intervals, and say how well the fit predicts. Files: TUM, KITTI, MR.CLAM, exports of ROS topics, CSV with "
-    "named columns and units in brackets, MATLAB 5; gzipped if they end in .gz.",
+    "with intervals, and say how well the fit predicts. Files: TUM, KITTI, MR.CLAM, ROS bags and exports of topics, "
+    "CARMEN, g2o, CSV with named columns and units in brackets, MATLAB 5; gzipped if they end in .gz.",
     run=run,
     arguments=(
         Option("files", "ODOM TRUTH", "odometry and truth of each drive, in turn: ODOM TRUTH ODOM TRUTH ...", str,
                how={"nargs": "+"}),
     ),
-    groups=(Group("", _DRIVES), _READING, _FITTING),
+    groups=(Group("", _DRIVES), _READING, _FITTING, _MESSAGES),
     files={
         "yaml": "write the fitted noise, with its intervals",
+        "ros": "write the covariances for nav_msgs/Odometry and robot_localization that it means; needs --speed",
         "picture": "draw errors against length, measured and predicted",
     },
     examples=("odom.csv truth.csv --yaml noise.yaml --picture fit.png",

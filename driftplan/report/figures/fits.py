@@ -10,7 +10,7 @@ import numpy as np
 from driftplan.arrays import arguments_checked
 from driftplan.model.calibration.chance import LEVELS
 from driftplan.model.calibration.fit import NoiseFit
-from driftplan.model.calibration.segment_check import SegmentCheck
+from driftplan.model.calibration.noise_check import SegmentCheck
 from driftplan.report.figures import style
 
 if TYPE_CHECKING:
@@ -41,8 +41,7 @@ def plot_fit(
     Parameters
     ----------
     fit : NoiseFit
-    others : mapping of label to SegmentCheck, optional
-        Checks of the fit on other drives, from `NoiseFit.check_on`.
+    others : mapping of label to SegmentCheck, optional: checks of the fit on other drives, from `NoiseFit.check_on`
     figure : an empty figure to draw into; default: a new one that knows nothing of pyplot
     """
     checks = {FITTED: fit.check, **(others or {})}
@@ -92,8 +91,7 @@ def plot_growth(
     Parameters
     ----------
     fit : NoiseFit
-    others : mapping of label to SegmentCheck, optional
-        Checks on other drives.
+    others : mapping of label to SegmentCheck, optional: checks on other drives
     heading : the heading error gained (degrees) instead of the position error (metres)
     ax : default: pyplot's current Axes
     """
