@@ -43,7 +43,6 @@ export class MapView {
   }
 
   toScreen([x, y]) { return [(x - this.centre[0]) * this.scale + this.width / 2, (this.centre[1] - y) * this.scale + this.height / 2]; }
-
   toWorld([px, py]) { return [(px - this.width / 2) / this.scale + this.centre[0], (this.height / 2 - py) / this.scale + this.centre[1]]; }
 
   zoom(factor, at = [this.width / 2, this.height / 2]) {
@@ -293,9 +292,15 @@ export class MapView {
   }
 
   listen() {
+    const fingers = new Map();
     let grasp = null;
+    const pinch = () => {  // how far two fingers are apart, and where the middle is
+      const [p, q] = [...fingers.values()];
+      return q && [Math.hypot(p[0] - q[0], p[1] - q[1]), [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2]];
+    };
     this.overlay.addEventListener("pointerdown", (event) => {
       const { session, tools } = this.studio, screen = this.at(event), world = this.toWorld(screen);
+      fingers.set(event.pointerId, screen);
       const beacon = event.target.closest("[data-beacon]"), waypoint = event.target.closest("[data-waypoint]");
       this.overlay.setPointerCapture(event.pointerId);
       this.overlay.focus({ preventScroll: true });
@@ -319,6 +324,9 @@ export class MapView {
     this.overlay.addEventListener("pointermove", (event) => {
       if (!grasp) return;
       const { session, tools } = this.studio, screen = this.at(event), world = this.toWorld(screen);
+      const before = pinch();
+      fingers.set(event.pointerId, screen);
+      if (before) return this.zoom(pinch()[0] / Math.max(before[0], 1), before[1]);
       if (grasp.pan) {
         this.pan(screen[0] - grasp.pan[0], screen[1] - grasp.pan[1]);
         grasp.pan = screen;
@@ -329,8 +337,10 @@ export class MapView {
         session.changeBeacon(grasp.beacon, { x, y }, "drag");
       } else if (grasp.waypoint !== undefined) session.moveWaypoint(grasp.waypoint, world, "drag");
       else tools.move(this.snapped(world));
+      return null;
     });
     const release = (event) => {
+      fingers.delete(event.pointerId);
       if (grasp?.tool) this.studio.tools.release(this.snapped(this.toWorld(this.at(event))));
       if (grasp && !grasp.pan) this.studio.announce();
       this.studio.session.settle();

@@ -12,12 +12,11 @@ const MOVES = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDo
 
 /** Put a studio into an element.
  *
- * scene: see driftplan/page/scene.py. host: null, or what can ask Python: ask(what, question, onProgress, signal) gives
+ * scene: see examples/guide/studio.md. host: null, or what can ask Python: ask(what, question, onProgress, signal) gives
  * the promise of an answer. Returns the Studio, which is also `root.studio`. */
 export function mount(root, scene, host = null) {
-  const studio = new Studio(root, withLink(scene, window.location.hash), host);
-  root.studio = studio;
-  return studio;
+  root.studio = new Studio(root, withLink(scene, window.location.hash), host);
+  return root.studio;
 }
 
 /** A round number above x: scales that hold still while something is dragged. */
