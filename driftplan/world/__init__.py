@@ -7,6 +7,7 @@ mapfiles                        load_world, save_world; formats: ros_map, moving
 route_graphs                    nav2's nodes and edges, there and back
 cells, cell_pictures            from cells to polygons and back; a YAML file and the picture it names
 plain_data                      YAML and JSON from anybody
+route_files                     routes as ROS has them: paths, poses, waypoints
 trajectories                    paths and trajectories in files
 odometry_logs, log_tables       recordings: TUM, KITTI, MR.CLAM, CSV, MATLAB
 log_formats                     and ROS bags, CARMEN, g2o
