@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from driftplan.model.calibration.bootstrap import bootstrap
 from driftplan.model.calibration.chance import CLEAR_CHANCE, repetitions
 from driftplan.model.calibration.fit import PARAMETERS, estimated, fit_noise
-from driftplan.model.calibration.noise_check import HEAVY_TAILS_CHANCE, check_noise, check_segments, judged, trust
+from driftplan.model.calibration.noise_check import HEAVY_TAILS_CHANCE, check_noise, check_segments, judged
 from driftplan.model.calibration.quasi_likelihood import bounded_step, models, solve
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_sets import segment_set
@@ -515,7 +515,7 @@ def test_a_sentence_says_at_which_lengths_to_trust_a_fit(fit, ratios, said):
         row._replace(length_m=length, measured_rms_m=ratio * row.predicted_rms_m)
         for row, length, ratio in zip(fit.check.lengths, (2.0, 4.0, 8.0), ratios, strict=False)
     ]
-    assert said in trust(replace(fit.check, lengths=tuple(rows)))
+    assert said in replace(fit.check, lengths=tuple(rows)).trust
 
 
 def test_slips_are_found_among_turns_on_the_spot():

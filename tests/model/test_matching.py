@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from driftplan.model.calibration.matched_drive import match
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
+from driftplan.model.calibration.resampling import angle_turned
 from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Run
@@ -244,3 +245,17 @@ def test_counts_of_several_drives_add_up():
     one = match(log, truth, spacing_m=0.5).counts
     both = one + one
     assert (both.odometry_samples, both.driven_m) == (2 * one.odometry_samples, 2 * one.driven_m)
+
+
+@given(
+    st.lists(st.integers(-20, 20), min_size=2, max_size=60),
+    st.sampled_from([0.0, 0.5, 3.0, 8.0]),
+)
+def test_angles_turned_are_those_of_a_pointer_dragged_with_a_play(steps, play):
+    headings = np.cumsum(np.array(steps, dtype=float)) / 4
+    pointer, total, dragged = headings[0], 0.0, []
+    for heading in headings:
+        pull = max(heading - play / 2 - pointer, 0.0) + min(heading + play / 2 - pointer, 0.0)
+        pointer, total = pointer + pull, total + abs(pull)
+        dragged.append(total)
+    np.testing.assert_allclose(angle_turned(headings, play), dragged, atol=1e-12)
