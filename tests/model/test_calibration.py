@@ -173,7 +173,7 @@ def test_a_reference_mounted_askew_changes_no_rate():
 
 
 @given(turn=st.floats(-3, 3), x=st.floats(-1e3, 1e3), late=st.floats(0, 1e5))
-@settings(max_examples=2, deadline=None)
+@settings(max_examples=2)
 def test_frames_and_clocks_do_not_matter(turn, x, late):
     log, truth = recorded(length_m=150)
     here = fit_noise(log, truth, **QUICK)
@@ -385,7 +385,7 @@ def test_what_is_printed_holds_what_was_found(fit):
 
 
 @given(seed=st.integers(0, 10_000))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_bounded_steps_meet_the_conditions_of_optimality(seed):
     rng = np.random.default_rng(seed)
     k = int(rng.integers(1, 7))

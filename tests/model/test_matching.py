@@ -41,7 +41,7 @@ def test_perfect_odometry_agrees_with_the_truth_at_every_knot():
 
 
 @given(shift=st.floats(-0.8, 0.8), heading=st.booleans())
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_a_clock_offset_is_found_and_undone(shift, heading):
     log, truth = drive(OdometryNoise(heading_var_per_m=1e-5, distance_var_per_m=1e-5))
     truth = truth if heading else truth.without_heading()
@@ -51,7 +51,7 @@ def test_a_clock_offset_is_found_and_undone(shift, heading):
 
 
 @given(askew=st.floats(-3.1, 3.1).filter(lambda angle: abs(angle) > 0.02), bias=st.floats(-0.05, 0.05))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_a_reference_mounted_askew_is_found_and_turned_back(askew, bias):
     noise = OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-5, heading_bias_per_m=bias)
     log, truth = drive(noise, truth_heading_std=0.002)

@@ -26,7 +26,7 @@ Truth = Trajectory | ArrayLike
 
 HEAVY_TAILS_CHANCE = 0.05  # that Gaussian errors are said not to be so
 _CLEAR_SHIFT_ERRORS = 3.0  # standard errors by which the systematic errors of other drives are said to differ
-_TRUSTED = 1.35  # measured over predicted rms, or its inverse, up to which a prediction is said to hold
+_TRUSTED = 0.35  # of the predicted rms, within which the measured one has to be
 _CLEAR_RATIO = 0.15  # of the predicted rms, by which the measured one is at least off if it is said to be
 
 
@@ -95,13 +95,13 @@ class SegmentCheck:
     def trust(self) -> str:
         """How far a fit may be trusted on these drives, by length, in one sentence."""
         ratios = [(row, row.measured_rms_m / max(row.predicted_rms_m, 1e-300)) for row in self.lengths]
-        held = [row for row, ratio in ratios if max(ratio, 1 / max(ratio, 1e-300)) <= _TRUSTED]
+        held = [row for row, ratio in ratios if abs(ratio - 1) <= _TRUSTED]
         off = [(f"{ratio:.2f}", f"{row.length_m:.3g}") for row, ratio in ratios if row not in held]
         said = []
         if held:
             where = " and ".join(f"{length:.3g}" for length in sorted({held[0].length_m, held[-1].length_m}))
             lengths = f"between {where}" if len(held) > 1 else f"at {where}"
-            said.append(f"within {100 * (_TRUSTED - 1):.0f} % of the predicted one {lengths} m")
+            said.append(f"within {100 * _TRUSTED:.0f} % of the predicted one {lengths} m")
         if off:
             times, lengths = (", ".join(words) for words in zip(*off, strict=True))
             said.append(f"{times} times {'it' if held else 'the predicted one'} at {lengths} m")
