@@ -505,7 +505,7 @@ def test_a_ratio_as_far_off_as_chance_makes_it_is_no_alarm(fit, up):
 @pytest.mark.parametrize(
     ("ratios", "said"),
     [
-        ((1.0, 1.2, 0.8), "is within 35 % of the predicted one between 2 and 8 m; the 90 % regions hold"),
+        ((1.0, 1.2, 0.8), "is within 35 % of the predicted one at 2, 4, 8 m; the 90 % regions hold"),
         ((1.1, 1.5, 0.5), "is within 35 % of the predicted one at 2 m and 1.50, 0.50 times it at 4, 8 m; the"),
         ((2.0, 3.0, 4.0), "is 2.00, 3.00, 4.00 times the predicted one at 2, 4, 8 m; the 90 % regions hold"),
     ],

@@ -248,8 +248,8 @@ def test_counts_of_several_drives_add_up():
 
 
 @given(
-    st.lists(st.integers(-20, 20), min_size=2, max_size=60),
-    st.sampled_from([0.0, 0.5, 3.0, 8.0]),
+    st.lists(st.integers(-20, 20) | st.floats(-3, 3), min_size=2, max_size=60),
+    st.sampled_from([0.0, 0.1, 0.5, 3.0, 8.0]),
 )
 def test_angles_turned_are_those_of_a_pointer_dragged_with_a_play(steps, play):
     headings = np.cumsum(np.array(steps, dtype=float)) / 4
@@ -258,4 +258,6 @@ def test_angles_turned_are_those_of_a_pointer_dragged_with_a_play(steps, play):
         pull = max(heading - play / 2 - pointer, 0.0) + min(heading + play / 2 - pointer, 0.0)
         pointer, total = pointer + pull, total + abs(pull)
         dragged.append(total)
-    np.testing.assert_allclose(angle_turned(headings, play), dragged, atol=1e-12)
+    found = angle_turned(headings, play)
+    np.testing.assert_allclose(found, dragged, atol=1e-12)
+    assert (np.diff(found) >= 0).all()

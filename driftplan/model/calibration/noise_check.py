@@ -95,13 +95,9 @@ class SegmentCheck:
     def trust(self) -> str:
         """How far a fit may be trusted on these drives, by length, in one sentence."""
         ratios = [(row, row.measured_rms_m / max(row.predicted_rms_m, 1e-300)) for row in self.lengths]
-        held = [row for row, ratio in ratios if abs(ratio - 1) <= _TRUSTED]
-        off = [(f"{ratio:.2f}", f"{row.length_m:.3g}") for row, ratio in ratios if row not in held]
-        said = []
-        if held:
-            where = " and ".join(f"{length:.3g}" for length in sorted({held[0].length_m, held[-1].length_m}))
-            lengths = f"between {where}" if len(held) > 1 else f"at {where}"
-            said.append(f"within {100 * _TRUSTED:.0f} % of the predicted one {lengths} m")
+        held = [f"{row.length_m:.3g}" for row, ratio in ratios if abs(ratio - 1) <= _TRUSTED]
+        off = [(f"{ratio:.2f}", f"{row.length_m:.3g}") for row, ratio in ratios if abs(ratio - 1) > _TRUSTED]
+        said = [f"within {100 * _TRUSTED:.0f} % of the predicted one at {', '.join(held)} m"] if held else []
         if off:
             times, lengths = (", ".join(words) for words in zip(*off, strict=True))
             said.append(f"{times} times {'it' if held else 'the predicted one'} at {lengths} m")

@@ -197,8 +197,8 @@ def angle_turned(headings: Floats, play_rad: float) -> Floats:
         pointers.append(pointers[-1] + pull)
         totals.append(totals[-1] + abs(pull))
     run = np.searchsorted(ends, np.arange(len(headings)))
-    ahead = headings - np.array(pointers)[run]
-    return np.asarray(np.array(totals)[run] + np.maximum(np.abs(ahead) - half, 0.0))
+    pulled = np.maximum(np.abs(headings - np.array(pointers)[run]) - half, 0.0)
+    return np.asarray(np.maximum.accumulate(np.array(totals)[run] + pulled))  # rounding does not turn it back
 
 
 def interpolated(at: Floats, times: Floats, positions: Complexes) -> Complexes:
