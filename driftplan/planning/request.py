@@ -98,7 +98,7 @@ class PlanRequest:
     iterations: int | None
     seed: int
     share: float = 1.0  # of the time limit that may be spent
-    began: float = field(default_factory=time.monotonic)  # when the clock of the call began to run
+    began: float = field(default_factory=lambda: time.monotonic())  # when the clock of the call began to run
 
     def __post_init__(self) -> None:
         if not isinstance(self.noise, OdometryNoise):

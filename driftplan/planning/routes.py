@@ -329,19 +329,18 @@ def _route_among_beacons(request: PlanRequest, known: Sequence[Floats]) -> Route
 
 def _unaided_route(request: PlanRequest) -> Route:
     found = best_unaided(request)
-    route = _dead_reckoned(request, found.path, found)
+    route = _dead_reckoned(request, request.minimise, found.path, found)
     if request.minimise == "length" or (request.ends[0] == request.ends[1]).all():
         return route
-    return replace(route, shortest=_dead_reckoned(replace(request, minimise="length"), found.shortest, found))
+    return replace(route, shortest=_dead_reckoned(request, "length", found.shortest, found))
 
 
-def _dead_reckoned(request: PlanRequest, path: Floats, found: Unaided) -> Route:
+def _dead_reckoned(request: PlanRequest, minimise: Objective, path: Floats, found: Unaided) -> Route:
     """The route along a path on which nothing is read."""
     fixes = () if request.reliance.start_fix is None else (request.reliance.start_fix,)
     drift = exact_drift(request.world, path, request.noise, request.reliance.start_heading, fixes)
-    by_length = request.minimise == "length"
     score, bound, heading_std = float(drift.length), found.least.length, math.inf
-    if not by_length:
+    if minimise != "length":
         mean_square, heading_std = found.least.bound(
             noises_of(request.world, request.noise), float(drift.end.heading_std)
         )
@@ -351,7 +350,7 @@ def _dead_reckoned(request: PlanRequest, path: Floats, found: Unaided) -> Route:
         path=path,
         drift=drift,
         planner=request.planner,
-        minimise=request.minimise,
+        minimise=minimise,
         status=Status.OPTIMAL if score <= bound * (1 + ROUNDING) else found.status,
         bound=min(bound, score),
         bound_heading_std=heading_std,

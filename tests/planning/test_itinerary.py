@@ -28,7 +28,7 @@ TAG = BeaconKind.rfid(range_m=2.0, position_std_m=0.1)
 SIGN = BeaconKind.landmark(range_m=3.0, position_std_m=0.05, heading_std=0.01)
 HALL = World.from_polygons([], bounds=(0, 0, 80, 40), robot_radius=0.5)
 START, GOAL = (3.0, 10.0), (77.0, 10.0)
-QUICK = {"max_nodes": 250, "time_limit": 600.0}  # a clock that never decides
+QUICK = {"max_nodes": 120, "time_limit": 600.0}  # a clock that never decides
 
 
 def planned(*where, **asked):
@@ -179,7 +179,7 @@ def test_position_fixes_alone_cannot_hold_a_limit_when_the_heading_is_never_fixe
     spots = [(x, 10.0) for x in range(7, 78, 7)]
     tags = [Beacon(TAG, *xy) for xy in spots]
     with pytest.raises(InfeasibleError, match=r"heading is never fixed.*heading the limit could be kept"):
-        planned(HALL, START, GOAL, rough, beacons=tags, max_drift=0.7, max_nodes=150, time_limit=600.0)
+        planned(HALL, START, GOAL, rough, beacons=tags, max_drift=0.7, max_nodes=60, time_limit=600.0)
     signs = [Beacon(SIGN, *xy) for xy in spots]
     found = planned(HALL, START, GOAL, rough, beacons=signs, max_drift=0.7, **QUICK)
     assert found.worst_drift <= 0.7
@@ -194,17 +194,15 @@ def test_an_itinerary_out_of_reach_says_how_near_it_gets():
             NOISE,
             beacons=[Beacon(SIGN, 10, 10, id="A")],
             max_drift=0.5,
-            max_nodes=80,
+            max_nodes=40,
             time_limit=600.0,
         )
     with pytest.raises(InfeasibleError, match=r"would be missed: .*min_capture=0\.9"):
-        planned(
-            HALL, START, GOAL, NOISE, beacons=[Beacon(SIGN, 40, 18)], max_drift=2.7, max_nodes=150, time_limit=600.0
-        )
+        planned(HALL, START, GOAL, NOISE, beacons=[Beacon(SIGN, 40, 18)], max_drift=2.7, max_nodes=60, time_limit=600.0)
     with pytest.raises(InfeasibleError, match=r"most accurate beacon leaves an rms error of 0\.141"):
-        planned(HALL, START, GOAL, NOISE, beacons=[Beacon(TAG, 10, 10)], max_drift=0.1, max_nodes=80, time_limit=600.0)
+        planned(HALL, START, GOAL, NOISE, beacons=[Beacon(TAG, 10, 10)], max_drift=0.1, max_nodes=40, time_limit=600.0)
     with pytest.raises(InfeasibleError, match="no beacon gives a position"):
-        planned(HALL, START, GOAL, NOISE, beacons=[], max_drift=0.5, max_nodes=80, time_limit=600.0)
+        planned(HALL, START, GOAL, NOISE, beacons=[], max_drift=0.5, max_nodes=40, time_limit=600.0)
     unsure = Fix.full(0.0, position_std_m=1.0, heading_std=0.1)
     with pytest.raises(InfeasibleError, match="drift at the start is above it"):
         planned(
@@ -215,7 +213,7 @@ def test_an_itinerary_out_of_reach_says_how_near_it_gets():
             beacons=[Beacon(SIGN, 40, 10)],
             max_drift=1.0,
             start_fix=unsure,
-            max_nodes=80,
+            max_nodes=40,
             time_limit=600.0,
         )
 
@@ -258,7 +256,7 @@ def test_one_beacon_that_everything_hangs_on_is_not_enough():
     asked = {"beacons": one, "max_drift": 2.5, "min_capture": sure}
     planned(HALL, START, GOAL, NOISE, **asked, **QUICK)
     with pytest.raises(InfeasibleError, match="with any one beacon dead"):
-        planned(HALL, START, GOAL, NOISE, **asked, redundancy=2, max_nodes=80, time_limit=600.0)
+        planned(HALL, START, GOAL, NOISE, **asked, redundancy=2, max_nodes=40, time_limit=600.0)
 
 
 # Other objectives
@@ -266,7 +264,7 @@ def test_one_beacon_that_everything_hangs_on_is_not_enough():
 
 def test_the_beacon_next_to_the_goal_is_worth_a_detour_only_within_max_detour():
     beside = [Beacon(SIGN, 66, 26)]  # 16 m aside
-    opened = {"max_nodes": 150, "time_limit": 600.0, "min_capture": 0.0}
+    opened = {"max_nodes": 80, "time_limit": 600.0, "min_capture": 0.0}
     near = planned(HALL, START, GOAL, NOISE, beacons=beside, minimise="drift", max_detour=1.05, **opened)
     far = planned(HALL, START, GOAL, NOISE, beacons=beside, minimise="drift", max_detour=1.5, **opened)
     assert near.beacons == ()
@@ -306,7 +304,7 @@ def test_robots_that_drive_the_itinerary_drift_as_predicted(kind):
 @pytest.mark.parametrize("minimise", ["length", "drift", "worst_drift"])
 def test_the_same_seed_gives_the_same_route_whatever_the_clock(minimise):
     beacons = [Beacon(SIGN, 22, 20), Beacon(SIGN, 40, 22), Beacon(SIGN, 58, 20)]
-    asked = {"beacons": beacons, "max_drift": 1.6, "minimise": minimise, "max_nodes": 150, "seed": 3}
+    asked = {"beacons": beacons, "max_drift": 1.6, "minimise": minimise, "max_nodes": 60, "seed": 3}
     first, second = (planned(HALL, START, GOAL, NOISE, **asked, time_limit=limit) for limit in (600.0, 5000.0))
     assert first.status.name == "SEARCH_DONE"
     np.testing.assert_array_equal(first.path, second.path)
@@ -381,10 +379,10 @@ def test_tags_in_the_warehouse_hold_a_limit_that_the_shortest_route_breaks():
     xy = rng.uniform((0, 0), (60, 40), (500, 2))
     xy = xy[world.is_free(xy)][:50]
     beacons = [Beacon(SIGN if k % 4 == 0 else TAG, *p) for k, p in enumerate(xy)]
-    free = planned(world, (51.0, 33.0), (23.5, 18.7), NOISE, beacons=beacons, max_nodes=500, time_limit=600)
+    free = planned(world, (51.0, 33.0), (23.5, 18.7), NOISE, beacons=beacons, max_nodes=200, time_limit=600)
     limit = 0.7 * free.worst_drift
     found = planned(
-        world, (51.0, 33.0), (23.5, 18.7), NOISE, beacons=beacons, max_drift=limit, max_nodes=500, time_limit=600
+        world, (51.0, 33.0), (23.5, 18.7), NOISE, beacons=beacons, max_drift=limit, max_nodes=200, time_limit=600
     )
     assert found.length >= free.length * (1 - 1e-9)
     assert found.worst_drift <= limit

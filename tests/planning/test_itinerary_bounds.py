@@ -39,7 +39,7 @@ coordinate = st.floats(1, 39).map(lambda x: round(x, 3))
 point = st.tuples(coordinate, coordinate)
 
 
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=60)
 @given(
     st.lists(point, min_size=2, max_size=6, unique=True),
     st.lists(st.tuples(st.sampled_from(KINDS), point), max_size=5),
@@ -119,7 +119,7 @@ def simple_paths(roadmap):
         stack += [(*nodes, k) for k in near[nodes[-1]] if k not in nodes]
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 8))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 8))])
 @pytest.mark.parametrize(("kind", "estimator"), [(TAG, "reset"), (SIGN, "reset"), (TAG, "filter"), (RADIO, "filter")])
 def test_every_objective_finds_what_enumeration_finds_or_better(small_roadmap, seed, kind, estimator):
     rng = np.random.default_rng(100 + seed)

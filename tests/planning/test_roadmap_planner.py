@@ -28,7 +28,7 @@ WORLD = World.from_polygons([[(25, 0), (27, 0), (27, 8), (25, 8)]], bounds=(0, 0
 START, GOAL = (3.0, 10.0), (57.0, 10.0)
 SIGNS = [Beacon(SIGN, 18, 18), Beacon(SIGN, 30, 19), Beacon(SIGN, 42, 18)]
 LIMIT = 2.0
-FEW = {"max_nodes": 250}  # one batch, so that no clock decides anything
+FEW = {"max_nodes": 100}  # one batch, so that no clock decides anything
 
 
 def planned(*where, **asked):
@@ -95,11 +95,11 @@ def test_the_shortest_route_within_a_limit_is_that_of_plan_route():
     assert setup.getSolutionPath().check()
     path = waypoints(setup)
     assert greatest(path) <= LIMIT * (1 + 1e-6) < greatest(path, beacons=[])
-    plain = planned(WORLD, START, GOAL, NOISE, beacons=SIGNS, max_drift=LIMIT, max_nodes=250, seed=2, time_limit=300.0)
+    plain = planned(WORLD, START, GOAL, NOISE, beacons=SIGNS, max_drift=LIMIT, max_nodes=100, seed=2, time_limit=300.0)
     assert planner.route().length == pytest.approx(plain.length, rel=1e-3)  # bounds of a space are open to rounding
     assert planner.route().path.tolist() == path.tolist()
     assert planner.bound()[0] == pytest.approx(plain.bound)
-    assert len(planner.roadmap()[0]) > 200
+    assert len(planner.roadmap()[0]) > 80
 
 
 def test_a_drift_objective_asks_for_the_least_drift_at_the_goal_within_a_detour():
@@ -161,10 +161,10 @@ def test_poses_count_the_first_turn_and_zones_their_noise():
     assert solve(setup, planner)
     found = planner.route()
     plain = planned(
-        world, START, GOAL, turning, beacons=SIGNS, max_drift=3.0, start_heading=3.0, max_nodes=250, time_limit=300.0
+        world, START, GOAL, turning, beacons=SIGNS, max_drift=3.0, start_heading=3.0, max_nodes=100, time_limit=300.0
     )
     assert found.worst_drift == pytest.approx(plain.worst_drift, rel=0.05)
-    ahead = planned(world, START, GOAL, turning, beacons=SIGNS, max_drift=3.0, max_nodes=250, time_limit=300.0)
+    ahead = planned(world, START, GOAL, turning, beacons=SIGNS, max_drift=3.0, max_nodes=100, time_limit=300.0)
     assert float(found.drift.at(8.0).rms) > 1.5 * float(ahead.drift.at(8.0).rms)  # before the first sign
     states = setup.getSolutionPath().getStates()
     assert (states[0].getYaw(), states[-1].getYaw()) == (pytest.approx(3.0), pytest.approx(0.5))
@@ -281,7 +281,7 @@ def test_objectives_that_do_not_say_enough_are_refused_when_planning_starts(obje
         solve(setup, RoadmapPlanner(si, world=WORLD, beacons=SIGNS, **options))
 
 
-@pytest.mark.parametrize("extra", ["", "planner.why_not()"])
+@pytest.mark.parametrize("extra", [pytest.param("", marks=pytest.mark.slow), "planner.why_not()"])
 def test_ompls_benchmark_runs_it_and_nothing_leaks(extra):
     script = f"""
         from ompl import base as ob, geometric as og, tools as ot, util as ou
@@ -301,14 +301,14 @@ def test_ompls_benchmark_runs_it_and_nothing_leaks(extra):
         setup.setStartAndGoalStates(start, goal)
         objective = DriftObjective(si, noise, goal)
         setup.setOptimizationObjective(objective)
-        asked = dict(beacons=[Beacon(sign, 20, 16)], minimise="length", max_nodes=100)
+        asked = dict(beacons=[Beacon(sign, 20, 16)], minimise="length", max_nodes=40)
         planner = RoadmapPlanner(si, objective, world, max_drift=1.5, **asked)
         benchmark = ot.Benchmark(setup, "beacons")
         benchmark.addPlanner(planner)
         hopeless = RoadmapPlanner(si, objective, world, max_drift=0.3, name="hopeless", **asked)
         benchmark.addPlanner(hopeless)
         request = ot.Request()
-        request.maxTime, request.runCount = 60.0, 2
+        request.maxTime, request.runCount = 60.0, 1
         request.displayProgress = request.saveConsoleOutput = False
         benchmark.benchmark(request)
         {extra}

@@ -51,7 +51,7 @@ def test_the_bound_is_below_every_route_and_a_route_comes_near(seed, radius):
     world, start, goal = random_world(seed, radius)
     found = [taut_route(world, start, goal, 0.002, by_length=by_length) for by_length in (False, True)]
     if any(path is None for path in found):  # a passage of less than two margins, or a start at a wall
-        found = [plan_route(world, start, goal, NOISE, iterations=4).path] * 2
+        found = [plan_route(world, start, goal, NOISE, iterations=2).path] * 2
     levers, length = (LeastRoute.of_path(path) for path in found)
     for margin in (0.2, 0.02, 0.002):
         least = least_route(world, start, goal, margin)
@@ -99,8 +99,8 @@ def test_round_one_corner_the_cone_is_measured_by_its_geodesics():
     world = World.from_polygons([[(6.5, -1), (6.6, -1), (5.001, 7)]], bounds=(0, -1, 10, 10), robot_radius=0.0)
     start, goal, tip = np.array([3.5, 6.0]), np.array([8.0, 2.0]), np.array([5.001, 7.0])
     expected = float(geodesic_cost(start, tip, goal, UNIT) + geodesic_cost(tip, goal, goal, UNIT))
-    assert least_route(world, start, goal, 1e-5).squared_levers == pytest.approx(expected, rel=1e-3)
-    assert least_route(world, start, goal, 1e-5).squared_levers <= expected * (1 + 1e-9)
+    least = least_route(world, start, goal, 1e-5).squared_levers
+    assert expected * (1 - 1e-3) <= least <= expected * (1 + 1e-9)
 
 
 def test_a_path_has_the_integrals_of_its_runs():
@@ -114,9 +114,9 @@ def test_a_path_has_the_integrals_of_its_runs():
 
 @pytest.mark.parametrize("noise", [NOISE, OdometryNoise(heading_var_per_m=3e-2, distance_var_per_m=2e-3)])
 def test_no_route_found_is_below_the_bound_of_the_mean_square(noise):
-    for seed in range(5):
+    for seed in range(2):
         world, start, goal = random_world(seed + 200, 0.3)
-        path = plan_route(world, start, goal, noise, iterations=4).path
+        path = plan_route(world, start, goal, noise, iterations=2).path
         least = tight_least_route(world, path, noise)
         drift = predict_drift(path, noise).end
         heading_std = math.sqrt(noise.heading_var_per_m * LeastRoute.of_path(path).length)
@@ -134,7 +134,7 @@ def test_zones_count_with_the_best_of_them():
         robot_radius=0.5,
         zones=[Zone([(0, 8), (10, 8), (10, 10), (0, 10)], good)],
     )
-    route = plan_route(world, (2, 2), (8, 2), NOISE, iterations=4)
+    route = plan_route(world, (2, 2), (8, 2), NOISE, iterations=2)
     least = tight_least_route(world, route.path, NOISE)
     assert least.cost([NOISE, good]) < least.cost([NOISE])
     assert math.sqrt(least.mean_square([NOISE, good])) <= route.rms
@@ -147,7 +147,7 @@ def test_nowhere_to_go_and_no_way():
     assert taut_route(WALL, here, np.array([8.0, 2.0]), 1.1) is None  # the passage above the wall is 2 m wide
 
 
-@pytest.mark.parametrize(("name", "gap"), [("warehouse", 0.01), ("office", 0.02)])
+@pytest.mark.parametrize(("name", "gap"), [("warehouse", 0.01), pytest.param("office", 0.02, marks=pytest.mark.slow)])
 def test_on_the_bundled_maps_the_bound_is_near_the_route(name, gap):
     plain = load_world(bundled_map(name), robot_radius=0.3)
     world = World(obstacles=plain.obstacles, bounds=plain.bounds, robot_radius=0.3)
@@ -157,7 +157,7 @@ def test_on_the_bundled_maps_the_bound_is_near_the_route(name, gap):
         start, goal = rng.uniform(room.bounds[:2], room.bounds[2:], (2, 2))
         if not shapely.contains_xy(room, *np.array([start, goal]).T).all():
             continue
-        path = plan_route(world, start, goal, NOISE, iterations=3).path
+        path = plan_route(world, start, goal, NOISE, iterations=1).path
         best = min(
             LeastRoute.of_path(p).cost([NOISE]) for p in (path, taut_route(world, start, goal, 0.01)) if p is not None
         )

@@ -88,6 +88,8 @@ class BeaconSearch(BeaconWalks):
 
         None if it exceeds the limit; otherwise the limit changes nothing.
         """
+        if (1 - WORST_TOLERANCE) * self.worst(self.steadiest(longest)) > limit:
+            return None
         path = self._steady(longest)
         return path if self.worst(path) <= limit else None
 
@@ -134,8 +136,8 @@ class BeaconSearch(BeaconWalks):
             paths += [] if found is None else [found]
         return paths
 
-    def _steady(self, longest: float) -> Floats:
-        """The shortest path with the least greatest drift: none with `WORST_TOLERANCE` less is found."""
+    def steadiest(self, longest: float) -> Floats:
+        """A path with the least greatest drift: none with `WORST_TOLERANCE` less is found."""
         if longest not in self._steadiest:
             best = self._roughly_least_worst(longest)
             while not self.late():
@@ -143,10 +145,17 @@ class BeaconSearch(BeaconWalks):
                 if found is None:
                     break
                 best = found
+            self._steadiest[longest] = best
+        return self._steadiest[longest]
+
+    def _steady(self, longest: float) -> Floats:
+        """The shortest of them."""
+        if longest not in self._steady_and_short:
+            best = self.steadiest(longest)
             kept = self.worst(best) * (1 + ROUNDING)
             shortest = self._short_within(kept, min(longest, length_of(best)))
-            self._steadiest[longest] = self.shorter(best if shortest is None else shortest, kept)
-        return self._steadiest[longest]
+            self._steady_and_short[longest] = self.shorter(best if shortest is None else shortest, kept)
+        return self._steady_and_short[longest]
 
     def _roughly_least_worst(self, longest: float) -> Floats:
         """A path with nearly the least greatest drift on the way, by bisection over the limit."""

@@ -95,6 +95,7 @@ class BeaconWalks:
         self._worst: dict[bytes, float] = {}  # of paths
         self._rough: dict[float, Floats] = {}  # by the greatest length
         self._steadiest: dict[float, Floats] = {}
+        self._steady_and_short: dict[float, Floats] = {}
 
     def max_length(self, minimise: Objective) -> float:
         """The greatest length that the detour allows, metres."""

@@ -62,9 +62,8 @@ def why_infeasible(search: BeaconSearch, limit: float, longest: float) -> str:
             f"the best attempt gets to {format_point(place)}, {left:.4g} m short of the goal"
             + (f"; {nearest}" if nearest else "")
         )
-    least = _least_limit(search, limit, longest)
-    if least is not None:
-        reasons.append(f"a limit of {least:.3g} m can be kept")
+    if math.isfinite(limit):
+        reasons.append(f"a limit of {search.worst(search.steadiest(longest)):.3g} m can be kept")
     return f"{asked} (roadmap of {search.max_nodes} nodes)" + (": " + "; ".join(reasons) if reasons else "")
 
 
@@ -94,14 +93,6 @@ def _full(beacon: Beacon) -> Beacon:
     if kind.heading_std is not None or kind.position_std_m is None:
         return beacon
     return replace(beacon, kind=replace(kind, heading_std=_SURE_HEADING))
-
-
-def _least_limit(search: BeaconSearch, limit: float, longest: float) -> float | None:
-    """A limit that can be kept, if one is found soon; the least of those tried."""
-    if not math.isfinite(limit):
-        return None
-    found = search.least_worst_drift(math.inf, longest)
-    return None if found is None else search.check.verdict(found).worst
 
 
 def _nearest_beacon(search: BeaconSearch, place: Floats) -> str:

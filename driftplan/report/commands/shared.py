@@ -182,7 +182,10 @@ def world_from(args: argparse.Namespace) -> World:
         path = Path(args.map)
     else:
         raise ValueError(f"expected a map file or one of {', '.join(bundled_maps())}, got {args.map!r}")
-    return load_world(path, **{option.name: getattr(args, option.name) for option in WORLD.options})
+    world = load_world(path, **{option.name: getattr(args, option.name) for option in WORLD.options})
+    for note in world.notes:
+        talk(note)
+    return world
 
 
 def ends_from(args: argparse.Namespace, world: World) -> tuple[tuple[float, float], tuple[float, float]]:
