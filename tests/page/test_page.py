@@ -142,6 +142,16 @@ def test_beacons_go_out_and_come_back_as_place_reads_them(browser, studio, layou
     assert studio("studio.session.scene.beacons.length") == len(beacons)
 
 
+def test_a_beacon_that_needs_a_filter_is_said_where_readings_replace(browser, studio, layout):
+    x, y = layout.beacons[0].x, layout.beacons[0].y
+    radio = "{ name: 'range_only', range_m: 9, range_std_m: 0.1 }"
+    studio(f"(studio.session.addBeacon({{ x: {x}, y: {y}, kind: {radio} }}), studio.announce())")
+    assert "needs the estimator" in studio("studio.status.textContent")
+    studio("(studio.session.edit({ estimator: 'filter' }), studio.announce())")
+    beacons = (*layout.beacons, Beacon(BeaconKind.range_only(range_m=9, range_std_m=0.1), x, y, "radio"))
+    assert worst_on_page(studio) == pytest.approx(worst_of(layout, beacons, "filter"), rel=1e-8)
+
+
 def test_a_link_brings_the_state_back(browser, studio):
     studio("(studio.session.changeBeacon(0, { x: 2.5, dead: true }), studio.link())")
     address = studio("window.location.href")
