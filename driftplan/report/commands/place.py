@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> Answer:
     if args.tradeoff is None:
         asked = {"max_beacons": args.max_beacons, "progress": _tell, **effort}
         return _layout_answer(args, noise, place_beacons(world, routes, noise, limit, sites, **asked), free)
-    for name in ("max_drift", "max_beacons", "csv", "geojson"):
+    for name in ("max_drift", "max_beacons", "csv", "geojson", *shared.BEACON_FILES):
         if getattr(args, name) is not None:
             raise ValueError(f"expected --tradeoff or --{name.replace('_', '-')}, got both")
     asked = {"max_beacons": args.tradeoff, "redundancy": args.redundancy, "confidence": args.confidence, **effort}
