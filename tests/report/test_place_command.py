@@ -186,7 +186,7 @@ def test_the_layout_is_written_for_detectors_and_installers(place, tmp_path):
     names = {"tags": "tags.yaml", "fiducials": "map.txt", "transforms": "tags.sh", "dxf": "tags.dxf"}
     names["geojson"] = "t.geojson"
     words = [word for name, file in names.items() for word in (f"--{name}", tmp_path / file)]
-    code, _, err = place("--max-drift", 0.8, *words)
+    code, _, err = place("--max-drift", 0.5, *words)
     assert code == 0, err
     exact = load_beacons(tmp_path / "t.geojson")
     for name in ("tags.yaml", "map.txt"):
