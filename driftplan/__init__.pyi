@@ -60,6 +60,7 @@ from .model.spatial.simulation import simulate_drift_3d as simulate_drift_3d
 from .model.spatial.steps import flight_steps as flight_steps
 from .planning.comparison import Comparison as Comparison
 from .planning.comparison import compare_routes as compare_routes
+from .planning.many_routes import plan_routes as plan_routes
 from .planning.ompl.collision import use_world as use_world
 from .planning.ompl.objective import DriftObjective as DriftObjective
 from .planning.ompl.paths import predict_ompl_path as predict_ompl_path
