@@ -165,7 +165,7 @@ _READING = Group(
             )
         ),
         Option("rate_hz", "HZ", "poses per second of KITTI files", default=10.0),
-        Option("track_width_m", "M", "distance between the wheels, of odometry as wheel speeds or ticks", float),
+        Option("track_width_m", "M", "distance between the wheels, metres, of wheel speeds or ticks", float),
         Option("metres_per_tick", "M", "what a tick of a wheel is worth, metres", float),
     ),
 )
@@ -183,7 +183,7 @@ _FITTING = Group("fitting", (
     Option("seed", "N", "seed of the bootstrap", int, 0),
 ))
 _MESSAGES = Group("messages of ROS, with --ros", (
-    Option("speed", "M/S", "usual speed of the robot", float),
+    Option("speed", "M/S", "usual speed of the robot, metres per second", float),
     Option("message_rate_hz", "HZ", "odometry messages per second", default=30.0),
 ))
 COMMAND = Command(
