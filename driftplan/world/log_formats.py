@@ -134,21 +134,20 @@ def _of_messages(messages: Iterable[Any], kind: str, frames: str, where: str) ->
             row = [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec]
             if pose:
                 placed = reduce(getattr, pose.split("."), one)
-                position, turned = (placed.translation, placed.rotation) if pose == "transform" else _parts(placed)
-                row += [getattr(position, c) for c in _POSITION] + [getattr(turned, c) for c in _QUATERNION]
+                position, turned = ("translation", "rotation") if pose == "transform" else ("position", "orientation")
+                row += [getattr(getattr(placed, position), c) for c in _POSITION]
+                row += [getattr(getattr(placed, turned), c) for c in _QUATERNION]
             if twist:
                 moving = reduce(getattr, twist.split("."), one)
                 row += [moving.linear.x, moving.angular.z]
             rows.setdefault(between, []).append(row)
+    if not rows:
+        raise TrajectoryError(f"{where} holds no message")
     if frames not in rows and (frames or len(rows) != 1):
         raise TrajectoryError(f"{where}: say which frames to read, after a blank; it holds {', '.join(sorted(rows))}")
     values = np.array(rows[frames or next(iter(rows))])
     names = ("time", *(_PLACED if pose else ()), *(_MOVING if twist else ()))
     return Table(values, names, lines=np.arange(1, len(values) + 1))
-
-
-def _parts(placed: Any) -> tuple[Any, Any]:
-    return placed.position, placed.orientation
 
 
 # endings of the name, words of which one begins a line, reader
