@@ -389,7 +389,7 @@ def test_maps_that_come_along_go_by_name(run):
             ["--start", "1,2,3", "--goal", "2,-3"],
             "argument --start: expected X,Y in metres, .*got '1,2,3'",
         ),
-        (["--start", "-3,-3"], "required: --goal"),
+        (["--start", "-3,-3"], "expected both --start and --goal, or --trips"),
         (["--start", "-3,-3", "--goal", "2,-3", "--robot-radius", "-1"], "--robot-radius"),
         (["--start", "-3,-3", "--goal", "2,-3", "--robot-radius", "9"], "free"),
         (["--start", "-3,-3", "--goal", "2,-3", "--time-limit", "0"], "--time-limit"),

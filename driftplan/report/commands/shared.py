@@ -124,6 +124,7 @@ KIND_IDLE = (
     Idle(("std_per_m",), lambda args: args.kind in ("heading", "bearing"), "it is about positions and distances"),
     Idle(("through_walls",), lambda args: args.kind not in _SEEN, "only landmarks and bearings are seen"),
 )
+ENDS = tuple(Option(name, "X,Y", f"{name} of the route, metres", point) for name in ("start", "goal"))
 SNAP = Option("snap", "", "move a start or goal in a wall or off the map to the nearest free point, and say so")
 EXISTING = Option("existing", "FILE.geojson", "beacons that are there already", str)
 ROUTE_FILES = {
@@ -141,14 +142,6 @@ BEACON_FILES = {
 }
 CSV_TABLE = "write the installers' table: id, place, nearest wall, routes, which failure hurts most"
 # fmt: on
-
-
-def ends(*, required: bool) -> tuple[Option, ...]:
-    """From where to where."""
-    return tuple(
-        Option(name, "X,Y", f"{name} of the route, metres", point, how={"required": required})
-        for name in ("start", "goal")
-    )
 
 
 def noise_from(args: argparse.Namespace) -> OdometryNoise:
