@@ -60,6 +60,9 @@ from .model.spatial.simulation import simulate_drift_3d as simulate_drift_3d
 from .model.spatial.steps import flight_steps as flight_steps
 from .planning.comparison import Comparison as Comparison
 from .planning.comparison import compare_routes as compare_routes
+from .planning.graph_routes import GraphRoute as GraphRoute
+from .planning.graph_routes import edge_metadata as edge_metadata
+from .planning.graph_routes import graph_routes as graph_routes
 from .planning.ompl.collision import use_world as use_world
 from .planning.ompl.objective import DriftObjective as DriftObjective
 from .planning.ompl.paths import predict_ompl_path as predict_ompl_path
@@ -88,6 +91,12 @@ from .world.noise_files import save_noise as save_noise
 from .world.odometry_logs import read_odometry as read_odometry
 from .world.odometry_logs import read_truth as read_truth
 from .world.ros_covariances import ros_covariances as ros_covariances
+from .world.route_files import poses_csv as poses_csv
+from .world.route_files import ros_path_yaml as ros_path_yaml
+from .world.route_files import waypoints_yaml as waypoints_yaml
+from .world.route_graphs import RouteGraph as RouteGraph
+from .world.route_graphs import graph_geojson as graph_geojson
+from .world.route_graphs import load_graph as load_graph
 from .world.trajectories import read_path as read_path
 from .world.trajectories import read_trajectory as read_trajectory
 from .world.world import World as World

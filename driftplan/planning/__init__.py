@@ -3,6 +3,7 @@
 routes, request, status         plan_route, Route; what is asked, checked once; why a search ended
 unaided                         paths for robots that read nothing on the way
 comparison, pareto              compare_routes, pareto_routes
+graph_routes                    the way of least drift on a route graph of nav2's
 cost, bounds                    the additive drift cost, its bracket; what no route can do better
 taut_strings                    what no route among the obstacles can do better, and a first route
 roadmap                         the roadmap: growing, pricing, searching, polishing, with beacons or without

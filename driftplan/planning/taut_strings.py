@@ -109,13 +109,15 @@ def least_route(
     *,
     only_length: bool = False,
     stop: Stop = _never,
+    most_looks: float = math.inf,
 ) -> LeastRoute:
     """Lower bounds, among the obstacles, of a route's length and of its integral of the squared distance to the goal.
 
     Obstacles are made smaller by ``margin_m``: the smaller, the closer the bound and the longer it takes; what is
     thinner than two margins vanishes. Start and goal (2,), metres, are free and in one part of free space. Ways that
     are longer than a ``known`` route (n, 2) are not looked at. ``only_length`` leaves the other at zero. ``stop`` is
-    asked again and again: once it answers True, what is proven by then is returned.
+    asked again and again: once it answers True, or after so many looks from one corner at another, what is proven by
+    then is returned.
 
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
     >>> least = least_route(world, np.array([2.0, 2.0]), np.array([8.0, 2.0]), 0.01)
@@ -132,7 +134,7 @@ def least_route(
             found.append(0.0)
             continue
         corners = _Corners.of(free, goal, power, margin_m).near(w, upper)
-        found.append(min(corners.string(w, upper, stop)[0], upper))
+        found.append(min(corners.string(w, upper, stop, most_looks)[0], upper))
     return LeastRoute(*found)
 
 
@@ -160,7 +162,8 @@ def tight_least_route(
         if stop():
             break
         open_before = cost - best.cost(noises)
-        least = least_route(world, path[0], path[-1], margin, path, only_length=only_length, stop=stop)
+        asked = {"only_length": only_length, "stop": stop, "most_looks": _MOST_LOOKS}
+        least = least_route(world, path[0], path[-1], margin, path, **asked)  # type: ignore[arg-type]
         best = LeastRoute(*map(max, best, least))
         missing = cost - best.cost(noises)
         if missing <= gap * cost or missing > _WORTH * open_before:
@@ -198,7 +201,7 @@ def taut_route(
     if known is not None:
         upper = LeastRoute.of_path(known)[by_length]
         corners = corners.near(w, upper)
-    at = corners.string(w, upper, stop)[1]
+    at = corners.string(w, upper, stop, _MOST_LOOKS)[1]
     if at is None:
         return None
     bends = [w, *corners.z[at].tolist(), 0j]
@@ -276,7 +279,7 @@ class _Corners:
         after = np.where(kept[corners], number[self._after[corners]], same)
         return _Corners(self.z[corners], before, after, self._power)
 
-    def string(self, start: complex, upper: float, stop: Stop) -> tuple[float, list[int] | None]:
+    def string(self, start: complex, upper: float, stop: Stop, most_looks: float) -> tuple[float, list[int] | None]:
         """The shortest string from the start to the goal, and the corners it bends at; if none is below ``upper``, or
         none was found in time or with so many looks, a length that every string has, and None."""
         power, goal = self._power, len(self.z)
@@ -288,7 +291,7 @@ class _Corners:
         while queue:
             bound, corner, gone = heapq.heappop(queue)
             looks += goal
-            if bound >= upper * (1 + _SLACK) or looks > _MOST_LOOKS or stop():
+            if bound >= upper * (1 + _SLACK) or looks > most_looks or stop():
                 return bound, None
             if corner == goal:
                 bends = [int(came_from[goal])]

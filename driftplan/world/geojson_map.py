@@ -185,11 +185,11 @@ def _polygon(where: str, rings: Any) -> Polygon:
             raise MapError(
                 f"{where}: expected rings of 4 or more positions, the last like the first, got {short(ring)}"
             )
-        closed.append([_position(where, position) for position in ring])
+        closed.append([position_of(where, position) for position in ring])
     return Polygon(closed[0], closed[1:])
 
 
-def _position(where: str, position: Any) -> tuple[float, float]:
+def position_of(where: str, position: Any) -> tuple[float, float]:
     if isinstance(position, list) and len(position) in (2, 3):  # a height is allowed, and of no use here
         x, y = position[:2]
         if type(x) in (int, float) and type(y) in (int, float) and abs(x) < 1e9 and abs(y) < 1e9:

@@ -107,6 +107,17 @@ def test_everything_is_done_by_keys(browser, studio, layout):
     assert " m from " in studio("studio.status.textContent")
 
 
+def test_two_fingers_zoom(browser, studio):
+    scale, (x, y) = studio("studio.map.scale"), screen(studio, (10.0, 6.0))
+    for kind, apart in (("touchStart", 50), ("touchMove", 75), ("touchMove", 100)):
+        touches = [{"x": x - apart, "y": y, "id": 0}, {"x": x + apart, "y": y, "id": 1}]
+        browser.call("Input.dispatchTouchEvent", type=kind, touchPoints=touches)
+    browser.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+    assert studio("studio.map.scale") == pytest.approx(2 * scale, rel=0.1)
+    browser.drag((x, y), (x + 40, y))  # and one finger, or the mouse, moves the map again
+    assert studio("studio.map.scale") == pytest.approx(2 * scale, rel=0.1)
+
+
 def test_all_that_can_be_reached_has_a_name_for_those_who_do_not_see(browser, studio):
     browser.call("Accessibility.enable")
     nodes = browser.call("Accessibility.getFullAXTree")["nodes"]

@@ -99,7 +99,7 @@ def test_round_one_corner_the_cone_is_measured_by_its_geodesics():
     world = World.from_polygons([[(6.5, -1), (6.6, -1), (5.001, 7)]], bounds=(0, -1, 10, 10), robot_radius=0.0)
     start, goal, tip = np.array([3.5, 6.0]), np.array([8.0, 2.0]), np.array([5.001, 7.0])
     expected = float(geodesic_cost(start, tip, goal, UNIT) + geodesic_cost(tip, goal, goal, UNIT))
-    least = least_route(world, start, goal, 1e-4).squared_levers
+    least = least_route(world, start, goal, 1e-5).squared_levers
     assert expected * (1 - 1e-3) <= least <= expected * (1 + 1e-9)
 
 

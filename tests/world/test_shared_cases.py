@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from driftplan import MapError, TrajectoryError, load_noise, load_trips, load_world, load_zones, read_path
+from driftplan.report.cli import main
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 CASES, DATA = SHARED / "cases", SHARED / "data"
@@ -110,6 +111,12 @@ def test_a_picture_saved_again_is_the_same_map(tmp_path, mode, rule):
     world = load_world(small(tmp_path, GREYS.convert(mode), mode=rule, map_type="occupancy"), robot_radius=0.0)
     assert world.obstacles.bounds == (0.5, 0.0, 1.5, 0.5)
     assert world.notes == ()
+
+
+def test_the_command_says_what_a_map_is_taken_for(tmp_path, capsys):
+    path = small(tmp_path, Image.fromarray(np.array([[205] * 9] * 9, dtype=np.uint8)), free_thresh=0.25)
+    assert main(["compare", str(path), "--start", "1,1", "--goal", "3,3", "--iterations", "1"]) == 0
+    assert "is free by its free_thresh of 0.25, as map_server has it" in capsys.readouterr().err
 
 
 def test_what_is_not_opaque_is_unknown(tmp_path):

@@ -165,7 +165,7 @@ _READING = Group(
             )
         ),
         Option("rate_hz", "HZ", "poses per second of KITTI files", default=10.0),
-        Option("track_width_m", "M", "distance between the wheels, of odometry as wheel speeds or ticks", float),
+        Option("track_width_m", "M", "distance between the wheels, metres, of odometry as wheel speeds or ticks", float),
         Option("metres_per_tick", "M", "what a tick of a wheel is worth, metres", float),
     ),
 )

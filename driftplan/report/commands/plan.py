@@ -22,7 +22,7 @@ def run(args: argparse.Namespace) -> Answer:
     """One route."""
     from driftplan.report.figures.comparison import plot_comparison
     from driftplan.report.figures.itinerary import plot_itinerary
-    from driftplan.report.records import beyond_linear_text, drift_as_json, drift_geojson, drift_table, path_csv
+    from driftplan.report.records import beyond_linear_text, drift_as_json, drift_geojson, drift_table
 
     noise, world = shared.noise_from(args), shared.world_from(args)
     talk(f"planning on {args.map} with {args.planner}{shared.search_effort(args)}")
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> Answer:
         },
         text=text,
         files={
-            "csv": lambda: path_csv(route.drift),
+            **shared.route_files(lambda: route.drift),
             "geojson": lambda: drift_geojson(route.drift, {"noise": shared.noise_as_json(noise), **summary()}),
             "picture": lambda: (
                 plot_itinerary(world, among_beacons) if among_beacons else plot_comparison(world, routes)
@@ -187,7 +187,7 @@ COMMAND = Command(
         *shared.NOISE,
     ),
     files={
-        "csv": "write the waypoints x,y as CSV, metres; `driftplan predict` and `compare` read it back",
+        **shared.ROUTE_FILES,
         "geojson": "write the route and the drift along it as a GeoJSON LineString, coordinates in metres",
         "picture": "draw the map, the route, its error ellipses and its drift against distance",
     },

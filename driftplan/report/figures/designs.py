@@ -45,14 +45,7 @@ def draw_design(world: World, design: Design, *, ax: Axes) -> list[Line2D]:
 
 
 def plot_design(world: World, found: CoDesign, *, figure: Figure | None = None) -> Figure:
-    """Shortest routes with the beacons placed for them, and beside it routes and beacons chosen together.
-
-    Parameters
-    ----------
-    world : World
-    found : CoDesign
-    figure : an empty one to draw into; default: a new one that knows nothing of pyplot
-    """
+    """Shortest routes with the beacons placed for them, and beside it routes and beacons chosen together."""
     designs = [("shortest routes, then beacons", found.baseline), ("chosen together", found)]
     shown = [(name, design) for name, design in designs if design is not None]
     xmin, ymin, xmax, ymax = world.bounds

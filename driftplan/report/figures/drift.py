@@ -30,13 +30,8 @@ def plot_drift(
 
     Parameters
     ----------
-    route : Route or Drift
-    ax : default: pyplot's current Axes
-    label : str, optional
     spacing_m : metres between marks; default as in `plot_route`
     radius_at : draw, thin, the radius that holds the estimate with this confidence too
-    **line_kwargs
-        Go to the rms line untouched.
 
     Returns
     -------

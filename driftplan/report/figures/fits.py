@@ -32,6 +32,7 @@ def _looks(count: int) -> list[dict[str, str]]:
 
 
 @arguments_checked()
+@arguments_checked()
 def plot_fit(
     fit: NoiseFit, others: Mapping[str, SegmentCheck] | None = None, *, figure: Figure | None = None
 ) -> Figure:
@@ -40,9 +41,7 @@ def plot_fit(
 
     Parameters
     ----------
-    fit : NoiseFit
     others : mapping of label to SegmentCheck, optional: checks of the fit on other drives, from `NoiseFit.check_on`
-    figure : an empty figure to draw into; default: a new one that knows nothing of pyplot
     """
     checks = {FITTED: fit.check, **(others or {})}
     headed = fit.check.has_heading
@@ -63,13 +62,7 @@ def plot_fit(
 
 
 def plot_tracks(fit: NoiseFit, *, ax: Axes | None = None) -> list[Line2D]:
-    """Draw the true way of the fitted drives, and the odometry laid on its beginning.
-
-    Parameters
-    ----------
-    fit : NoiseFit
-    ax : default: pyplot's current Axes
-    """
+    """Draw the true way of the fitted drives, and the odometry laid on its beginning."""
     ax = style.current_axes(ax)
     drawn: list[Line2D] = []
     for k, (true, estimated) in enumerate(fit.tracks):
@@ -90,10 +83,8 @@ def plot_growth(
 
     Parameters
     ----------
-    fit : NoiseFit
     others : mapping of label to SegmentCheck, optional: checks on other drives
     heading : the heading error gained (degrees) instead of the position error (metres)
-    ax : default: pyplot's current Axes
     """
     ax = style.current_axes(ax)
     bands = fit.heading_rms_intervals if heading else np.array([r.predicted_rms_interval_m for r in fit.check.lengths])
@@ -142,11 +133,6 @@ def _dots(check: SegmentCheck, ax: Axes) -> None:
 def plot_predicted(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None) -> list[ErrorbarContainer]:
     """Draw measured against predicted rms position errors, a point per length, with two standard errors upright and the
     fit's interval across; on the line they agree, and between the dotted ones within a quarter.
-
-    Parameters
-    ----------
-    checks : mapping of label to SegmentCheck
-    ax : default: pyplot's current Axes
     """
     ax = style.current_axes(ax)
     drawn, sizes = [], []
@@ -169,11 +155,6 @@ def plot_predicted(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None
 def plot_coverage(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None) -> list[ErrorbarContainer]:
     """Draw, against length, the shares of errors inside the regions that should hold 50, 90 and 95 %, with the two
     standard errors that chance allows about each; of more than two drives, the region of 90 % alone.
-
-    Parameters
-    ----------
-    checks : mapping of label to SegmentCheck
-    ax : default: pyplot's current Axes
     """
     ax = style.current_axes(ax)
     drawn = []

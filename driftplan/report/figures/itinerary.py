@@ -28,10 +28,7 @@ def plot_itinerary(
 
     Parameters
     ----------
-    world : World
-    itinerary : Route
     beacons : all there are; default: those counted on
-    figure : an empty one to draw into; default: a new one that knows nothing of pyplot
     """
     figure, on_map, on_drift = style.map_and_curve(figure, world.bounds)
     plot_world(world, ax=on_map)
@@ -57,9 +54,7 @@ def plot_pareto(world: World, routes: Sequence[Route], *, figure: Figure | None 
 
     Parameters
     ----------
-    world : World
     routes : as `driftplan.planning.pareto.pareto_routes` returns them
-    figure : an empty one to draw into; default: a new one that knows nothing of pyplot
     """
     from driftplan.planning.pareto import knee
 

@@ -44,15 +44,7 @@ class RouteArtists(NamedTuple):
 
 @arguments_checked()
 def plot_world(world: World, *, ax: Axes | None = None, **obstacle_kwargs: Any) -> WorldArtists:
-    """Draw a map: obstacles as drawn (not inflated), zones hatched, axes in metres and of equal scale.
-
-    Parameters
-    ----------
-    world : World
-    ax : default: pyplot's current Axes
-    **obstacle_kwargs
-        Go to the obstacles' patch untouched.
-    """
+    """Draw a map: obstacles as drawn (not inflated), zones hatched, axes in metres and of equal scale."""
     from shapely.plotting import patch_from_polygon
 
     ax = style.current_axes(ax)
@@ -88,15 +80,10 @@ def plot_route(
 
     Parameters
     ----------
-    route : Route or Drift
-    ax : default: pyplot's current Axes
     label : of the line in a legend
-    confidence : float
     spacing_m : metres between ellipses; default: a round number that gives about 8. The end always has one.
     magnify : enlargement of the ellipses, told in the legend; default: as much as it takes to see them
         (`magnification`)
-    **line_kwargs
-        Go to the line untouched; ellipses take its colour.
     """
     from matplotlib.patches import Ellipse
 
@@ -160,8 +147,6 @@ def plot_beacons(
     Parameters
     ----------
     beacons : all there are; those ``used`` may be among them
-    ax : default: pyplot's current Axes
-    used : sequence of Beacon
     labels : (str, str), in a legend: of the used ones, of the others
     """
     ax = style.current_axes(ax)

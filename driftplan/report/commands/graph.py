@@ -1,0 +1,96 @@
+"""``driftplan graph``: drift on a route graph of nav2's, and penalties for its route server."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from driftplan.report.commands import shared
+from driftplan.report.commands.answer import Answer
+from driftplan.report.commands.option import Command, Group, Idle, Option
+from driftplan.report.records import drift_as_json, drift_table
+from driftplan.tables import decimals, digits, table
+
+_MAX_EDGES = 20  # listed on the screen, those of most drift first; --json has them all
+
+
+def run(args: argparse.Namespace) -> Answer:
+    """What every edge adds, and the way of least drift between two nodes."""
+    from driftplan import edge_metadata, graph_geojson, graph_routes, load_beacons, load_graph, load_world
+    from driftplan.report.figures.comparison import plot_comparison
+
+    noise, graph = shared.noise_from(args), load_graph(args.graph)
+    world = None if args.map is None else load_world(args.map, robot_radius=0.0)
+    beacons = load_beacons(args.beacons) if args.beacons else ()
+    if (args.start_node is None) != (args.goal_node is None):
+        raise ValueError("expected both --start-node and --goal-node, or neither, got one of them")
+    added = edge_metadata(graph, noise, beacons, world)
+    ids = [(graph.node_ids[a], graph.node_ids[b]) for a, b in graph.edges.tolist()]
+    edges = [
+        {"id": number, "start": start, "goal": goal, **told}
+        for number, (start, goal), told in zip(graph.edge_ids, ids, added, strict=True)
+    ]
+    ways = {}
+    if args.start_node is not None:
+        least, shortest = graph_routes(graph, args.start_node, args.goal_node, noise, beacons, world)
+        ways = {"lowest drift": least, "shortest": shortest}
+
+    def payload() -> dict[str, Any]:
+        routes = {name: {"nodes": way.nodes, "waypoints": drift_as_json(way.drift)} for name, way in ways.items()}
+        return {"noise": shared.noise_as_json(noise), "edges": edges, "routes": routes}
+
+    def text() -> str:
+        shown = sorted(edges, key=lambda edge: -edge["penalty"])[:_MAX_EDGES]
+        columns: dict[str, Any] = {key: [edge[key] for edge in shown] for key in ("id", "start", "goal")}
+        for key in ("rms_m", "drift_since_beacon_m", "nearest_beacon_m"):
+            if key in edges[0]:
+                columns[key.replace("_", " ")] = digits([edge[key] or float("nan") for edge in shown])[0]
+        parts = [f"{len(edges)} edges, those that add most first", table(columns)]
+        for name, way in ways.items():
+            length = decimals([float(way.drift.length)], 2)[0]
+            parts += ["", f"{name}: {length} m by {' '.join(map(str, way.nodes))}", drift_table(way.drift)]
+        return "\n".join(parts)
+
+    def drawn() -> Any:
+        if not ways:
+            raise ValueError("expected --start-node and --goal-node to draw or write the way between them, got neither")
+        return {name: way.drift for name, way in ways.items()}
+
+    return Answer(
+        payload=payload,
+        text=text,
+        files={
+            "geojson": lambda: graph_geojson(graph, added),
+            **shared.route_files(lambda: drawn()["lowest drift"]),
+            "picture": lambda: plot_comparison(world, drawn()),
+        },
+    )
+
+
+# fmt: off
+COMMAND = Command(
+    name="graph",
+    summary="drift on a route graph of nav2's, and penalties for its route server",
+    description="Predict what every edge of a route graph adds to the drift, and find the way between two nodes on "
+    "which the drift at the goal is least. Written back as GeoJSON every edge has metadata: penalty, which nav2's "
+    "PenaltyScorer reads, and what it is made of.",
+    run=run,
+    arguments=(Option("graph", "GRAPH.geojson", "nodes and edges, metres of the map's frame", str),),
+    groups=(
+        Group("", (
+            Option("start_node", "ID", "id of the node to start from", int),
+            Option("goal_node", "ID", "id of the node to reach", int),
+            Option("beacons", "FILE.geojson", "beacons that are read on the way", str),
+            Option("map", "MAP", "map file, whose walls block beacons and which is drawn", str),
+        )),
+        *shared.NOISE,
+    ),
+    files={
+        "geojson": "write the graph with metadata on every edge",
+        **shared.ROUTE_FILES,
+        "picture": "draw both ways, their error ellipses and their drift against distance",
+    },
+    idle=(Idle(("map",), lambda args: not args.beacons and args.picture is None, "there are no --beacons to see"),),
+    examples=("graph.geojson --beacons tags.geojson --geojson graph-with-penalties.geojson",
+              "graph.geojson --start-node 0 --goal-node 12 --picture way.png --json"),
+)

@@ -1,0 +1,187 @@
+"""Route graphs of nav2's route server: nodes, directed edges and what is known of them, as GeoJSON.
+
+Coordinates are metres of the map's frame, whatever ``crs`` the file names (nav2's own tools write EPSG:3857). An edge
+is straight from its start to its end node, as nav2 drives it, whatever its geometry says. A file is written back as it
+was read but for the metadata that were added to edges: ids, order, spaces and digits stay.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from reprlib import repr as short
+from typing import Any
+
+import numpy as np
+
+from driftplan.arrays import Floats, Ints
+from driftplan.errors import MapError, naming
+from driftplan.files import read_bytes
+from driftplan.world.building_map import building_lanes
+from driftplan.world.geojson_map import position_of, read_features
+
+_MAX_BYTES = 20_000_000
+_SPACE = " \t\r\n"
+_LINES = ("LineString", "MultiLineString")
+
+
+@dataclass(frozen=True, eq=False)
+class RouteGraph:
+    """Nodes, and directed edges between them.
+
+    Attributes
+    ----------
+    node_ids : of the nodes, in the order of the file
+    xy : (n, 2), where the nodes are, metres
+    edge_ids : of the edges
+    edges : (m, 2), for every edge its start and end as indices of nodes
+    metadata : of every edge, by name
+    text : of the file that it was read from
+    """
+
+    node_ids: tuple[int, ...]
+    xy: Floats
+    edge_ids: tuple[int, ...]
+    edges: Ints
+    metadata: tuple[Mapping[str, Any], ...] = ()
+    text: str = field(default="", repr=False)
+
+    def node(self, number: int) -> int:
+        """The index of the node of this id."""
+        if number not in self.node_ids:
+            raise ValueError(f"expected the id of a node, {min(self.node_ids)} to {max(self.node_ids)}, got {number}")
+        return self.node_ids.index(number)
+
+    def routes(self) -> list[Floats]:
+        """Every edge as a path (2, 2), for `predict_drift` and `place_beacons`."""
+        return list(self.xy[self.edges])
+
+
+def load_graph(path: str | os.PathLike[str], *, level: str | None = None) -> RouteGraph:
+    """The route graph of a file: GeoJSON of nav2's, or the lanes of an Open-RMF building (of a ``level``).
+
+    Raises
+    ------
+    MapError : if the file is missing, broken, or no route graph: the message names the feature
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "graph.geojson")
+    ...     graph = RouteGraph((7, 8), np.array([[0.0, 0.0], [5.0, 0.0]]), (1,), np.array([[0, 1]]))
+    ...     _ = file.write_bytes(graph_geojson(graph))
+    ...     load_graph(file).routes()[0].tolist()
+    [[0.0, 0.0], [5.0, 0.0]]
+    """
+    file = Path(path)
+    if file.name.lower().endswith(".building.yaml"):
+        vertices, lanes = building_lanes(file, level)
+        if not lanes:
+            raise MapError(f"{file}: expected lanes, got none")
+        return RouteGraph(tuple(range(len(vertices))), vertices, tuple(range(len(lanes))), np.array(lanes))
+    nodes: dict[int, tuple[float, float]] = {}
+    edges: list[tuple[int, int, int]] = []  # id, from, to: ids may occur twice, as in nav2's own files
+    metadata = []
+    for number, feature in enumerate(read_features(file, metres_whatever_crs=True), start=1):
+        where = f"{file}, feature {number}"
+        parts = [feature.get(key) for key in ("properties", "geometry")] if isinstance(feature, dict) else []
+        held, geometry = [part if isinstance(part, dict) else {} for part in parts] or ({}, {})
+        is_node = geometry.get("type") == "Point"
+        ids = [held.get(name) for name in (("id",) if is_node else ("id", "startid", "endid"))]
+        if (not is_node and geometry.get("type") not in _LINES) or not all(type(number) is int for number in ids):
+            raise MapError(f"{where}: expected a Point with an id, or a LineString with id, startid and endid, numbers")
+        if is_node and held["id"] in nodes:
+            raise MapError(f"{where}: the id {held['id']} occurs twice")
+        if is_node:
+            nodes[held["id"]] = position_of(where, geometry.get("coordinates"))
+        else:
+            edges.append((held["id"], held["startid"], held["endid"]))
+            metadata.append(held.get("metadata") or {})
+            if not isinstance(metadata[-1], dict):
+                raise MapError(f"{where}: expected metadata by their names, got {short(metadata[-1])}")
+    index = {number: k for k, number in enumerate(nodes)}
+    for number, *pair in edges:
+        if lost := [end for end in pair if end not in index]:
+            raise MapError(f"{file}: edge {number} leads to node {lost[0]}, which is not there")
+    if not edges:
+        raise MapError(f"{file}: expected a graph of nodes and edges, got {len(nodes)} nodes and no edges")
+    ends = np.array([[index[start], index[end]] for _, start, end in edges])
+    with naming(file, MapError):
+        text = read_bytes(file, MapError, max_bytes=_MAX_BYTES).decode()
+    edge_ids, xy = tuple(number for number, *_ in edges), np.array([*nodes.values()])
+    return RouteGraph(tuple(nodes), xy, edge_ids, ends, tuple(metadata), text)
+
+
+def graph_geojson(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = ()) -> bytes:
+    """A graph as nav2's route server reads it, with metadata ``added`` to its edges, in their order.
+
+    What a scorer of nav2 reads are metadata: ``penalty``, say, by its PenaltyScorer.
+    """
+    if added and len(added) != len(graph.edges):
+        raise ValueError(f"expected metadata for {len(graph.edges)} edges, got {len(added)}")
+    text = graph.text or _written(graph)
+    parts, done = [], 0
+    edge = iter(added)
+    for start, end in _features(text) if added else ():
+        held = json.loads(text[start:end])
+        more = next(edge) if "startid" in held else {}
+        if not more:
+            continue
+        inside = dict(_members(text, start))
+        if "metadata" in inside:
+            start, end = inside["metadata"]
+            parts += [text[done:start], json.dumps((held["metadata"] or {}) | dict(more), allow_nan=False)]
+        else:
+            end = len(text[: end - 1].rstrip(_SPACE))
+            parts += [text[done:end], f', "metadata": {json.dumps(dict(more), allow_nan=False)}']
+        done = end
+    return "".join([*parts, text[done:]]).encode()
+
+
+def _written(graph: RouteGraph) -> str:
+    crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3857"}}  # what nav2's own files say
+    features: list[dict[str, Any]] = [
+        {"properties": {"id": number, "frame": "map"}, "geometry": {"type": "Point", "coordinates": xy}}
+        for number, xy in zip(graph.node_ids, graph.xy.tolist(), strict=True)
+    ]
+    for k, (number, (a, b)) in enumerate(zip(graph.edge_ids, graph.edges.tolist(), strict=True)):
+        held = {"id": number, "startid": graph.node_ids[a], "endid": graph.node_ids[b]}
+        known = {"metadata": graph.metadata[k]} if graph.metadata and graph.metadata[k] else {}
+        line = {"type": "LineString", "coordinates": graph.xy[[a, b]].tolist()}
+        features.append({"properties": held | known, "geometry": line})
+    lines = ",\n".join(json.dumps({"type": "Feature", **feature}) for feature in features)
+    return f'{{"type": "FeatureCollection", "name": "graph", "crs": {json.dumps(crs)}, "features": [\n{lines}\n]}}\n'
+
+
+def _features(text: str) -> Iterator[tuple[int, int]]:
+    """Where the properties of every feature stand."""
+    start, _ = dict(_members(text, text.index("{")))["features"]
+    at = _after(text, start + 1)
+    while text[at] != "]":
+        yield dict(_members(text, at))["properties"]
+        at = _after(text, json.JSONDecoder().raw_decode(text, at)[1])
+        at = _after(text, at + 1) if text[at] == "," else at
+
+
+def _members(text: str, start: int) -> Iterator[tuple[str, tuple[int, int]]]:
+    """Where the values of the object that starts here stand, by their names."""
+    decode = json.JSONDecoder().raw_decode
+    at = _after(text, start + 1)
+    while text[at] != "}":
+        name, at = decode(text, at)
+        begin = _after(text, _after(text, at) + 1)
+        _, end = decode(text, begin)
+        yield name, (begin, end)
+        at = _after(text, end)
+        at = _after(text, at + 1) if text[at] == "," else at
+
+
+def _after(text: str, at: int) -> int:
+    """The next place that is no space."""
+    while text[at] in _SPACE:
+        at += 1
+    return at
