@@ -7,6 +7,9 @@ from .beacons.readings import DetectionChance as DetectionChance
 from .beacons.readings import beacon_passes as beacon_passes
 from .beacons.readings import detection_chances as detection_chances
 from .beacons.readings import drift_with_beacons as drift_with_beacons
+from .beacons.tag_files import fiducial_map as fiducial_map
+from .beacons.tag_files import static_transforms as static_transforms
+from .beacons.tag_files import tags_yaml as tags_yaml
 from .errors import ArgumentError as ArgumentError
 from .errors import DriftplanError as DriftplanError
 from .errors import GoalError as GoalError
@@ -25,6 +28,7 @@ from .layouts.layout import Layout as Layout
 from .layouts.layout import compare_layouts as compare_layouts
 from .layouts.layout import installer_table as installer_table
 from .layouts.layout import layout_csv as layout_csv
+from .layouts.layout import layout_dxf as layout_dxf
 from .layouts.layout import layout_geojson as layout_geojson
 from .layouts.place import beacon_tradeoff as beacon_tradeoff
 from .layouts.place import place_beacons as place_beacons

@@ -108,13 +108,13 @@ class Studio {
   /** Say how things stand: to those who look, and to those who listen. */
   announce() {
     this.frame();
-    const { scene, worst, drifts } = this.shown;
-    if (!scene.routes.length) return;
+    const { scene, worst, drifts } = this.shown, broken = drifts.find((drift) => drift instanceof Error);
+    if (broken || !drifts.length) return this.say(broken?.message ?? "");
     const k = worst.indexOf(Math.max(...worst)), exceeding = scene.routes.filter(({ limit_m: limit }, i) => limit !== null && worst[i] > limit * (1 + 1e-6));
     const verdict = exceeding.length ? `${exceeding.length} of ${scene.routes.length} routes exceed their limit.`
       : scene.routes.some(({ limit_m: limit }) => limit !== null) ? "All routes keep their limits." : "";
     const beyond = drifts.some((drift) => drift.beyondLinear) ? " A filter cannot be trusted where the heading is off by more than 9 degrees." : "";
-    this.say(`Greatest drift ${metres(worst[k])}, on ${scene.routes[k].name}. ${verdict}${beyond}`);
+    return this.say(`Greatest drift ${metres(worst[k])}, on ${scene.routes[k].name}. ${verdict}${beyond}`);
   }
 
   // Edits that buttons and keys share

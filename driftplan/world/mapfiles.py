@@ -14,6 +14,7 @@ from driftplan.arrays import arguments_checked, positive
 from driftplan.errors import MapError
 from driftplan.files import write_files
 from driftplan.world.building_map import read_building_map
+from driftplan.world.dxf_map import read_dxf_map
 from driftplan.world.geojson_map import geojson_map_files, read_geojson_map
 from driftplan.world.movingai_map import movingai_map_files, read_movingai_map
 from driftplan.world.ros_map import read_ros_map, ros_map_files
@@ -35,6 +36,7 @@ FORMATS = (
     MapFormat("Open-RMF", (".building.yaml",), read_building_map),  # before those whose suffix is a part of it
     MapFormat("ROS", (".yaml", ".yml"), read_ros_map, ros_map_files, 0.05),
     MapFormat("MovingAI", (".map",), read_movingai_map, movingai_map_files, 1.0),
+    MapFormat("DXF", (".dxf",), read_dxf_map),
     MapFormat("GeoJSON", (".geojson", ".json"), read_geojson_map, geojson_map_files),
 )
 _OPTIONS = {  # of one format only, and what they have instead

@@ -164,6 +164,23 @@ def test_a_notebook_shows_it_and_hears_of_edits(browser, layout, scene):
     }
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--port", "70000"], "--port from 0 to 65535"),
+        (["--time-limit", "0"], "--time-limit"),
+        (["--html", "page.html", "--save", "tags.geojson"], "--save would have no effect"),
+        (["--step-m", "0.1", "--heading-var-per-step", "1e-4"], "without --step-m"),
+        (["--html", "no/such/page.html"], "there is no folder"),
+    ],
+)
+def test_what_the_command_refuses(tmp_path, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "route.csv").write_text("x,y\n3,3\n10,3\n")
+    assert main(["studio", "warehouse", "route.csv", "--no-browser", *words]) == 2
+    assert said in capsys.readouterr().err
+
+
 def test_the_server_runs_until_it_is_interrupted(tmp_path):
     route = tmp_path / "route.csv"
     route.write_text("x,y\n3,3\n10,3\n")

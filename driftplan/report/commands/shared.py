@@ -132,6 +132,13 @@ ROUTE_FILES = {
     "poses": "write these poses as CSV, each with the covariance of the estimate there",
     "waypoints": "write the corners as YAML, the goal of nav2's FollowWaypoints",
 }
+TAG_SIZE = Option("tag_size_m", "M", "width of a tag, metres, for --tags", default=0.16)
+BEACON_FILES = {
+    "tags": "write the beacons as tags.yaml of apriltag_ros, a bundle in the frame of the map",
+    "fiducials": "write the beacons as map.txt of fiducial_slam",
+    "transforms": "write a shell script that publishes the beacons as static transforms",
+    "dxf": "write a DXF drawing for installers: walls, routes, beacons with ids and ranges",
+}
 CSV_TABLE = "write the installers' table: id, place, nearest wall, routes, which failure hurts most"
 # fmt: on
 
@@ -217,6 +224,19 @@ def _end(args: argparse.Namespace, world: World, name: str, error: type[Driftpla
         f"{wrong}{spans}; the nearest free point is ({free_x:.4g}, {free_y:.4g}): --snap takes that, for a robot of "
         f"radius {world.robot_radius:g} m"
     )
+
+
+def beacon_files(args: argparse.Namespace, layout: Layout) -> dict[str | Path, Callable[[], Any]]:
+    """What `BEACON_FILES` names."""
+    from driftplan import fiducial_map, layout_dxf, static_transforms, tags_yaml
+
+    beacons = (*layout.existing, *layout.beacons)
+    return {
+        "tags": lambda: tags_yaml(beacons, size_m=args.tag_size_m),
+        "fiducials": lambda: fiducial_map(beacons),
+        "transforms": lambda: static_transforms(beacons),
+        "dxf": lambda: layout_dxf(layout),
+    }
 
 
 def route_files(drift: Callable[[], Drift]) -> dict[str | Path, Callable[[], Any]]:
