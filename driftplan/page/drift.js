@@ -91,7 +91,7 @@ function lowerBound(sorted, x) {
 }
 
 /** Drift at every border of a path: metres driven `s`, E|e|² on arrival `N0`, after readings `N1`. */
-export class Drift {
+class Drift {
   constructor(engine, path, runs, states) {
     Object.assign(this, { engine, path, runs, ...states });
     this.s = [0];
