@@ -295,7 +295,7 @@ ROOMS = World.from_polygons([[(4.9, 0), (5.1, 0), (5.1, 10), (4.9, 10)]], bounds
         ({"seed": 10**23}, ValueError, "seed a whole number >= 0 and < 2147483648"),
         ({"time_limit": float("inf")}, ValueError, "time_limit finite, got inf"),
         ({"minimise": "length", "max_detour": 1.2}, ValueError, "no max_detour with minimise='length'"),
-        ({"noise": 0.1}, ValueError, "expected an OdometryNoise"),
+        ({"noise": 0.1}, ValueError, "expected noise to be an OdometryNoise"),
         ({"initial_paths": [[(2, 2), (3, 3)]]}, ValueError, "initial_paths from"),
         ({"initial_paths": [[(2, 2), (8, 2)]]}, ValueError, "collides between"),
         ({"initial_paths": [[(2, 2)]]}, ValueError, "at least 2 finite waypoints"),
