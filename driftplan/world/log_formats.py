@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Floats, finite
 from driftplan.errors import TrajectoryError, naming
 from driftplan.files import read_lines
 from driftplan.world.log_tables import Table, read_table
@@ -60,7 +60,7 @@ def read_recording(file: Path, role: Role, variable: str | None) -> Table:
 def _carmen(lines: Sequence[str], role: Role) -> Table:
     """ODOM x y theta tv rv accel time host time; FLASER n ranges x y theta odom_x odom_y odom_theta time host time."""
     odometry = _rows(((f[7], *f[1:4]) for f in _fields(lines, "ODOM")), "ODOM")
-    tails = [f[2 + int(f[1]) :] for f in _fields(lines, "FLASER")]
+    tails = (f[2 + int(f[1]) :] for f in _fields(lines, "FLASER"))
     laser = _rows(((f[6], *f[:6]) for f in tails), "FLASER")
     if role == "odometry":
         found = odometry if len(odometry) else laser[:, [0, 4, 5, 6]]
@@ -100,7 +100,9 @@ def _rows(rows: Iterable[Sequence[str]], word: str) -> Floats:
         found = np.array([[float(cell) for cell in row] for row in rows])
     except ValueError as err:
         raise ValueError(f"expected numbers in the {word} lines: {err}") from None
-    return found if found.size else np.zeros((0, 7))
+    except IndexError:
+        raise ValueError(f"expected whole {word} lines, got one that ends early") from None
+    return finite(f"the {word} lines", found) if found.size else np.zeros((0, 7))
 
 
 def _bag(file: Path, variable: str | None) -> Table:
