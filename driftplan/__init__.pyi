@@ -7,6 +7,9 @@ from .beacons.readings import DetectionChance as DetectionChance
 from .beacons.readings import beacon_passes as beacon_passes
 from .beacons.readings import detection_chances as detection_chances
 from .beacons.readings import drift_with_beacons as drift_with_beacons
+from .beacons.tag_files import fiducial_map as fiducial_map
+from .beacons.tag_files import static_transforms as static_transforms
+from .beacons.tag_files import tags_yaml as tags_yaml
 from .errors import ArgumentError as ArgumentError
 from .errors import DriftplanError as DriftplanError
 from .errors import GoalError as GoalError
@@ -25,6 +28,7 @@ from .layouts.layout import Layout as Layout
 from .layouts.layout import compare_layouts as compare_layouts
 from .layouts.layout import installer_table as installer_table
 from .layouts.layout import layout_csv as layout_csv
+from .layouts.layout import layout_dxf as layout_dxf
 from .layouts.layout import layout_geojson as layout_geojson
 from .layouts.place import beacon_tradeoff as beacon_tradeoff
 from .layouts.place import place_beacons as place_beacons
@@ -63,6 +67,7 @@ from .planning.comparison import compare_routes as compare_routes
 from .planning.graph_routes import GraphRoute as GraphRoute
 from .planning.graph_routes import edge_metadata as edge_metadata
 from .planning.graph_routes import graph_routes as graph_routes
+from .planning.many_routes import plan_routes as plan_routes
 from .planning.ompl.collision import use_world as use_world
 from .planning.ompl.objective import DriftObjective as DriftObjective
 from .planning.ompl.paths import predict_ompl_path as predict_ompl_path
@@ -91,6 +96,9 @@ from .world.noise_files import save_noise as save_noise
 from .world.odometry_logs import read_odometry as read_odometry
 from .world.odometry_logs import read_truth as read_truth
 from .world.ros_covariances import ros_covariances as ros_covariances
+from .world.route_files import poses_csv as poses_csv
+from .world.route_files import ros_path_yaml as ros_path_yaml
+from .world.route_files import waypoints_yaml as waypoints_yaml
 from .world.route_graphs import RouteGraph as RouteGraph
 from .world.route_graphs import graph_geojson as graph_geojson
 from .world.route_graphs import load_graph as load_graph

@@ -87,8 +87,8 @@ def bounded(what: str, count: float, most: float, remedy: str) -> float:
     return count
 
 
-def finite(name: str, values: Any, what: str = "numbers") -> Floats:
-    """An array of finite numbers; ``what`` they are, for the message."""
+def finite(name: str, values: Any, what: str = "numbers", *, most: float = MAX_NUMBER) -> Floats:
+    """An array of finite numbers, none greater than ``most``; ``what`` they are, for the message."""
     try:
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError, OverflowError) as err:
@@ -96,8 +96,8 @@ def finite(name: str, values: Any, what: str = "numbers") -> Floats:
     if not np.isfinite(array).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise ValueError(f"expected {name} finite, got {array[where]} at index {where}")
-    if array.size and np.abs(array).max() > MAX_NUMBER:
-        raise ValueError(f"expected {name} no greater than {MAX_NUMBER:g}, got {np.abs(array).max():g}")
+    if array.size and np.abs(array).max() > most:
+        raise ValueError(f"expected {name} no greater than {most:g}, got {np.abs(array).max():g}")
     return array
 
 

@@ -15,9 +15,9 @@ from driftplan import MapError, TrajectoryError, load_noise, load_world, load_zo
 from driftplan.files import MAX_LINES, read_bytes, read_lines, write_files
 
 
-def _all_of(descriptor):
+def _read(descriptor, count):
     with open(descriptor, "rb") as file:
-        return file.read()
+        return file.read(count)
 
 
 def names(folder):
@@ -51,10 +51,9 @@ def test_a_pipe_is_written_into_and_stays_one(tmp_path):
     with pytest.raises(OSError, match="No such device"):  # nobody reads: to wait would be to hang
         write_files({pipe: b"lost", tmp_path / "other": b"x"})
     assert names(tmp_path) == ["pipe"]
-    descriptor = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
-    os.set_blocking(descriptor, True)
-    reader = threading.Thread(target=lambda: got.append(_all_of(descriptor)))
+    descriptor = os.open(pipe, os.O_RDWR)  # a reader that sees no end before the writer has come
     content = bytes(200_000)  # more than a pipe holds
+    reader = threading.Thread(target=lambda: got.append(_read(descriptor, len(content))))
     reader.start()
     write_files({pipe: content})
     reader.join()

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.tag_files import read_tags
 from driftplan.errors import MapError
 from driftplan.world.geojson_map import feature_collection, read_features
 
@@ -31,23 +32,25 @@ def beacons_geojson(beacons: Sequence[Beacon]) -> bytes:
     return feature_collection([beacon_feature(beacon) for beacon in beacons])
 
 
-def load_beacons(path: str | os.PathLike[str]) -> tuple[Beacon, ...]:
-    """Beacons of a GeoJSON file, as `layout_geojson` and `beacons_geojson` write it.
+def load_beacons(path: str | os.PathLike[str], kind: BeaconKind | None = None) -> tuple[Beacon, ...]:
+    """Beacons of a GeoJSON file, as `layout_geojson` and `beacons_geojson` write it, or tags of ROS.
 
     Point features in metres; properties by the names of `BeaconKind` (``range_m`` and a ``position_std_m``,
     ``heading_std``, ``range_std_m`` or ``bearing_std`` at least, ``kind`` for its name), ``facing_deg`` and ``id``.
     Features that are no points are passed over, so a map and its beacons may share a file; other properties are too. A
-    file without features holds no beacons.
+    file without features holds no beacons. A ``tags.yaml`` with bundles (apriltag_ros) and a ``map.txt``
+    (fiducial_slam) have places and no kind, so they need one.
 
     Raises
     ------
     MapError : if the file cannot be read or a point is no beacon: the message names the file and the feature
     """
     path = Path(path)
-    try:
-        features = read_features(path)
-    except OSError as err:
-        raise MapError(f"{path}: cannot be read: {err.strerror or err}") from err
+    if path.suffix.lower() in (".yaml", ".yml", ".txt"):
+        if kind is None:
+            raise MapError(f"{path}: tags say nothing of what they measure: load them with a kind, as GeoJSON has it")
+        return read_tags(path, kind)
+    features = read_features(path)
     found = []
     for number, feature in enumerate(features, start=1):
         where = f"{path}, feature {number}"

@@ -26,6 +26,7 @@ from driftplan.page.document import page
 from driftplan.page.scene import scene_of
 from driftplan.planning.status import Status
 from driftplan.tables import Rows, Tabular, decimals, digits, yes_no
+from driftplan.world.dxf_map import Mark, drawing_of
 from driftplan.world.geojson_map import feature_collection
 
 _MAX_HTML_ROWS = 60
@@ -238,6 +239,16 @@ def layout_geojson(layout: Layout) -> bytes:
     summary = {name: getattr(layout, name) for name in ("cost", "lower_bound", "proven")}
     worst_m = round(layout.worst_drift, 6)
     return feature_collection(features, driftplan={"version": 1, **summary, "worst_drift_m": worst_m})
+
+
+@arguments_checked()
+def layout_dxf(layout: Layout) -> bytes:
+    """A DXF drawing for installers, in metres: walls, routes, beacons with ids, coordinates, ranges and directions."""
+    marks = [
+        Mark(beacon.id, beacon.x, beacon.y, beacon.facing_deg, beacon.kind.range_m)
+        for beacon in (*layout.existing, *layout.beacons)
+    ]
+    return drawing_of(layout.scenario.world, layout.scenario.routes, marks)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,24 +1,18 @@
 // Drift of every route of a scene, computed anew only where something changed that it depends on.
 //
-// A scene is what driftplan/page/scene.py documents; it is never changed in place: an edit makes a new scene that
+// A scene is what examples/guide/studio.md describes; it is never changed in place: an edit makes a new scene that
 // shares what stayed, and what is shared is not computed again.
 import { fullNoise } from "./elements.js";
 import { predict } from "./drift.js";
 import { cutAtZones, legsOf, passesOf, readingsOf, Walls } from "./passes.js";
 
-export const NEEDS_FILTER = "a range or a bearing needs the estimator “filter”: a robot that replaces what it reads cannot use it";
-
-/** Whether a kind of beacon measures what only a robot with a filter can use. */
-export function needsFilter(kind) { return (kind.range_std_m ?? null) !== null || (kind.bearing_std ?? null) !== null; }
+const NEEDS_FILTER = "a range or a bearing needs the estimator “filter”: a robot that replaces what it reads cannot use it";
 
 export class Calculator {
   constructor(scene) {
     this.walls = new Walls(scene.walls);
-    this.noises = new WeakMap();
-    this.paths = new WeakMap();
-    this.floors = new WeakMap();
-    this.readings = new WeakMap();
-    this.drifts = { reset: new WeakMap(), filter: new WeakMap() };
+    const [noises, paths, floors, readings, reset, filter] = Array.from({ length: 6 }, () => new WeakMap());
+    Object.assign(this, { noises, paths, floors, readings, drifts: { reset, filter } });
   }
 
   /** The drift of one route with all beacons that are alive, or an Error that says why there is none. */

@@ -13,7 +13,6 @@ export function themeOf(element) {
 }
 
 function rgb(hex) { return [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16)); }
-
 function mixed(from, to, share) { return `rgb(${from.map((x, k) => Math.round(x + share * (to[k] - x))).join(" ")})`; }
 
 /** The class of an rms, 0 to CLASSES - 1, or CLASSES where it exceeds the limit. */

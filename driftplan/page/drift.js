@@ -91,7 +91,7 @@ function lowerBound(sorted, x) {
 }
 
 /** Drift at every border of a path: metres driven `s`, E|e|² on arrival `N0`, after readings `N1`. */
-export class Drift {
+class Drift {
   constructor(engine, path, runs, states) {
     Object.assign(this, { engine, path, runs, ...states });
     this.s = [0];
@@ -135,7 +135,7 @@ export class Drift {
 
   /** The greatest rms anywhere, as worst_rms finds it: at borders, after readings and turns, and inside runs. */
   get worst() {
-    let greatest = Math.max(...this.N0.slice(1), ...this.N1, ...this.N2, 0);
+    let greatest = [this.N0.slice(1), this.N1, this.N2].flat().reduce((x, y) => Math.max(x, y), 0);
     this.runs.forEach((run, k) => { greatest = this.worstInside(k, greatest); });
     return Math.sqrt(greatest);
   }
@@ -147,7 +147,7 @@ export class Drift {
       return greatest;
     }
     const [bend, fixed] = this.rates(noise);
-    let open = [[0, length, this.N2[k], this.N0[k + 1]]];
+    const open = [[0, length, this.N2[k], this.N0[k + 1]]];
     while (open.length) {
       const [from, to, begin, end] = open.pop(), h = (to - from) ** 2 / 8;
       if (ceiling(begin, end, bend * h, fixed * h) <= greatest * (1 + CLOSE)) continue;

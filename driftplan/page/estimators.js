@@ -10,7 +10,7 @@ const SMALL = 2 ** -20;  // on standard deviations: the filter's covariances are
 const KNOWN_SHARE = 1e-14, NEAREST_ANCHOR_M = 0.01;  // of filter_state.py and readings.py
 
 /** Readings replace what they measure. */
-export class Resets {
+class Resets {
   start(ur, ui, x, y, readings) { return readings.reduce((state, reading) => this.read(state, reading), nothing(ur, ui, x, y)); }
 
   step(state, turn, length, noise) {
@@ -68,7 +68,7 @@ const NODES = [  // of a standard normal variable, and their weights
 ];
 
 /** A few drives on which systematic errors differ, whose average is that over all drives of a robot that resets. */
-export class AveragedResets {
+class AveragedResets {
   constructor(noises) {
     this.engine = new Resets();
     let drives = [{ weight: 1, z: [] }];
@@ -121,7 +121,7 @@ function onDrive(noise, z) {
 }
 
 /** Readings are fused in a Kalman filter: P of (e_x, e_y, θ, constants), linearised about the true path. */
-export class Fusion {
+class Fusion {
   constructor(noises) {
     const spreads = noises.map((noise) => SPREADS.map((std) => noise[std]).join());
     if (new Set(spreads).size > 1) throw new Error("systematic errors must differ alike between drives on all floors");

@@ -32,8 +32,7 @@ export function render({ model, el: element }) {
   const waiting = new Map();
   let asked = 0;
   model.on("msg:custom", ({ id, progress, answer, error }) => {
-    const { resolve, reject, onProgress } = waiting.get(id) ?? {};
-    if (!resolve) return;
+    const { resolve, reject, onProgress } = waiting.get(id);
     if (progress) onProgress(progress);
     else if (error) reject(new Error(error));
     else resolve(answer);

@@ -43,7 +43,6 @@ export class MapView {
   }
 
   toScreen([x, y]) { return [(x - this.centre[0]) * this.scale + this.width / 2, (this.centre[1] - y) * this.scale + this.height / 2]; }
-
   toWorld([px, py]) { return [(px - this.width / 2) / this.scale + this.centre[0], (this.height / 2 - py) / this.scale + this.centre[1]]; }
 
   zoom(factor, at = [this.width / 2, this.height / 2]) {
@@ -110,7 +109,9 @@ export class MapView {
       this.drawEllipses(pen, drift);
     }
     for (const one of scene.routes) this.drawArrow(pen, one, one === route);
-    for (const points of this.studio.highlights) this.drawHighlight(pen, points);
+    pen.globalAlpha = 0.45;
+    for (const points of this.studio.highlights) this.strokeLine(pen, points, theme.over, 12 * this.unit);
+    pen.globalAlpha = 1;
     if (this.studio.cursor !== null && route && !(drift instanceof Error)) this.drawCursor(pen, drift);
   }
 
@@ -177,21 +178,12 @@ export class MapView {
     const size = (strong ? 9 : 6) * this.unit;
     pen.fillStyle = strong ? this.theme.text : this.theme.route;
     pen.beginPath();
-    for (const turn of [0, 2.5, -2.5]) {
-      const angle = leg.angle + turn;
-      pen.lineTo(x + size * Math.cos(angle), y - size * Math.sin(angle));
-    }
+    for (const angle of [0, 2.5, -2.5].map((turn) => leg.angle + turn)) pen.lineTo(x + size * Math.cos(angle), y - size * Math.sin(angle));
     pen.fill();
   }
 
-  drawHighlight(pen, points) {
-    pen.globalAlpha = 0.45;
-    this.strokeLine(pen, points, this.theme.over, 12 * this.unit);
-    pen.globalAlpha = 1;
-  }
-
   drawCursor(pen, drift) {
-    const [x, y] = drift.place(this.studio.cursor), [px, py] = this.toScreen([x, y]);
+    const [px, py] = this.toScreen(drift.place(this.studio.cursor));
     Object.assign(pen, { strokeStyle: this.theme.text, lineWidth: 2 });
     pen.beginPath();
     pen.arc(px, py, 8, 0, 2 * Math.PI);
@@ -200,7 +192,7 @@ export class MapView {
 
   // What can be grasped
   updateOverlay({ scene }) {
-    const { session } = this.studio, { selected } = session, view = `${this.scale} ${this.centre} ${this.width}`;
+    const { session } = this.studio, { selected } = session, view = [this.scale, this.centre, this.width, this.height].join();
     while (this.beacons.length > scene.beacons.length) this.beacons.pop().node.remove();
     scene.beacons.forEach((beacon, k) => {
       const grip = this.beacons[k] ?? (this.beacons[k] = this.newGrip(k));
@@ -300,9 +292,15 @@ export class MapView {
   }
 
   listen() {
+    const fingers = new Map();
     let grasp = null;
+    const pinch = () => {  // how far two fingers are apart, and where the middle is
+      const [p, q] = [...fingers.values()];
+      return q && [Math.hypot(p[0] - q[0], p[1] - q[1]), [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2]];
+    };
     this.overlay.addEventListener("pointerdown", (event) => {
       const { session, tools } = this.studio, screen = this.at(event), world = this.toWorld(screen);
+      fingers.set(event.pointerId, screen);
       const beacon = event.target.closest("[data-beacon]"), waypoint = event.target.closest("[data-waypoint]");
       this.overlay.setPointerCapture(event.pointerId);
       this.overlay.focus({ preventScroll: true });
@@ -326,17 +324,23 @@ export class MapView {
     this.overlay.addEventListener("pointermove", (event) => {
       if (!grasp) return;
       const { session, tools } = this.studio, screen = this.at(event), world = this.toWorld(screen);
+      const before = pinch();
+      fingers.set(event.pointerId, screen);
+      if (before) return this.zoom(pinch()[0] / Math.max(before[0], 1), before[1]);
       if (grasp.pan) {
         this.pan(screen[0] - grasp.pan[0], screen[1] - grasp.pan[1]);
         grasp.pan = screen;
       } else if (grasp.beacon !== undefined) {
-        if (session.scene.beacons[grasp.beacon].locked) return;
+        const held = session.scene.beacons[grasp.beacon];
+        if (!held || held.locked) return;
         const [x, y] = this.snapped(world.map((c, k) => c + grasp.off[k]));
         session.changeBeacon(grasp.beacon, { x, y }, "drag");
       } else if (grasp.waypoint !== undefined) session.moveWaypoint(grasp.waypoint, world, "drag");
       else tools.move(this.snapped(world));
+      return null;
     });
     const release = (event) => {
+      fingers.delete(event.pointerId);
       if (grasp?.tool) this.studio.tools.release(this.snapped(this.toWorld(this.at(event))));
       if (grasp && !grasp.pan) this.studio.announce();
       this.studio.session.settle();

@@ -21,8 +21,7 @@ const SLIDERS = [  // standard deviations a person can measure: label, rate, aft
 
 export class Panel {
   constructor(studio) {
-    this.studio = studio;
-    this.session = studio.session;
+    Object.assign(this, { studio, session: studio.session });
     this.sections = [this.beaconSection(), this.routeSection(), this.noiseSection(), this.zoneSection(), this.fileSection()];
     this.node = el("aside", { class: "panel", "aria-label": "Details" }, this.sections);
   }

@@ -2,8 +2,7 @@
 // readings.py and driftplan/world/zones.py, with plain geometry instead of shapely.
 
 const TOUCH = 1e-9, FLAT = 1e-9, ANGLE = 1e-12;  // m, m, rad: as near as this is the same
-const DECIMALS = 1e6, POINT_M = 1e-6;  // distances are rounded to a micrometre; a pass shorter than this is one reading
-const PAST_CORNER = 1e-9;  // of a side's length
+const DECIMALS = 1e6, POINT_M = 1e-6, PAST_CORNER = 1e-9;  // rounding of distances; least pass, m; of a side's length
 
 const cross = (ax, ay, bx, by) => ax * by - ay * bx;
 
@@ -90,7 +89,7 @@ export class Walls {
 }
 
 /** Whether a point is in a polygon, its outline included. */
-export function insideRings(rings, x, y) {
+function insideRings(rings, x, y) {
   let inside = false;
   for (const ring of rings) {
     for (let k = 0; k + 1 < ring.length; k++) {

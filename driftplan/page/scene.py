@@ -1,20 +1,6 @@
 """A scene: a map, routes, odometry and beacons as JSON, which the page in the browser draws and computes with.
 
-Lengths are metres, world frame; angles radians, but for names in ``_deg``. All keys are always there::
-
-    version     1
-    title       text
-    bounds      [xmin, ymin, xmax, ymax]
-    walls       polygons that block sight: the obstacles without their outermost micrometre. A polygon is a list of
-                rings, outline first; a ring a closed list of [x, y]
-    zones       {"polygons": polygons, "noise": noise}; where zones overlap the later one holds
-    noise       fields of OdometryNoise that are not 0, never ``step_m``
-    routes      {"name": text, "points": [[x, y], ...], "limit_m": metres or null}
-    beacons     {"id": text, "x", "y", "facing_deg": degrees or null, "existing": bool,
-                "kind": fields of BeaconKind that are not None}
-    estimator   "reset" or "filter"
-    start_fix   null or {"position_cov": 2 x 2 or null, "heading_std": rad or null, "detection_probability"}
-    notes       sentences to be shown, such as what is proven
+Lengths are metres, world frame; angles radians, but for names in ``_deg``. ``examples/guide/studio.md`` lists the keys.
 """
 
 from __future__ import annotations

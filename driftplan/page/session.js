@@ -34,7 +34,12 @@ export class Session {
   }
 
   /** What comes next is a step of its own. */
-  settle() { this.merging = null; }
+  settle() {
+    if (this.merging === null) return;
+    this.merging = null;
+    this.changed();
+  }
+
   undo() { this.travel(this.past, this.future); }
   redo() { this.travel(this.future, this.past); }
 

@@ -12,12 +12,11 @@ const MOVES = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDo
 
 /** Put a studio into an element.
  *
- * scene: see driftplan/page/scene.py. host: null, or what can ask Python: ask(what, question, onProgress, signal) gives
+ * scene: see examples/guide/studio.md. host: null, or what can ask Python: ask(what, question, onProgress, signal) gives
  * the promise of an answer. Returns the Studio, which is also `root.studio`. */
 export function mount(root, scene, host = null) {
-  const studio = new Studio(root, withLink(scene, window.location.hash), host);
-  root.studio = studio;
-  return studio;
+  root.studio = new Studio(root, withLink(scene, window.location.hash), host);
+  return root.studio;
 }
 
 /** A round number above x: scales that hold still while something is dragged. */
@@ -57,8 +56,7 @@ class Studio {
     const asking = this.host ? [button("Fewest", () => this.fewest()), button("Stop", () => this.stopper?.abort())]
       : [el("span", { class: "quiet" }, "Planning and “fewest” need Python: driftplan studio.")];
     if (this.host?.saves) asking.push(button("Save", () => this.ask("save", {}, ({ message }) => this.say(message))));
-    this.title = el("h1", {}, session.scene.title);
-    return el("header", { class: "toolbar", role: "toolbar", "aria-label": "Tools" }, this.title, tools.buttons,
+    return el("header", { class: "toolbar", role: "toolbar", "aria-label": "Tools" }, el("h1", {}, session.scene.title), tools.buttons,
       el("label", {}, "new: ", kind), el("label", {}, snap, "snap to walls"), el("label", {}, "robot: ", this.estimator),
       button("Undo", () => session.undo(), { "aria-keyshortcuts": "Control+Z" }), button("Redo", () => session.redo(), { "aria-keyshortcuts": "Control+Y" }),
       button("+", () => this.map.zoom(1.25), { "aria-label": "zoom in" }), button("−", () => this.map.zoom(0.8), { "aria-label": "zoom out" }),
@@ -110,13 +108,13 @@ class Studio {
   /** Say how things stand: to those who look, and to those who listen. */
   announce() {
     this.frame();
-    const { scene, worst, drifts } = this.shown;
-    if (!scene.routes.length) return;
+    const { scene, worst, drifts } = this.shown, broken = drifts.find((drift) => drift instanceof Error);
+    if (broken || !drifts.length) return this.say(broken?.message ?? "");
     const k = worst.indexOf(Math.max(...worst)), exceeding = scene.routes.filter(({ limit_m: limit }, i) => limit !== null && worst[i] > limit * (1 + 1e-6));
     const verdict = exceeding.length ? `${exceeding.length} of ${scene.routes.length} routes exceed their limit.`
       : scene.routes.some(({ limit_m: limit }) => limit !== null) ? "All routes keep their limits." : "";
     const beyond = drifts.some((drift) => drift.beyondLinear) ? " A filter cannot be trusted where the heading is off by more than 9 degrees." : "";
-    this.say(`Greatest drift ${metres(worst[k])}, on ${scene.routes[k].name}. ${verdict}${beyond}`);
+    return this.say(`Greatest drift ${metres(worst[k])}, on ${scene.routes[k].name}. ${verdict}${beyond}`);
   }
 
   // Edits that buttons and keys share
@@ -160,9 +158,10 @@ class Studio {
   get exported() { return beaconsAsGeojson(this.session.scene.beacons); }
 
   link() {
+    if (this.root.className.includes("in-notebook")) return this.say("A notebook keeps its state itself: see .beacons.");
     window.location.hash = asLink(this.session.scene);
     navigator.clipboard?.writeText(window.location.href).catch(() => {});
-    this.say("The address of this page now holds the state, and so does the clipboard if the browser allows it.");
+    return this.say("The address of this page now holds the state, and so does the clipboard if the browser allows it.");
   }
 
   // What Python is asked
@@ -215,9 +214,7 @@ class Studio {
 
 /** Tools that act at a place, or from one place to another. */
 class Tools {
-  constructor(studio) {
-    Object.assign(this, { studio, tool: "select", drag: null });
-  }
+  constructor(studio) { Object.assign(this, { studio, tool: "select", drag: null }); }
 
   choose(name) {
     this.tool = name;

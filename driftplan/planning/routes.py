@@ -328,7 +328,11 @@ def _route_among_beacons(request: PlanRequest, known: Sequence[Floats]) -> Route
 
 
 def _unaided_route(request: PlanRequest) -> Route:
-    found = best_unaided(request)
+    return route_of(request, best_unaided(request))
+
+
+def route_of(request: PlanRequest, found: Unaided) -> Route:
+    """The route along the path that was found for a robot that reads nothing."""
     route = _dead_reckoned(request, request.minimise, found.path, found)
     if request.minimise == "length" or (request.ends[0] == request.ends[1]).all():
         return route

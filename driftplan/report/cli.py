@@ -60,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (MapError, TrajectoryError, OSError) as err:  # about a file, in its own words
         _drop_stdout()
         return _failed(words, name, err, str(err), BAD_INPUT)
-    except (DriftplanError, ValueError) as err:
+    except (DriftplanError, ValueError, ImportError) as err:
         return _failed(words, name, err, in_options(str(err), COMMANDS[name]), BAD_INPUT)
     return DONE
 

@@ -3,10 +3,12 @@
 world, inflation                World: where a disc-shaped robot can drive, what it can see
 prepared_area                   an area that several threads may ask at once
 zones, zone_grid, zone_files    floors with odometry of their own, quick to find among many
-mapfiles                        load_world, save_world, and the formats: ros_map, movingai_map, geojson_map
+mapfiles                        load_world, save_world; formats: ros_map, movingai_map, geojson_map, building_map,
+                                dxf_map
 route_graphs                    nav2's nodes and edges, there and back
 cells, cell_pictures            from cells to polygons and back; a YAML file and the picture it names
 plain_data                      YAML and JSON from anybody
+route_files                     routes as ROS has them: paths, poses, waypoints
 trajectories                    paths and trajectories in files
 odometry_logs, log_tables       recordings: TUM, KITTI, MR.CLAM, CSV, MATLAB
 log_formats                     and ROS bags, CARMEN, g2o

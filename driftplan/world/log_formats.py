@@ -59,9 +59,9 @@ def read_recording(file: Path, role: Role, variable: str | None) -> Table:
 
 def _carmen(lines: Sequence[str], role: Role) -> Table:
     """ODOM x y theta tv rv accel time host time; FLASER n ranges x y theta odom_x odom_y odom_theta time host time."""
-    odometry = _rows(((f[7], *f[1:4]) for f in _fields(lines, "ODOM")), "ODOM")
+    odometry = _rows("ODOM", 4, ((f[7], *f[1:4]) for f in _fields(lines, "ODOM")))
     tails = (f[2 + int(f[1]) :] for f in _fields(lines, "FLASER"))
-    laser = _rows(((f[6], *f[:6]) for f in tails), "FLASER")
+    laser = _rows("FLASER", 7, ((f[6], *f[:6]) for f in tails))
     if role == "odometry":
         found = odometry if len(odometry) else laser[:, [0, 4, 5, 6]]
     elif not len(laser) or np.allclose(laser[:, 1:4], laser[:, 4:7]):
@@ -76,9 +76,9 @@ def _g2o(lines: Sequence[str], role: Role) -> Table:
     if any(line.startswith(("VERTEX_SE3", "EDGE_SE3")) for line in lines):
         raise ValueError("expected a graph in the plane, VERTEX_SE2 and EDGE_SE2, found one in space")
     if role == "truth":
-        vertices = _rows((f[1:5] for f in _fields(lines, "VERTEX_SE2")), "VERTEX_SE2")
+        vertices = _rows("VERTEX_SE2", 4, (f[1:5] for f in _fields(lines, "VERTEX_SE2")))
         return Table(vertices, ("time", *_POSE), lines=np.arange(1, len(vertices) + 1))
-    edges = _rows((f[1:6] for f in _fields(lines, "EDGE_SE2") if int(f[2]) == int(f[1]) + 1), "EDGE_SE2")
+    edges = _rows("EDGE_SE2", 5, (f[1:6] for f in _fields(lines, "EDGE_SE2") if int(f[2]) == int(f[1]) + 1))
     edges = edges[np.unique(edges[:, 0], return_index=True)[1]]
     gap = np.flatnonzero(np.diff(edges[:, 0]) != 1)
     if not len(edges) or len(gap):
@@ -95,19 +95,17 @@ def _fields(lines: Iterable[str], word: str) -> list[list[str]]:
     return [fields for fields in map(str.split, lines) if fields and fields[0] == word]
 
 
-def _rows(rows: Iterable[Sequence[str]], word: str) -> Floats:
+def _rows(word: str, width: int, rows: Iterable[Sequence[str]]) -> Floats:
     try:
-        found = np.array([[float(cell) for cell in row] for row in rows])
-    except ValueError as err:
-        raise ValueError(f"expected numbers in the {word} lines: {err}") from None
-    except IndexError:
-        raise ValueError(f"expected whole {word} lines, got one that ends early") from None
-    return finite(f"the {word} lines", found) if found.size else np.zeros((0, 7))
+        found = np.array([[float(cell) for cell in row] for row in rows]).reshape(-1, width)
+    except (ValueError, IndexError) as err:
+        raise ValueError(f"expected {width} numbers in every {word} line: {err}") from None
+    return finite(f"the {word} lines", found)
 
 
 def _bag(file: Path, variable: str | None) -> Table:
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
     except ImportError as err:
         raise TrajectoryError(f"{file}: ROS bags are read through rosbags: pip install 'driftplan[ros]'") from err
     topic, _, frames = (variable or "").partition(" ")
@@ -122,8 +120,10 @@ def _bag(file: Path, variable: str | None) -> Table:
             wanted = [c for c in reader.connections if c.topic == topic]
             messages = (reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections=wanted))
             return _of_messages(messages, known[topic], frames, f"{file}: topic {topic}")
-    except (AnyReaderError, OSError, KeyError) as err:
-        raise TrajectoryError(f"{file}: not a readable ROS bag ({err})") from err
+    except TrajectoryError:
+        raise
+    except Exception as err:  # whatever a broken file leads the library into
+        raise TrajectoryError(f"{file}: not a readable ROS bag ({type(err).__name__}: {err})") from err
 
 
 def _of_messages(messages: Iterable[Any], kind: str, frames: str, where: str) -> Table:
@@ -135,21 +135,20 @@ def _of_messages(messages: Iterable[Any], kind: str, frames: str, where: str) ->
             row = [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec]
             if pose:
                 placed = reduce(getattr, pose.split("."), one)
-                position, turned = (placed.translation, placed.rotation) if pose == "transform" else _parts(placed)
-                row += [getattr(position, c) for c in _POSITION] + [getattr(turned, c) for c in _QUATERNION]
+                position, turned = ("translation", "rotation") if pose == "transform" else ("position", "orientation")
+                row += [getattr(getattr(placed, position), c) for c in _POSITION]
+                row += [getattr(getattr(placed, turned), c) for c in _QUATERNION]
             if twist:
                 moving = reduce(getattr, twist.split("."), one)
                 row += [moving.linear.x, moving.angular.z]
             rows.setdefault(between, []).append(row)
+    if not rows:
+        raise TrajectoryError(f"{where} holds no message")
     if frames not in rows and (frames or len(rows) != 1):
         raise TrajectoryError(f"{where}: say which frames to read, after a blank; it holds {', '.join(sorted(rows))}")
     values = np.array(rows[frames or next(iter(rows))])
     names = ("time", *(_PLACED if pose else ()), *(_MOVING if twist else ()))
     return Table(values, names, lines=np.arange(1, len(values) + 1))
-
-
-def _parts(placed: Any) -> tuple[Any, Any]:
-    return placed.position, placed.orientation
 
 
 # endings of the name, words of which one begins a line, reader

@@ -16,6 +16,7 @@ from driftplan.errors import TrajectoryError, naming
 from driftplan.files import read_bytes, read_lines
 
 _MAX_NUMBERS = 50_000_000
+_NUMBERS_BEGIN = tuple("-0123456789")
 _SAID_SHARE = 0.01  # of the rows: as many unusable ones are told,
 MAX_DROPPED_SHARE = 0.2  # and more than so many refused
 _UNITS_BY_SIZE: Mapping[float, Sequence[str]] = {
@@ -174,7 +175,7 @@ def _text(file: Path, recording: bool) -> Table:
     cells = _fields(lines[first])
     if not any(map(_is_number, cells)) if recording else not all(map(_is_number, cells)):
         header, first = lines[first], first + 1
-    rows = [k for k in range(first, len(lines)) if not _is_comment(lines[k])]
+    rows = [k for k in range(first, len(lines)) if lines[k][:1] in _NUMBERS_BEGIN or not _is_comment(lines[k])]
     if not rows:
         raise TrajectoryError(f"{file}: expected lines of numbers, found none after the header")
     cells = _fields(lines[rows[0]], all_cells=True)
@@ -231,7 +232,8 @@ def _numbers(
     """The numbers of some columns of some lines, (n, k): fast where all lines are alike, else line by line."""
     separator = next((mark for mark in ",;" if mark in lines[rows[0]]), None)
     # loadtxt takes no notice of columns that it was not asked for
-    if all(len(lines[k].split(separator)) == width for k in rows):
+    alike = (lines[k].count(separator) + 1 if separator else len(lines[k].split()) for k in rows)
+    if all(columns == width for columns in alike):
         try:
             values = np.loadtxt((lines[k] for k in rows), float, None, separator, usecols=kept, ndmin=2)
         except ValueError:

@@ -1,28 +1,51 @@
-"""Map files: load_world and save_world for ROS map_server, MovingAI and GeoJSON maps, and the maps that come along.
-
-The suffix tells the format: ``.yaml`` or ``.yml`` (ROS, `driftplan.world.ros_map`), ``.map`` (MovingAI,
-`driftplan.world.movingai_map`), ``.geojson`` or ``.json`` (`driftplan.world.geojson_map`).
-"""
+"""Map files: load_world, save_world, and the maps that come along. The name of a file tells its format: `FORMATS`."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import shapely
 
 from driftplan.arrays import arguments_checked, positive
 from driftplan.errors import MapError
 from driftplan.files import write_files
+from driftplan.world.building_map import read_building_map
+from driftplan.world.dxf_map import read_dxf_map
 from driftplan.world.geojson_map import geojson_map_files, read_geojson_map
 from driftplan.world.movingai_map import movingai_map_files, read_movingai_map
 from driftplan.world.ros_map import read_ros_map, ros_map_files
 from driftplan.world.world import World
 from driftplan.world.zone_files import load_zones
 
-_FORMATS = {".yaml": "ROS", ".yml": "ROS", ".map": "MovingAI", ".geojson": "GeoJSON", ".json": "GeoJSON"}
+
+class MapFormat(NamedTuple):
+    """One format of maps: a reader, and a writer if there is one."""
+
+    name: str
+    suffixes: tuple[str, ...]
+    read: Callable[..., World]
+    write: Callable[..., dict[Path, bytes]] | None = None
+    cell_size_m: float | None = None  # of what is written, unless given; None: not made of cells
+
+
+FORMATS = (
+    MapFormat("Open-RMF", (".building.yaml",), read_building_map),  # before those whose suffix is a part of it
+    MapFormat("ROS", (".yaml", ".yml"), read_ros_map, ros_map_files, 0.05),
+    MapFormat("MovingAI", (".map",), read_movingai_map, movingai_map_files, 1.0),
+    MapFormat("DXF", (".dxf",), read_dxf_map),
+    MapFormat("GeoJSON", (".geojson", ".json"), read_geojson_map, geojson_map_files),
+)
+_OPTIONS = {  # of one format only, and what they have instead
+    "unknown_is_free": ("ROS", "have no unknown cells"),
+    "cell_size_m": ("MovingAI", "say it themselves"),
+    "level": ("Open-RMF", "have no levels"),
+}
 _BUNDLED = Path(__file__).parents[1] / "maps"
+_BUNDLED_SUFFIXES = (".yaml", ".geojson")
 
 
 def load_world(
@@ -31,16 +54,20 @@ def load_world(
     robot_radius: float,
     unknown_is_free: bool = False,
     cell_size_m: float | None = None,
+    level: str | None = None,
+    keepout: str | os.PathLike[str] | None = None,
     zones: str | os.PathLike[str] | None = None,
 ) -> World:
     """The world that a map file shows to a robot.
 
     Parameters
     ----------
-    path : path of a ``.yaml``, ``.map`` or ``.geojson`` file
+    path : path of a ``.yaml``, ``.building.yaml``, ``.map`` or ``.geojson`` file
     robot_radius : metres, >= 0
     unknown_is_free : take unknown cells of a ROS map for free ones; they are obstacles otherwise
     cell_size_m : size of a cell of a MovingAI map (default 1 m), which does not say; the other formats do
+    level : which level of an Open-RMF building that has several
+    keepout : path of a keepout mask of nav2's, a ROS map: what it marks is an obstacle too, also to sight
     zones : path of a zone file, optional
         Floors of other noise, for maps of any format (`driftplan.world.zone_files`); they cover the map's own.
 
@@ -55,24 +82,28 @@ def load_world(
     >>> len(world.zones)
     1
     """
-    path, kind = _path_and_format(path)
-    if unknown_is_free and kind != "ROS":
-        raise ValueError(f"unknown_is_free is for ROS maps: {kind} maps have no unknown cells")
-    if cell_size_m is not None and kind != "MovingAI":
-        raise ValueError(f"cell_size_m is for MovingAI maps: {kind} maps say it themselves")
+    path, form = _path_and_format(path)
+    given = {"unknown_is_free": unknown_is_free or None, "cell_size_m": cell_size_m, "level": level}
+    for name, value in given.items():
+        owner, instead = _OPTIONS[name]
+        if value is not None and form.name != owner:
+            raise ValueError(f"{name} is for {owner} maps: {form.name} maps {instead}")
     cell_size_m = positive("cell_size_m", 1.0 if cell_size_m is None else cell_size_m)
-    if kind == "ROS":
-        world = read_ros_map(path, robot_radius=robot_radius, unknown_is_free=unknown_is_free)
-    elif kind == "MovingAI":
-        world = read_movingai_map(path, robot_radius=robot_radius, cell_size_m=cell_size_m)
-    else:
-        world = read_geojson_map(path, robot_radius=robot_radius)
-    if zones is None:
-        return world
-    added = load_zones(zones)
-    if not any(zone.polygon.intersects(shapely.box(*world.bounds)) for zone in added):
-        raise MapError(f"{zones}: no zone touches the map, whose bounds are {world.bounds}: is the origin right?")
-    return replace(world, zones=(*world.zones, *added))
+    options = {"unknown_is_free": unknown_is_free, "cell_size_m": cell_size_m, "level": level}
+    own = {name: value for name, value in options.items() if _OPTIONS[name][0] == form.name}
+    world = form.read(path, robot_radius=robot_radius, **own)
+    if keepout is not None:
+        mask = read_ros_map(Path(keepout), robot_radius=robot_radius, unknown_is_free=True)
+        if not mask.obstacles.intersects(shapely.box(*world.bounds)):
+            raise MapError(f"{keepout}: nothing that is marked lies on the map: is the origin right?")
+        walls = shapely.get_parts(shapely.union(world.obstacles, mask.obstacles))
+        world = replace(world, obstacles=shapely.MultiPolygon([part for part in walls if part.area > 0]))
+    if zones is not None:
+        added = load_zones(zones)
+        if not any(zone.polygon.intersects(shapely.box(*world.bounds)) for zone in added):
+            raise MapError(f"{zones}: no zone touches the map, whose bounds are {world.bounds}: is the origin right?")
+        world = replace(world, zones=(*world.zones, *added))
+    return world
 
 
 @arguments_checked()
@@ -91,22 +122,17 @@ def save_world(world: World, path: str | os.PathLike[str], *, cell_size_m: float
     ValueError : if the format cannot hold the world's zones or origin, or an argument is out of range. Nothing is
         written.
     """
-    path, kind = _path_and_format(path)
-    if kind == "GeoJSON":
+    path, form = _path_and_format(path)
+    if form.write is None:
+        raise ValueError(f"{form.name} maps are read only: save it as .geojson")
+    if form.cell_size_m is None:
         if cell_size_m is not None:
-            raise ValueError("cell_size_m is for maps made of cells, which GeoJSON maps are not")
-        files = geojson_map_files(world, path)
-    elif world.zones:
-        raise ValueError(f"{kind} maps have no zones, and this world has {len(world.zones)}: save it as .geojson")
-    elif kind == "ROS":
-        files = ros_map_files(
-            world, path, cell_size_m=positive("cell_size_m", 0.05 if cell_size_m is None else cell_size_m)
-        )
-    else:
-        files = movingai_map_files(
-            world, path, cell_size_m=positive("cell_size_m", 1.0 if cell_size_m is None else cell_size_m)
-        )
-    write_files(files)
+            raise ValueError(f"cell_size_m is for maps made of cells, which {form.name} maps are not")
+        return write_files(form.write(world, path))
+    if world.zones:
+        raise ValueError(f"{form.name} maps have no zones, and this world has {len(world.zones)}: save it as .geojson")
+    size = positive("cell_size_m", form.cell_size_m if cell_size_m is None else cell_size_m)
+    return write_files(form.write(world, path, cell_size_m=size))
 
 
 def bundled_maps() -> tuple[str, ...]:
@@ -117,7 +143,7 @@ def bundled_maps() -> tuple[str, ...]:
     >>> bundled_maps()
     ('office', 'warehouse')
     """
-    return tuple(sorted(path.stem for path in _BUNDLED.iterdir() if path.suffix in _FORMATS))
+    return tuple(sorted(path.stem for path in _BUNDLED.iterdir() if path.suffix in _BUNDLED_SUFFIXES))
 
 
 def bundled_map(name: str) -> Path:
@@ -129,17 +155,15 @@ def bundled_map(name: str) -> Path:
     'warehouse.yaml'
     """
     for path in _BUNDLED.iterdir():
-        if path.suffix in _FORMATS and path.stem == name:
+        if path.suffix in _BUNDLED_SUFFIXES and path.stem == name:
             return path
     raise ValueError(f"expected one of the maps {', '.join(bundled_maps())}, got {name!r}")
 
 
-def _path_and_format(path: str | os.PathLike[str]) -> tuple[Path, str]:
+def _path_and_format(path: str | os.PathLike[str]) -> tuple[Path, MapFormat]:
     path = Path(path)
-    kind = _FORMATS.get(path.suffix.lower())
-    if kind is None:
-        raise MapError(
-            f"{path}: expected a map called .yaml or .yml (ROS), .map (MovingAI), .geojson or .json (GeoJSON), "
-            f"got {path.suffix or 'no suffix'}"
-        )
-    return path, kind
+    for form in FORMATS:
+        if path.name.lower().endswith(form.suffixes):
+            return path, form
+    known = ", ".join(f"{' or '.join(form.suffixes)} ({form.name})" for form in FORMATS[1:])
+    raise MapError(f"{path}: expected a map called {known}, got {path.suffix or 'no suffix'}")

@@ -20,6 +20,7 @@ import numpy as np
 from driftplan.arrays import Floats, Ints
 from driftplan.errors import MapError, naming
 from driftplan.files import read_bytes
+from driftplan.world.building_map import building_lanes
 from driftplan.world.geojson_map import position_of, read_features
 
 _MAX_BYTES = 20_000_000
@@ -59,8 +60,8 @@ class RouteGraph:
         return list(self.xy[self.edges])
 
 
-def load_graph(path: str | os.PathLike[str]) -> RouteGraph:
-    """The route graph of a file.
+def load_graph(path: str | os.PathLike[str], *, level: str | None = None) -> RouteGraph:
+    """The route graph of a file: GeoJSON of nav2's, or the lanes of an Open-RMF building (of a ``level``).
 
     Raises
     ------
@@ -77,6 +78,11 @@ def load_graph(path: str | os.PathLike[str]) -> RouteGraph:
     [[0.0, 0.0], [5.0, 0.0]]
     """
     file = Path(path)
+    if file.name.lower().endswith(".building.yaml"):
+        vertices, lanes = building_lanes(file, level)
+        if not lanes:
+            raise MapError(f"{file}: expected lanes, got none")
+        return RouteGraph(tuple(range(len(vertices))), vertices, tuple(range(len(lanes))), np.array(lanes))
     nodes: dict[int, tuple[float, float]] = {}
     edges: list[tuple[int, int, int]] = []  # id, from, to: ids may occur twice, as in nav2's own files
     metadata = []

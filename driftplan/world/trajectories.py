@@ -14,6 +14,7 @@ from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.world.log_formats import Role, read_recording
 from driftplan.world.log_tables import Table, named, read_table
 from driftplan.world.odometry_logs import read_odometry, read_truth
+from driftplan.world.route_files import read_ros_path
 
 _STRAIGHT_WITHIN_M = 0.02  # what a recorded way swings less is jitter
 _PATH_COLUMNS = {"x": ("x_m",), "y": ("y_m",), "heading": ("heading_rad", "yaw", "yaw_rad", "theta")}
@@ -30,7 +31,8 @@ def read_path(path: str | os.PathLike[str]) -> Floats:
     path : text of one waypoint a line, ``x, y`` or ``x, y, heading``, with commas, semicolons or blanks between, and a
         header that names the columns or none. Lines that begin with ``#`` are comments. A unit in brackets, as in
         ``x [mm]`` or ``heading [deg]``, is converted. Or a recorded drive, in any of the formats of `read_trajectory`
-        and `driftplan.read_odometry`: its way, straight where it is within 2 cm of it.
+        and `driftplan.read_odometry`: its way, straight where it is within 2 cm of it. Or a ``nav_msgs/Path`` as
+        YAML.
 
     Raises TrajectoryError if the file cannot be read, has other columns or fewer than 2 waypoints: the message names
     it, and the line.
@@ -43,6 +45,8 @@ def read_path(path: str | os.PathLike[str]) -> Floats:
     [[0.0, 0.0], [5.0, 0.0], [5.0, 3.0]]
     """
     file = Path(path)
+    if file.suffix.lower() in (".yaml", ".yml"):
+        return read_ros_path(file)
     try:
         return _waypoints(file, read_table(file))
     except TrajectoryError:

@@ -1,8 +1,10 @@
-"""fit_noise: time against the length of the log, and how well the noise of simulated drives is recovered."""
+"""Logs of a million rows; fit_noise: time against the length of the log, and how well simulated noise is recovered."""
 
 from __future__ import annotations
 
 import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from driftplan.model.calibration.segments import TruthNoise
 from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Run
+from driftplan.world.odometry_logs import read_odometry, read_truth
 
 NOISE = OdometryNoise(
     heading_var_per_m=1e-3,
@@ -34,7 +37,29 @@ def recorded(length_m: float, seed: int):
     return simulate_log(path, NOISE, rng=rng, truth_position_std_m=0.004)
 
 
+def million_rows() -> None:
+    """Read odometry and truth of a million rows, four columns each, and fit them."""
+    rows = 1_000_000
+    rng = np.random.default_rng(0)
+    times = 0.01 * np.arange(rows)
+    turned = 4e-3 * np.sin(times / 50)
+    with TemporaryDirectory() as folder:
+        files = []
+        for name, size in (("truth", 0.0), ("odometry", 1.0)):
+            heading = np.cumsum(turned + size * 7e-4 * rng.standard_normal(rows))
+            place = np.cumsum((0.005 + size * 7e-4 * rng.standard_normal(rows)) * np.exp(1j * heading))
+            files.append(Path(folder, f"{name}.csv"))
+            columns = np.column_stack([times, place.real, place.imag, heading])
+            np.savetxt(files[-1], columns, "%.5f", ",", header="time,x,y,heading", comments="")
+        begin = time.process_time()
+        truth, log = read_truth(files[0]), read_odometry(files[1])
+        read = time.process_time()
+        fit_noise(log, truth)
+        print(f"two logs of {rows} rows: read in {read - begin:.1f} s, fitted in {time.process_time() - read:.1f} s\n")
+
+
 def main() -> None:
+    million_rows()
     print("samples   drive m   segments   all rates s   six rates s   one evaluation ms")
     for length in (200.0, 1000.0, 5000.0):
         drive = recorded(length, 0)

@@ -70,7 +70,9 @@ def test_every_cut_is_kept_by_every_layout_that_holds_and_missed_by_the_one_aske
     good = layouts[[instance.acceptable(s) for s in range(2**n)]]
     found = [(None, cut) for cut in requirements.rows()]
     for y in (np.zeros(n), *np.random.default_rng(seed).uniform(0, 0.5, (3, n))):
-        found += [(None, cut) for cut in requirements.cuts_beyond(y)]
+        beyond = requirements.cuts_beyond(y)
+        assert all(y[cut.columns] @ cut.weights < cut.least for cut in beyond)
+        found += [(None, cut) for cut in beyond]
     for chosen in layouts:
         cuts = requirements.cuts(chosen)
         assert bool(cuts) == (not any((chosen == other).all() for other in good))

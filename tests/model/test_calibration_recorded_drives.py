@@ -62,6 +62,7 @@ def test_the_first_half_of_a_mowers_drive_predicts_the_second(mower):
     assert any("not Gaussian" in note for note in fit.notes)
 
 
+@pytest.mark.slow
 def test_a_mowers_drift_with_and_without_beacons_is_as_predicted(mower):
     """The second half, 975 m, with odometry alone and with a position fix from the four beacons' ranges every 150 m."""
     first, second, truth, fit = mower

@@ -33,7 +33,7 @@ ALL_ON = {
 ZIGZAG = np.array([(0.0, 0.0), (10.0, 0.0), (10.0, 5.0), (3.0, 8.0)])
 
 
-@settings(deadline=None)
+@settings(max_examples=40)
 @given(path=paths, noise=noises, cut=st.floats(0.01, 0.99), leg=st.integers(0, 5))
 def test_cutting_a_run_changes_nothing(path, noise, cut, leg):
     leg = min(leg, len(path) - 2)
@@ -46,7 +46,7 @@ def test_cutting_a_run_changes_nothing(path, noise, cut, leg):
     np.testing.assert_allclose(halves.bias, whole.bias, rtol=1e-8, atol=1e-9 * scale**0.5)
 
 
-@settings(deadline=None)
+@settings(max_examples=40)
 @given(path=paths, noise=noises, angle=st.floats(-3, 3))
 def test_turning_the_world_turns_bias_and_covariance(path, noise, angle):
     R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -58,7 +58,7 @@ def test_turning_the_world_turns_bias_and_covariance(path, noise, angle):
     np.testing.assert_allclose(there.rms, here.rms, rtol=1e-9)
 
 
-@settings(deadline=None)
+@settings(max_examples=40)
 @given(path=paths, noise=noises, shift=st.tuples(coordinate, coordinate))
 def test_moving_the_world_changes_nothing(path, noise, shift):
     np.testing.assert_allclose(
@@ -66,6 +66,7 @@ def test_moving_the_world_changes_nothing(path, noise, shift):
     )
 
 
+@settings(max_examples=30)
 @given(path=paths)
 def test_no_noise_no_drift(path):
     drift = predict_drift(path, OdometryNoise())
@@ -76,7 +77,7 @@ def test_no_noise_no_drift(path):
     assert drift.end.mean_distance == 0
 
 
-@settings(deadline=None)
+@settings(max_examples=40)
 @given(path=paths, noise=noises)
 def test_covariance_is_positive_semi_definite_and_rms_is_its_sum(path, noise):
     drift = predict_drift(path, noise)
@@ -87,6 +88,7 @@ def test_covariance_is_positive_semi_definite_and_rms_is_its_sum(path, noise):
     np.testing.assert_allclose(drift.trace + drift.bias_norm**2, scale, rtol=1e-9, atol=1e-15)
 
 
+@settings(max_examples=30)
 @given(path=paths)
 def test_there_and_back_ends_where_it_began(path):
     loop = np.concatenate([path, path[-2::-1]])
@@ -100,7 +102,7 @@ def test_there_and_back_ends_where_it_began(path):
     assert back.bias_norm == pytest.approx(0.0, abs=1e-9)
 
 
-@settings(deadline=None)
+@settings(max_examples=40)
 @given(path=paths, noise=noises)
 def test_at_is_the_drift_of_the_path_that_ends_there(path, noise):
     drift = predict_drift(path, noise)

@@ -91,7 +91,7 @@ continuous = st.builds(
 )
 
 
-@settings(deadline=None)
+@settings(max_examples=40)
 @given(noise=continuous, length=st.floats(0.1, 20), curvature=st.sampled_from([0.0, 0.3]), cut=st.floats(0.01, 0.99))
 def test_cutting_a_run_changes_nothing(noise, length, curvature, cut):
     whole = run_moments(np.array(length), curvature, noise)
@@ -103,7 +103,7 @@ def test_cutting_a_run_changes_nothing(noise, length, curvature, cut):
         np.testing.assert_allclose(getattr(halves, name), getattr(whole, name), rtol=1e-11, atol=1e-13 * length**2)
 
 
-@settings(deadline=None)
+@settings(max_examples=40)
 @given(noise=continuous, turn=st.floats(-3, 3), cut=st.floats(0.01, 0.99))
 def test_cutting_a_turn_changes_nothing(noise, turn, cut):
     whole = turn_moments(np.array(turn), noise)
@@ -112,7 +112,7 @@ def test_cutting_a_turn_changes_nothing(noise, turn, cut):
         np.testing.assert_allclose(getattr(halves, name), getattr(whole, name), rtol=1e-11, atol=1e-13)
 
 
-@settings(deadline=None)
+@settings(max_examples=40)
 @given(noise=continuous)
 def test_a_standing_robot_does_not_drift(noise):
     for X in (run_moments(np.array(0.0), 0.2, noise), turn_moments(np.array(0.0), noise)):

@@ -100,6 +100,7 @@ def mower():
     return Mower()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("second", [False, True], ids=["first half", "second half"])
 def test_a_mowers_filter_errs_as_predicted_with_and_without_ranges(mower, second):
     steps = mower.half(second)

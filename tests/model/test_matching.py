@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from driftplan.model.calibration.matched_drive import match
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
+from driftplan.model.calibration.resampling import angle_turned
 from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Run
@@ -40,7 +41,7 @@ def test_perfect_odometry_agrees_with_the_truth_at_every_knot():
 
 
 @given(shift=st.floats(-0.8, 0.8), heading=st.booleans())
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_a_clock_offset_is_found_and_undone(shift, heading):
     log, truth = drive(OdometryNoise(heading_var_per_m=1e-5, distance_var_per_m=1e-5))
     truth = truth if heading else truth.without_heading()
@@ -50,7 +51,7 @@ def test_a_clock_offset_is_found_and_undone(shift, heading):
 
 
 @given(askew=st.floats(-3.1, 3.1).filter(lambda angle: abs(angle) > 0.02), bias=st.floats(-0.05, 0.05))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_a_reference_mounted_askew_is_found_and_turned_back(askew, bias):
     noise = OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-5, heading_bias_per_m=bias)
     log, truth = drive(noise, truth_heading_std=0.002)
@@ -244,3 +245,19 @@ def test_counts_of_several_drives_add_up():
     one = match(log, truth, spacing_m=0.5).counts
     both = one + one
     assert (both.odometry_samples, both.driven_m) == (2 * one.odometry_samples, 2 * one.driven_m)
+
+
+@given(
+    st.lists(st.integers(-20, 20) | st.floats(-3, 3), min_size=2, max_size=60),
+    st.sampled_from([0.0, 0.1, 0.5, 3.0, 8.0]),
+)
+def test_angles_turned_are_those_of_a_pointer_dragged_with_a_play(steps, play):
+    headings = np.cumsum(np.array(steps, dtype=float)) / 4
+    pointer, total, dragged = headings[0], 0.0, []
+    for heading in headings:
+        pull = max(heading - play / 2 - pointer, 0.0) + min(heading + play / 2 - pointer, 0.0)
+        pointer, total = pointer + pull, total + abs(pull)
+        dragged.append(total)
+    found = angle_turned(headings, play)
+    np.testing.assert_allclose(found, dragged, atol=1e-12)
+    assert (np.diff(found) >= 0).all()

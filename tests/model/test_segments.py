@@ -101,7 +101,7 @@ def test_expected_errors_are_those_of_simulated_drives(known_heading):
     bias=st.floats(-0.05, 0.05),
     scale=st.floats(-0.1, 0.1),
 )
-@settings(deadline=None)
+@settings(max_examples=40)
 def test_a_straight_segment_drifts_as_predict_drift_says(heading, per_rad, along, across, bias, scale):
     noise = OdometryNoise(
         heading_var_per_m=heading,
@@ -163,7 +163,7 @@ def test_a_curved_segment_drifts_as_predict_drift_says():
 
 
 @given(count=st.integers(1, 40), steps=st.lists(st.integers(1, 40), min_size=1, max_size=4))
-@settings(deadline=None)
+@settings(max_examples=40)
 def test_windows_are_compositions_of_their_pieces(count, steps):
     n = KNOTS - 1
     steps = [min(s, n) for s in steps]
@@ -181,7 +181,7 @@ def test_windows_are_compositions_of_their_pieces(count, steps):
 
 
 @given(turn=st.floats(-3, 3), shift=st.complex_numbers(max_magnitude=10))
-@settings(deadline=None)
+@settings(max_examples=40)
 def test_observations_do_not_depend_on_the_frames_they_are_recorded_in(turn, shift):
     truth, headings = true_path()
     rng = np.random.default_rng(5)

@@ -79,9 +79,14 @@ def test_without_noise_nothing_is_worse_than_nothing():
     assert worst_rms(predict_drift(PATH, OdometryNoise())) == 0.0
 
 
-@pytest.mark.parametrize("confidence", [0.5, 0.95])
 @pytest.mark.parametrize(
-    "noise", [CIRCLING, OdometryNoise(heading_var_per_m=1e-3), OdometryNoise(heading_var_per_m=1e-6)]
+    ("confidence", "noise"),
+    [
+        (0.5, CIRCLING),
+        (0.95, CIRCLING),
+        (0.95, OdometryNoise(heading_var_per_m=1e-3)),
+        (0.95, OdometryNoise(heading_var_per_m=1e-6)),
+    ],
 )
 def test_the_greatest_radius_is_that_of_looking_everywhere(confidence, noise):
     for fixes in ([], FIXES[1:]):

@@ -94,17 +94,21 @@ class Browser:
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
-    def open(self, url, width=1400, height=900, dark=False):
-        """Go to a page and wait until it has drawn."""
-        self.complaints.clear()
-        self.requests.clear()
-        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
-        self.call("Emulation.setEmulatedMedia", features=[scheme])
+    def open_blank(self, width=1400, height=900):
+        """An empty page."""
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         self.call("Page.navigate", url="about:blank")
+        self.complaints.clear()
         self.requests.clear()
+
+    def open(self, url, width=1400, height=900, dark=False):
+        """Go to a page and wait until it has drawn."""
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.call("Emulation.setEmulatedMedia", features=[scheme])
+        self.open_blank(width, height)
         self.call("Page.navigate", url=url)
-        self.until("document.getElementById('studio')?.studio?.shown !== undefined")
+        self.until(f"innerWidth === {width} && document.getElementById('studio')?.studio?.shown")
+        self.js("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")  # sizes settled
 
     def until(self, condition):
         """Wait for a condition of the page."""

@@ -1,9 +1,9 @@
-// Answers one JSON question per line of standard input: what the page's own code computes.
+// Answers one JSON question per line of standard input: what the page's own code computes. It runs in a folder with it.
 
 import { createInterface } from "node:readline";
-import { Calculator } from "../../driftplan/page/calculator.js";
-import { fullNoise, runMoments, turnMoments } from "../../driftplan/page/elements.js";
-import { compose } from "../../driftplan/page/moments.js";
+import { Calculator } from "./calculator.js";
+import { fullNoise, runMoments, turnMoments } from "./elements.js";
+import { compose } from "./moments.js";
 
 const ANSWERS = {
   element: ({ turn, length, curvature, noise }) =>

@@ -13,15 +13,22 @@ from driftplan import BeaconKind, OdometryNoise, Sites, World, Zone, place_beaco
 
 from .browser import Browser, chromium
 
+PAGE = Path(__file__).resolve().parents[2] / "driftplan/page"
+
 
 @pytest.fixture(scope="session")
-def javascript():
+def javascript(tmp_path_factory):
     """A function that asks the page's code a question (tests/page/compute.mjs)."""
     node = shutil.which("node")
     if node is None:
         pytest.skip("no node on PATH to run the page's JavaScript with")
-    script = Path(__file__).with_name("compute.mjs")
-    process = subprocess.Popen([node, str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    folder = tmp_path_factory.mktemp("page")
+    for file in (*PAGE.glob("*.js"), Path(__file__).with_name("compute.mjs")):
+        shutil.copy(file, folder)
+    (folder / "package.json").write_text('{"type": "module"}')  # or node takes .js for something else
+    process = subprocess.Popen(
+        [node, "compute.mjs"], cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
 
     def ask(what, **question):
         process.stdin.write(json.dumps({"ask": what, **question}, allow_nan=False) + "\n")

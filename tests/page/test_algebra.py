@@ -117,7 +117,7 @@ def expected_of(scene):
 
 
 @given(scene=scenes())
-@settings(max_examples=120)
+@settings(max_examples=80)
 def test_drift_with_beacons_on_random_scenes(javascript, scene):
     world, path, _, beacons, *_ = scene
     found, drift = ask(javascript, scene), expected_of(scene)
@@ -134,7 +134,7 @@ def test_drift_with_beacons_on_random_scenes(javascript, scene):
 
 
 @given(scene=scenes())
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_greatest_drift_anywhere(javascript, scene):
     found, drift = ask(javascript, scene, worst=True), expected_of(scene)
     assert found["worst"] == pytest.approx(worst_rms(drift), rel=1e-8, abs=1e-9)

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from driftplan import Beacon, BeaconKind, OdometryNoise, drift_with_beacons, load_beacons
+from driftplan import Beacon, BeaconKind, OdometryNoise, drift_with_beacons, load_beacons, save_noise
 from driftplan.beacons.beacon_files import beacons_geojson
 from driftplan.model.worst import worst_rms
 from driftplan.page.document import page, script
-from driftplan.page.scene import scene_of
+from driftplan.page.scene import beacon_of, scene_of, zones_of
 
 STUDIO = "document.getElementById('studio').studio"
 
@@ -107,6 +107,51 @@ def test_everything_is_done_by_keys(browser, studio, layout):
     assert " m from " in studio("studio.status.textContent")
 
 
+def worst_by_python(layout, scene):
+    """The greatest drift of every route of a scene as the page holds it."""
+    world = replace(layout.scenario.world, zones=zones_of(scene))
+    alive = [beacon_of(one) for one in scene["beacons"] if not one.get("dead")]
+    noise, estimator = OdometryNoise(**scene["noise"]), scene["estimator"]
+    paths = [np.array(route["points"]) for route in scene["routes"]]
+    return [worst_rms(drift_with_beacons(path, noise, alive, world, estimator=estimator)) for path in paths]
+
+
+@pytest.mark.parametrize("estimator", ["reset", "filter"])
+def test_whatever_is_edited_the_numbers_are_pythons(browser, studio, layout, estimator, tmp_path):
+    studio("studio.tools.choose('floor')")
+    browser.drag(screen(studio, (12.0, 5.0)), screen(studio, (17.0, 11.0)))
+    studio("studio.tools.choose('select')")
+    browser.drag(screen(studio, (18.0, 2.0)), screen(studio, (16.0, 3.0)))
+    assert studio("studio.session.scene.routes[0].points[1]") == pytest.approx([16, 3], abs=0.1)
+    seen = BeaconKind.landmark(range_m=5, position_std_m=0.1, heading_std=0.02, view_angle_deg=120)
+    file = tmp_path / "beacons.geojson"
+    file.write_bytes(beacons_geojson([*layout.beacons, Beacon(seen, 10.0, 5.0, "april", facing_deg=70.0)]))
+    noise = OdometryNoise(heading_var_per_m=2e-4, heading_var_per_rad=1e-3, heading_bias_per_m=1e-3)
+    save_noise(tmp_path / "noise.yaml", noise)
+    (tmp_path / "route.csv").write_text("x,y\n1,11\n10,7\n19,11\n")
+    for made in (file, tmp_path / "noise.yaml", tmp_path / "route.csv"):
+        studio(f"studio.panel.load({json.dumps(made.name)}, {json.dumps(made.read_text())})")
+    studio(f"studio.session.edit({{ estimator: '{estimator}' }})")
+    slider = "studio.panel.sliders[1].input"
+    studio(f"({slider}.value = 0.4, {slider}.dispatchEvent(new Event('input')))")
+    scene = studio("studio.session.scene")
+    assert (len(scene["routes"]), len(scene["zones"])) == (3, 2)
+    assert scene["noise"]["heading_bias_per_m"] == 1e-3
+    assert scene["noise"]["distance_var_per_m"] == pytest.approx(0.16**2 / 10)
+    assert worst_on_page(studio) == pytest.approx(worst_by_python(layout, scene), rel=1e-8)
+
+
+def test_two_fingers_zoom(browser, studio):
+    scale, (x, y) = studio("studio.map.scale"), screen(studio, (10.0, 6.0))
+    for kind, apart in (("touchStart", 50), ("touchMove", 75), ("touchMove", 100)):
+        touches = [{"x": x - apart, "y": y, "id": 0}, {"x": x + apart, "y": y, "id": 1}]
+        browser.call("Input.dispatchTouchEvent", type=kind, touchPoints=touches)
+    browser.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+    assert studio("studio.map.scale") == pytest.approx(2 * scale, rel=0.1)
+    browser.drag((x, y), (x + 40, y))  # and one finger, or the mouse, moves the map again
+    assert studio("studio.map.scale") == pytest.approx(2 * scale, rel=0.1)
+
+
 def test_all_that_can_be_reached_has_a_name_for_those_who_do_not_see(browser, studio):
     browser.call("Accessibility.enable")
     nodes = browser.call("Accessibility.getFullAXTree")["nodes"]
@@ -129,6 +174,16 @@ def test_beacons_go_out_and_come_back_as_place_reads_them(browser, studio, layou
     studio('studio.panel.load(\'tags.geojson\', \'{"type": "FeatureCollection", "features": [{}]}\')')
     assert "expected" in studio("studio.status.textContent")  # and nothing was lost
     assert studio("studio.session.scene.beacons.length") == len(beacons)
+
+
+def test_a_beacon_that_needs_a_filter_is_said_where_readings_replace(browser, studio, layout):
+    x, y = layout.beacons[0].x, layout.beacons[0].y
+    radio = "{ name: 'range_only', range_m: 9, range_std_m: 0.1 }"
+    studio(f"(studio.session.addBeacon({{ x: {x}, y: {y}, kind: {radio} }}), studio.announce())")
+    assert "needs the estimator" in studio("studio.status.textContent")
+    studio("(studio.session.edit({ estimator: 'filter' }), studio.announce())")
+    beacons = (*layout.beacons, Beacon(BeaconKind.range_only(range_m=9, range_std_m=0.1), x, y, "radio"))
+    assert worst_on_page(studio) == pytest.approx(worst_of(layout, beacons, "filter"), rel=1e-8)
 
 
 def test_a_link_brings_the_state_back(browser, studio):

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
 import threading
 import urllib.error
 import urllib.request
@@ -11,6 +14,7 @@ from dataclasses import replace
 import pytest
 
 from driftplan import BeaconKind, InfeasibleError, load_beacons, place_beacons
+from driftplan.page.document import script
 from driftplan.page.scene import scene_of
 from driftplan.report.cli import main
 from driftplan.report.studio.answers import Answers
@@ -124,6 +128,70 @@ def test_the_command_writes_the_page(tmp_path, capsys):
     assert "<!doctype html>" in text
     assert "route \\u003cb>.csv" in text
     assert main(["studio", "warehouse", str(route), "--beacons", str(tmp_path / "no.geojson")]) == 2
+
+
+NOTEBOOK = """(async () => {
+  const code = new Blob([CODE], { type: "text/javascript" });
+  const { default: { render } } = await import(URL.createObjectURL(code));
+  const scene = SCENE, heard = [];
+  const model = { get: () => scene, set: (name, value) => heard.push(value), save_changes: () => heard.push("saved"),
+    on: (name, listen) => { model.answer = listen; },
+    send: ({ id, what }) => { model.answer({ id, progress: { cost: 4, bound: 2 } });
+      const answer = { beacons: [], proven: true, message: "none" };
+      model.answer(what === "fewest" ? { id, answer } : { id, error: "no" }); } };
+  render({ model, el: document.body });
+  const { studio } = document.querySelector(".driftplan-studio");
+  studio.map.resize();
+  studio.frame();
+  await studio.fewest();
+  const fewest = studio.status.textContent;
+  await studio.plan([1, 1], [2, 2]);
+  studio.session.addBeacon({ x: 1, y: 2, kind: studio.kind });
+  for (const x of [3, 4, 5]) studio.session.changeBeacon(0, { x }, "drag");
+  studio.session.settle();
+  return { fewest, plan: studio.status.textContent, saved: heard.at(-1), x: heard.at(-2).beacons[0].x };
+})()"""
+
+
+def test_a_notebook_shows_it_and_hears_of_edits(browser, layout, scene):
+    browser.open_blank()
+    code = NOTEBOOK.replace("CODE", json.dumps(f"{script()}\nexport default {{ render }};"))
+    assert browser.js(code.replace("SCENE", json.dumps(scene))) == {
+        "fewest": "★ Proven fewest: none",
+        "plan": "no",
+        "saved": "saved",
+        "x": 5,
+    }
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--port", "70000"], "--port from 0 to 65535"),
+        (["--time-limit", "0"], "--time-limit"),
+        (["--html", "page.html", "--save", "tags.geojson"], "--save would have no effect"),
+        (["--step-m", "0.1", "--heading-var-per-step", "1e-4"], "without --step-m"),
+        (["--html", "no/such/page.html"], "there is no folder"),
+    ],
+)
+def test_what_the_command_refuses(tmp_path, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "route.csv").write_text("x,y\n3,3\n10,3\n")
+    assert main(["studio", "warehouse", "route.csv", "--no-browser", *words]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_the_server_runs_until_it_is_interrupted(tmp_path):
+    route = tmp_path / "route.csv"
+    route.write_text("x,y\n3,3\n10,3\n")
+    command = [sys.executable, "-m", "driftplan", "studio", "warehouse", str(route), "--no-browser"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    url = process.stderr.readline().strip()
+    assert status_of(url) == 200
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert (process.returncode, said.splitlines()[-1]) == (0, "closed")
+    assert sorted(tmp_path.iterdir()) == [route]
 
 
 def test_a_widget_answers_as_the_server_does(layout):

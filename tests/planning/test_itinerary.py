@@ -174,6 +174,17 @@ def test_without_beacons_the_limit_must_hold_alone():
     assert found.worst_drift == pytest.approx(greatest(np.array([START, (13.0, 10.0)]), ()))
 
 
+@pytest.mark.parametrize(("limit", "said"), [(0.4, r'can keep it: estimator="filter"'), (0.1, "not found to keep it")])
+def test_when_no_route_will_do_it_is_said_whether_one_would_for_a_robot_that_fuses(limit, said):
+    noise = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
+    corridor = World.from_polygons([], bounds=(-1, -1, 61, 1), robot_radius=0.3)
+    asked = {"beacons": [Beacon(TAG, x, 0.0) for x in range(0, 61, 10)], "max_drift": limit, **QUICK, "max_nodes": 60}
+    with pytest.raises(InfeasibleError, match="a robot that fuses its readings .*" + said):
+        planned(corridor, (0.0, 0.0), (60.0, 0.0), noise, **asked)
+    if limit == 0.4:
+        assert planned(corridor, (0.0, 0.0), (60.0, 0.0), noise, estimator="filter", **asked).worst_drift <= limit
+
+
 def test_position_fixes_alone_cannot_hold_a_limit_when_the_heading_is_never_fixed():
     rough = OdometryNoise.from_std(heading_deg=8.0, distance_m=0.1, after_m=10.0)
     spots = [(x, 10.0) for x in range(7, 78, 7)]

@@ -181,7 +181,7 @@ def test_what_cannot_be_reached_is_said_with_what_can():
     [
         ({"start": (1, np.nan)}, "expected start"),
         ({"goal": (1, 2, 3)}, "expected goal"),
-        ({"noise": None}, "expected an OdometryNoise"),
+        ({"noise": None}, "expected noise to be an OdometryNoise"),
         ({"minimise": "time"}, "expected minimise one of .*, got 'time'"),
         ({"time_limit": 0.0}, "expected time_limit > 0"),
         ({"time_limit": np.nan}, "expected time_limit finite"),

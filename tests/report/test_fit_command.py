@@ -34,7 +34,7 @@ def files(tmp_path_factory):
 
 def test_the_noise_of_the_files_is_printed_written_and_drawn(files, tmp_path, run):
     written = ("--yaml", tmp_path / "noise.yaml", "--png", tmp_path / "fit.png", "--json")
-    said = run("fit", *files[:2], "--check", *files[2:], *written)
+    said = run("fit", *files[:2], "--check", *files[2:], *FEW, *written)
     answer = json.loads(said.out)
     low, high = answer["intervals"]["distance_scale_error"]
     assert low < 0.05 < high

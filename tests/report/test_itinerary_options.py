@@ -51,3 +51,20 @@ def test_a_start_that_is_not_known_well_is_said_in_metres_and_degrees(tmp_path):
     assert float(unsure.drift.at(0.0).heading_std) == pytest.approx(math.radians(2), rel=1e-3)
     alone = planned_route(asked("--start-position-std-m", "0.3", "--time-limit", "0.2"), HALL, NOISE)
     assert float(alone.drift.rms[0]) == pytest.approx(0.3 * 2**0.5)
+
+
+def test_many_trips_are_planned_in_one_go(run, refused, tmp_path):
+    trips = tmp_path / "trips.csv"
+    trips.write_text("start_x,start_y,goal_x,goal_y\n2,3,30,16\n30,16,2,3\n")
+    code, out, err = run("plan", "office", "--trips", trips, "--minimise", "length", "--json")
+    assert code == 0, err
+    rows = json.loads(out)["routes"]
+    assert [row["waypoints"][0] for row in rows] == [[2, 3], [30, 16]]
+    assert rows[0]["length_m"] == pytest.approx(rows[1]["length_m"], rel=0.01)
+    assert all(row["collision_free"] for row in rows)
+    refused(
+        "plan", "office", "--trips", trips, "--csv", tmp_path / "x.csv", match="--csv would have no effect: .*--trips"
+    )
+    refused("plan", "office", "--trips", trips, "--start", "1,1", match="--start would have no effect: .*--trips")
+    trips.write_text("2,3,30,16\n2,3,999,999\n")
+    refused("plan", "office", "--trips", trips, match=r"trip 1: goal \(999, 999\) is not free")

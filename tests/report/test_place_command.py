@@ -132,6 +132,8 @@ def test_what_cannot_be_done_has_an_exit_code_of_its_own(refused, files):
         ((), "--max-drift, or --max-beacons or --budget for"),
         (("--max-drift", -1), "expected --max-drift finite and > 0"),
         (("--max-drift", 1, "--tradeoff", 3), "expected --tradeoff or --max-drift, got both"),
+        (("--tradeoff", 3, "--tags", "-"), "expected --tradeoff or --tags, got both"),
+        (("--tag-size-m", 1, "--max-drift", 1), "--tag-size-m would have no effect: no --tags are written"),
         (("--max-drift", 1, "--candidates", "x.csv", "--sites", "walls"), "expected --candidates, or --sites"),
         (("--max-drift", 1, "--range-m", 0), "expected --range-m > 0"),
     ],
@@ -177,3 +179,18 @@ def test_the_kind_is_the_one_that_the_library_makes():
         (("--kind", "bearing", "--sensor-view-deg", "90"), BeaconKind.bearing(10, radians(1), sensor_view_deg=90)),
     ):
         assert kind_from(build_parser().parse_args(["place", "M", "P", *words])) == kind
+
+
+def test_the_layout_is_written_for_detectors_and_installers(place, tmp_path):
+    pytest.importorskip("ezdxf")
+    names = {"tags": "tags.yaml", "fiducials": "map.txt", "transforms": "tags.sh", "dxf": "tags.dxf"}
+    names["geojson"] = "t.geojson"
+    words = [word for name, file in names.items() for word in (f"--{name}", tmp_path / file)]
+    code, _, err = place("--max-drift", 0.5, *words)
+    assert code == 0, err
+    exact = load_beacons(tmp_path / "t.geojson")
+    for name in ("tags.yaml", "map.txt"):
+        again = load_beacons(tmp_path / name, exact[0].kind)
+        assert [beacon.xy.round(6).tolist() for beacon in again] == [beacon.xy.round(6).tolist() for beacon in exact]
+    assert (tmp_path / "tags.sh").read_text().count("static_transform_publisher") == len(exact)
+    assert (tmp_path / "tags.dxf").read_bytes().startswith(b"  0\nSECTION")

@@ -18,7 +18,8 @@ PATH = 10 * [(0, 0), (6, 0), (6, 4), (1, 4)]
 
 @pytest.fixture(scope="module")
 def fit():
-    return fit_noise(*simulate_log(PATH, NOISE), resamples=200)
+    few = ("distance_scale_error", "heading_var_per_m", "distance_var_per_m")
+    return fit_noise(*simulate_log(PATH, NOISE), parameters=few, resamples=100)
 
 
 @pytest.fixture(scope="module")

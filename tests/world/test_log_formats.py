@@ -82,6 +82,25 @@ def test_g2o_edges_are_odometry_and_vertices_the_truth(tmp_path):
         read_truth(file)
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("a.log", "ODOM 1 2\nODOM 1 2\n", "expected 4 numbers in every ODOM line"),
+        ("a.clf", "FLASER 2 1.5 1.5 0 0 0\n", "expected 7 numbers in every FLASER line"),
+        ("a.clf", "FLASER many 1 2 3\n", "expected 7 numbers in every FLASER line"),
+        ("a.clf", "FLASER 999999999999 1 2 3\n", "expected 7 numbers in every FLASER line"),
+        ("a.g2o", "EDGE_SE2 0 1 0.5 0\nEDGE_SE2 1 2 0.5 0\n", "expected 5 numbers in every EDGE_SE2 line"),
+        ("a.g2o", "EDGE_SE2 x y z\n", "expected 5 numbers in every EDGE_SE2 line"),
+        ("a.g2o", "VERTEX_SE2 0 0 0 0\n", "expected an EDGE_SE2 from every vertex to the next, found none"),
+    ],
+)
+def test_broken_lines_are_named(tmp_path, name, text, said):
+    file = tmp_path / name
+    file.write_text(text)
+    with pytest.raises(TrajectoryError, match=rf"{name}: {said}"):
+        read_odometry(file)
+
+
 WIDTH, TICK = 0.4, 0.002
 
 

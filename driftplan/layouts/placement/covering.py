@@ -38,6 +38,7 @@ _LONGEST_S = 600.0  # of a search, as far as it is divided into parts
 _PATIENCE = 6  # rounds of the linear relaxation that may pass without raising its bound by a thousandth
 _LOCAL_STEPS = 10000  # of a local search without success, or
 _LOCAL_STEPS_PER_SITE = 30  # if that is less
+_SEPARATION_SHARE = 0.5  # of the time, for cuts that a fractional layout violates
 _LOCAL_SHARE = 0.1  # of the time left, for one local search
 _MASTER_SHARE = 0.1  # of the time left, for the master before anything cheaper is tried
 
@@ -143,6 +144,8 @@ class _CoverSearch:
     def run(self, hint: Bools | None, stop_at_first: bool) -> Cover:
         if self.impossible:
             return self._result(Status.INFEASIBLE)
+        if not stop_at_first:
+            self._raise_bound(self._relaxed(whole=False).bound - LP_ROOM)  # one bound, however little time there is
         self._complete(self.fixed if hint is None else hint | self.fixed)
         if hint is not None and self.best is None:
             self._complete(self.fixed)
@@ -168,15 +171,21 @@ class _CoverSearch:
 
     def _tighten(self) -> None:
         """The linear relaxation with as many rows as it takes, and layouts made from its solution."""
-        best, stale, y = 0.0, 0, None
-        while stale < _PATIENCE and time.monotonic() < self.deadline:
+        best, stale, fruitless, y = 0.0, 0, 0, None
+        until = time.monotonic() + _SEPARATION_SHARE * self._left()
+        while time.monotonic() < self.deadline:
             y, bound, solved, _ = self._relaxed(whole=False)
             if y is None or not solved:
                 break
             self._raise_bound(bound - LP_ROOM * max(1.0, abs(bound)))
             best, stale = (bound, 0) if bound > best * 1.001 else (best, stale + 1)
-            if not (self.rows.activate(y) or self._separated(y)):
+            fruitless = fruitless if stale else 0
+            if stale < _PATIENCE and self.rows.activate(y):
+                continue
+            fruitless += 1
+            if fruitless > _PATIENCE or time.monotonic() > until or not self._separated(y):
                 break
+            stale = 0
         if y is None or self.impossible:
             return
         if not self._closed():

@@ -29,7 +29,7 @@ from driftplan.model.filter_state import FilterState
 
 _CUTS_PER_ROUTE = 8  # at a time
 _WEIGHTED_STRETCHES = 1000  # beginnings of stretches, on all routes together
-_PAIRS_AT_ONCE = 200_000  # of sites, that are tried for one fractional layout
+_PAIRS_AT_ONCE = 1_000_000  # of sites, that are tried for one fractional layout
 _MISSED = 1e-3  # of 1: what a cut is missed by to be worth making
 _ROUNDING = 1e-9  # relative, of tr P
 
@@ -64,7 +64,6 @@ class FusedRequirements:
 
     @cached_property
     def _stretches(self) -> list[tuple[WeightedCuts, Stretches]]:
-        """Stretches whose weighted cuts have not been made."""
         found = []
         for r, route in enumerate(self.routes):
             known = route.unread(self.most[r])
@@ -74,24 +73,23 @@ class FusedRequirements:
         return found
 
     def cuts_beyond(self, y: Floats) -> list[Cut]:
-        """Cuts that a fractional layout violates, of failing sets, and weighted ones that it may violate."""
-        failing = (self._failing(r, y) for r in range(len(self.routes)))
-        return [*(cut for cut in failing if cut is not None), *self._weighted(y)]
+        """Cuts that a fractional layout violates: of failing sets, and weighted ones."""
+        return self._weighted(y) or [cut for r in range(len(self.routes)) for cut in self._failing(r, y)]
 
-    def _failing(self, r: int, y: Floats) -> Cut | None:
+    def _failing(self, r: int, y: Floats) -> list[Cut]:
         """A cut of the largest set that fails of the sites that ``y`` has most of, on a route, if ``y`` violates it."""
         route = self.routes[r]
         some = sorted((site for site in route.sites if y[site] > EPS), key=lambda site: -y[site])
         counts = range(len(some) + 1)  # the first so many of these fail, one more not
         number = bisect_left(counts, True, key=lambda n: self._breach(r, frozenset(some[:n])) == NEVER) - 1
         if number < 0:
-            return None
+            return []
         border = self._breach(r, frozenset(some[:number]))
         cut = self._at_least(self._outside(r, set(some[:number]), border), (r, border))
-        return cut if y[cut.columns].sum() < cut.least - _MISSED else None
+        return [cut] if y[cut.columns].sum() < cut.least - _MISSED else []
 
     def _weighted(self, y: Floats) -> list[Cut]:
-        """Weighted cuts on stretches for which ``y`` may be least enough, the worst of every route before others."""
+        """Weighted cuts that ``y`` violates, from stretches where it has least, the worst of every route first."""
         sums = [stretches.least(y) for _, stretches in self._stretches]
         ranks = [0] * len(self.routes)
         order = []
@@ -99,15 +97,13 @@ class FusedRequirements:
             r = self._stretches[k][0].r
             order.append((ranks[r], sums[k], k))
             ranks[r] += 1
-        work, taken, found = 0, set(), []
-        for _, _, k in sorted(entry for entry in order if entry[1] < 1 - _MISSED):
+        work, found = 0, []
+        for _, _, k in sorted(entry for entry in order if entry[1] < self.redundancy - _MISSED):
             weighted, stretches = self._stretches[k]
-            found += weighted.of(stretches)
-            taken.add(k)
-            work += len(stretches.sites) ** 2
-            if work > _PAIRS_AT_ONCE:
+            work += len(stretches.sites) * len(stretches.untried(y))
+            found += weighted.beyond(stretches, y)
+            if work > _PAIRS_AT_ONCE and found:
                 break
-        self._stretches = [stretches for k, stretches in enumerate(self._stretches) if k not in taken]
         return found
 
     def cuts(self, chosen: Bools, near: int | None = None) -> list[Cut]:

@@ -1,4 +1,4 @@
-"""Cuts for fused routes that count how many sites a stretch needs: all sets of one or two sites of it, at once.
+"""Cuts for fused routes that count how many sites a stretch needs: sets of one or two sites of it, many at once.
 
 From the best state at the beginning of a stretch, let m(v) be the least size of a set of sites with v that keeps the
 limit at the stretch's end and of which none can be spared: 1, 2 or more. A layout that holds contains such a set S, and
@@ -6,28 +6,31 @@ m(v) <= |S| for each of its sites, so
 
     Σ y_v / m(v) >= 1,
 
-with m(v) = 3 for all that is needed neither alone nor in a pair. With k - 1 dead the survivors satisfy it, hence all
-the dead add at least k - 1 times the least weight.
+with m(v) = 3 for all that is needed neither alone nor in a pair, and m(v) = 2 where that has not been tried: only sites
+that a fractional layout has some of are tried, with all others. With k - 1 dead the survivors satisfy it, hence all the
+dead add at least k - 1 times the least weight.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
 from driftplan.arrays import Bools, Floats, Ints
-from driftplan.layouts.placement.cut_pool import Cut
+from driftplan.layouts.placement.cut_pool import EPS, Cut
 from driftplan.layouts.placement.fused_routes import FusedRoute
 from driftplan.model.filter_state import FilterState, Row
 
 _ENDS = np.linspace(1.5, 4.0, 6)  # of a stretch, in lengths of the one that fails when nothing is read
 _ROUNDING = 1e-6  # relative, of tr P: a set that all but holds counts as one that does
 _SIX = 6.0  # which one, two and three divide
+_MISSED = 1e-3  # of 1: what a cut is missed by to be worth making
 
 
-class Stretches(NamedTuple):
-    """Stretches of a route that begin at one border, and what single sites do on them."""
+@dataclass(eq=False)
+class Stretches:
+    """Stretches of a route that begin at one border, and what is known of the sites read on them."""
 
     first: int
     ends: Ints
@@ -35,11 +38,22 @@ class Stretches(NamedTuple):
     orders: Ints  # (sites, most readings of one), their readings in order
     inside: Bools  # (sites, ends), whether read before an end
     alone: Bools  # (sites, ends), whether a site keeps the limit without another
+    paired: Bools  # (sites, ends), whether it is known to keep it with one other, when neither does alone
+    tried: Bools  # (sites,), whether every other has been tried
+
+    @property
+    def weights(self) -> Floats:
+        """6 / m(v), (sites, ends): of a site that has not been tried, as if there were a pair."""
+        fewest = np.where(self.alone, 1, np.where(self.paired | ~self.tried[:, None], 2, 3))
+        return np.asarray(self.inside * _SIX / fewest)
+
+    def untried(self, y: Floats) -> Ints:
+        """Sites of which a fractional layout has some, and which may need more than one other."""
+        return np.flatnonzero((y[self.sites] > EPS) & ~self.tried & ~self.alone[:, -1])
 
     def least(self, y: Floats) -> float:
-        """What the left side of none of their cuts is below."""
-        weight = np.where(self.alone, 1.0, self.inside / 3)
-        return float((y[self.sites] @ weight).min())
+        """What the left side of none of their cuts can be below, once all sites are tried."""
+        return float((y[self.sites] @ np.where(self.alone, 1.0, self.inside / 3)).min())
 
 
 class WeightedCuts:
@@ -67,24 +81,34 @@ class WeightedCuts:
         fails = borders[np.argmin(holds, axis=1)[~holds[:, -1]]]  # the border at which a site alone is not enough
         where_they_fail = np.quantile(fails, (0.5, 1.0), method="lower") if len(fails) else fails
         ends = np.unique(np.concatenate([farther, where_they_fail]).astype(np.intp))
-        return Stretches(first, ends, sites, orders, self.border[orders[:, :1]] < ends, holds[:, ends - last])
+        alone, inside = holds[:, ends - last], self.border[orders[:, :1]] < ends
+        return Stretches(first, ends, sites, orders, inside, alone, np.zeros_like(alone), np.zeros(len(sites), bool))
 
-    def of(self, stretches: Stretches) -> list[Cut]:
-        """A cut for every end."""
-        _, ends, sites, orders, inside, alone = stretches
-        able = np.flatnonzero(~alone[:, -1])
-        v, w = (able[some] for some in np.triu_indices(len(able), 1))
-        pairs = self._holds(stretches.first, ends, np.sort(np.concatenate([orders[v], orders[w]], axis=1), axis=1))
-        pairs &= ~alone[v] & ~alone[w]
+    def beyond(self, stretches: Stretches, y: Floats) -> list[Cut]:
+        """The cuts that a fractional layout violates, once its sites have been tried with all others."""
+        self._try_pairs(stretches, stretches.untried(y))
+        weights = stretches.weights
         found = []
-        for e, end in enumerate(ends.tolist()):
-            paired = np.zeros(len(sites), dtype=bool)
-            paired[v[pairs[:, e]]] = paired[w[pairs[:, e]]] = True
-            here = inside[:, e]
-            weights = np.where(alone[:, e], _SIX, np.where(paired, _SIX / 2, _SIX / 3))[here]
-            least = _SIX + (self.redundancy - 1) * float(weights.min(initial=_SIX))
-            found.append(Cut(sites[here], weights, least, (self.r, end)))
+        for e, end in enumerate(stretches.ends.tolist()):
+            here = stretches.inside[:, e]
+            columns, mine = stretches.sites[here], weights[here, e]
+            least = _SIX + (self.redundancy - 1) * float(mine.min(initial=_SIX))
+            if mine @ y[columns] < least - _MISSED * _SIX:
+                found.append(Cut(columns, mine, least, (self.r, end)))
         return found
+
+    def _try_pairs(self, stretches: Stretches, some: Ints) -> None:
+        """Try some sites with every other."""
+        alone, orders = stretches.alone, stretches.orders
+        able = np.flatnonzero(~alone[:, -1])
+        v, w = np.repeat(some, len(able)), np.tile(able, len(some))
+        fresh = (v != w) & ~stretches.tried[w] & ((v < w) | ~np.isin(w, some))
+        v, w = v[fresh], w[fresh]
+        pairs = self._holds(stretches.first, stretches.ends, np.sort(np.hstack([orders[v], orders[w]]), axis=1))
+        pairs &= ~alone[v] & ~alone[w]
+        np.logical_or.at(stretches.paired, v, pairs)
+        np.logical_or.at(stretches.paired, w, pairs)
+        stretches.tried[some] = True
 
     def _orders(self, first: int, last: int) -> tuple[Ints, Ints]:
         """Sites read between two borders, and the readings of each in order, (sites, most of one), filled up."""

@@ -8,12 +8,11 @@ from typing import NamedTuple, TypedDict
 
 import numpy as np
 
-from driftplan.arrays import Bools, Complexes, Floats
+from driftplan.arrays import Bools, Complexes, Floats, as_plane
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.resampling import (
     ResampledDrive,
     along_travel,
-    interpolated,
     resample,
     robust_std,
     true_motion,
@@ -195,13 +194,13 @@ def _clock_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0
         return 0.0
     at = np.linspace(first, last, min(int((last - first) / (0.5 * window)), 4000))
     at = at[at + window <= last]
-    turning, counted, true = False, odometry.positions, truth.positions
-    if truth.heading is not None:
-        turning, counted, true = True, odometry.headings.astype(complex), truth.heading.astype(complex)
+    counted, true = ([odometry.headings], [truth.heading]) if truth.heading is not None else ([], [])
+    if not counted:
+        counted, true = (list(as_plane(z).T.copy()) for z in (odometry.positions, truth.positions))
 
-    def gained(begin: Floats, times: Floats, values: Complexes) -> Floats:
-        change = interpolated(begin + window, times, values) - interpolated(begin, times, values)
-        return np.asarray(change.real if turning else np.abs(change))
+    def gained(begin: Floats, times: Floats, values: list[Floats]) -> Floats:
+        change = [np.interp(begin + window, times, x) - np.interp(begin, times, x) for x in values]
+        return np.asarray(np.hypot(*change) if len(change) > 1 else change[0])
 
     said: Floats = gained(at, odometry.times, counted)
 

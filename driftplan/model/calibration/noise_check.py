@@ -26,7 +26,7 @@ Truth = Trajectory | ArrayLike
 
 HEAVY_TAILS_CHANCE = 0.05  # that Gaussian errors are said not to be so
 _CLEAR_SHIFT_ERRORS = 3.0  # standard errors by which the systematic errors of other drives are said to differ
-_TRUSTED = 1.35  # measured over predicted rms, or its inverse, up to which a prediction is said to hold
+_TRUSTED = 0.35  # of the predicted rms, within which the measured one has to be
 _CLEAR_RATIO = 0.15  # of the predicted rms, by which the measured one is at least off if it is said to be
 
 
@@ -90,6 +90,22 @@ class SegmentCheck:
     def fits(self) -> bool:
         """Whether nothing speaks against the model."""
         return not self.notes
+
+    @property
+    def trust(self) -> str:
+        """How far a fit may be trusted on these drives, by length, in one sentence."""
+        ratios = [(row, row.measured_rms_m / max(row.predicted_rms_m, 1e-300)) for row in self.lengths]
+        held = [f"{row.length_m:.3g}" for row, ratio in ratios if abs(ratio - 1) <= _TRUSTED]
+        off = [(f"{ratio:.2f}", f"{row.length_m:.3g}") for row, ratio in ratios if abs(ratio - 1) > _TRUSTED]
+        said = [f"within {100 * _TRUSTED:.0f} % of the predicted one at {', '.join(held)} m"] if held else []
+        if off:
+            times, lengths = (", ".join(words) for words in zip(*off, strict=True))
+            said.append(f"{times} times {'it' if held else 'the predicted one'} at {lengths} m")
+        shares = [100 * row.coverage[1] for row in self.lengths]
+        return (
+            f"The rms of these drives is {' and '.join(said)}; the 90 % regions hold {min(shares):.0f} to "
+            f"{max(shares):.0f} % of their errors."
+        )
 
     def __str__(self) -> str:
         rows = self.lengths
@@ -214,26 +230,6 @@ def _mean_error(values: Floats, place_m: Floats, length_m: float) -> float:
         return float(values.std())
     surplus = np.bincount(block, values - values.mean())
     return float(np.sqrt((surplus**2).sum() * len(count) / (len(count) - 1)) / len(values))
-
-
-def trust(check: SegmentCheck) -> str:
-    """How far a fit may be trusted on the drives of a check, by length, in one sentence."""
-    ratios = [(row, row.measured_rms_m / max(row.predicted_rms_m, 1e-300)) for row in check.lengths]
-    held = [row for row, ratio in ratios if max(ratio, 1 / max(ratio, 1e-300)) <= _TRUSTED]
-    off = [(f"{ratio:.2f}", f"{row.length_m:.3g}") for row, ratio in ratios if row not in held]
-    said = []
-    if held:
-        where = " and ".join(f"{length:.3g}" for length in sorted({held[0].length_m, held[-1].length_m}))
-        lengths = f"between {where}" if len(held) > 1 else f"at {where}"
-        said.append(f"within {100 * (_TRUSTED - 1):.0f} % of the predicted one {lengths} m")
-    if off:
-        times, lengths = (", ".join(words) for words in zip(*off, strict=True))
-        said.append(f"{times} times {'it' if held else 'the predicted one'} at {lengths} m")
-    shares = [100 * row.coverage[1] for row in check.lengths]
-    return (
-        f"The rms of these drives is {' and '.join(said)}; the 90 % regions hold {min(shares):.0f} to "
-        f"{max(shares):.0f} % of their errors."
-    )
 
 
 def judged(check: SegmentCheck, rms_errors_m: Floats | None = None) -> SegmentCheck:

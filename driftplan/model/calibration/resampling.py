@@ -73,7 +73,7 @@ def true_motion(odometry: OdometryLog, truth: Trajectory, travelled: Floats, spa
         times, heading = truth.times, truth.heading
         jitter = robust_std(np.diff(heading - np.interp(times, odometry.times, odometry.headings))) / sqrt(2)
         play = _PLAY_TRUE * jitter
-    turned = _turned(heading, play)
+    turned = angle_turned(heading, play)
     sweep = np.diff(heading)
     axis = np.exp(1j * (heading[1:] + heading[:-1])) * np.sinc(sweep / np.pi)  # the mean of exp(2jθ) over the sweep
     integrals = (
@@ -187,17 +187,18 @@ def _turning_by_chords(
     return odometry.times, odometry.headings + wrong, max(_PLAY_ODOMETRY * own, _PLAY_TRUE * jitter)
 
 
-def _turned(headings: Floats, play_rad: float) -> Floats:
+def angle_turned(headings: Floats, play_rad: float) -> Floats:
     """Sum of the heading's changes either way up to every sample, as a pointer dragged with a play shows them."""
     half = 0.5 * play_rad
-    pointer, total = float(headings[0]), 0.0
-    turned = np.empty(len(headings))
-    for k, heading in enumerate(headings.tolist()):
-        pull = max(heading - half - pointer, 0.0) + min(heading + half - pointer, 0.0)
-        pointer += pull
-        total += abs(pull)
-        turned[k] = total
-    return turned
+    ends = np.append(np.flatnonzero(np.diff(np.sign(np.diff(headings)))) + 1, len(headings) - 1)
+    pointers, totals = [float(headings[0])], [0.0]
+    for heading in headings[ends].tolist():  # where it turns back: between them the pointer goes one way
+        pull = max(heading - half - pointers[-1], 0.0) + min(heading + half - pointers[-1], 0.0)
+        pointers.append(pointers[-1] + pull)
+        totals.append(totals[-1] + abs(pull))
+    run = np.searchsorted(ends, np.arange(len(headings)))
+    pulled = np.maximum(np.abs(headings - np.array(pointers)[run]) - half, 0.0)
+    return np.asarray(np.maximum.accumulate(np.array(totals)[run] + pulled))  # rounding does not turn it back
 
 
 def interpolated(at: Floats, times: Floats, positions: Complexes) -> Complexes:

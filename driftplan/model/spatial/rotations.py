@@ -85,7 +85,7 @@ class RotationNoise:
         >>> RotationNoise.von_mises_fisher(1e4).decay[0].round(16).item()
         0.0003999400015002
         """
-        checked = _checked("kappa", kappa, "a concentration > 0")
+        checked = _checked("kappa", kappa, "a concentration > 0", most=np.inf)  # of tiny noise it is huge
         if (checked <= 0).any():
             raise ValueError(f"expected kappa > 0, got {kappa!r}")
         return cls("von_mises_fisher", checked)
@@ -195,8 +195,8 @@ class RotationNoise:
         return _matrix_from_quaternion(np.cos(half), 0.5 * np.sinc(half / np.pi)[..., None] * vectors)
 
 
-def _checked(name: str, value: ArrayLike, what: str) -> Floats:
-    array = finite(name, value, what)
+def _checked(name: str, value: ArrayLike, what: str, **limits: float) -> Floats:
+    array = finite(name, value, what, **limits)
     if array.ndim > 1:
         raise ValueError(f"expected {name} to be {what}, or one per step, got an array of shape {array.shape}")
     if (array < 0).any():

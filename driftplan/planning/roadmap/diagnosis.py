@@ -64,6 +64,10 @@ def why_infeasible(search: BeaconSearch, limit: float, longest: float) -> str:
         )
     if math.isfinite(limit):
         reasons.append(f"a limit of {search.worst(search.steadiest(longest)):.3g} m can be kept")
+    if search.reliance.estimator == "reset" and search.beacons:
+        fused = _fusing_would_help(search, limit, longest)
+        can, cannot = 'can keep it: estimator="filter"', "was not found to keep it either"
+        reasons.append(f"a robot that fuses its readings {can if fused else cannot}")
     return f"{asked} (roadmap of {search.max_nodes} nodes)" + (": " + "; ".join(reasons) if reasons else "")
 
 
@@ -86,6 +90,24 @@ def _headings_would_help(search: BeaconSearch, limit: float, longest: float) -> 
     assert search.roadmap is not None
     graph = search.graph_of(search.roadmap, [_full(b) for b in search.beacons])
     return search.walk(graph, limit, longest, max_labels=_LABELS).nodes is not None
+
+
+def _fusing_would_help(search: BeaconSearch, limit: float, longest: float) -> bool:
+    """Whether a robot that fuses its readings is soon found to keep the limit."""
+    other = type(search)(
+        search.space,
+        search.world,
+        search.ends,
+        search.noise,
+        replace(search.reliance, estimator="filter"),
+        max_nodes=search.max_nodes,
+        seed=search.seed,
+        stop=search.stop,
+        shortest=search.shortest,
+        known=search.known,
+    )
+    other.max_labels = _LABELS
+    return other.any_within(limit, longest, _SLACK) is not None
 
 
 def _full(beacon: Beacon) -> Beacon:

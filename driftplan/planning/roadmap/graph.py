@@ -83,6 +83,17 @@ class Roadmap:
             pairs.append(_nearest_all_round(self.xy, np.arange(first, first + count), np.asarray(far)))
         self._connect(np.concatenate(pairs), limit)
 
+    def over(self, xy: Floats, edges: Ints, near: Ints) -> None:
+        """Take the nodes and free edges of another graph, and edges from start and goal to the nodes ``near`` them,
+        (2, k)."""
+        first = len(self.xy)
+        self.xy, edges = np.concatenate([self.xy, xy]), edges + first
+        self.from_start, self.to_goal = self._bounds(self.xy)
+        self.edges = np.concatenate([self.edges, edges])
+        self.prices = self.prices.joined(self.pricing.edges(self.xy[edges[:, 0]], self.xy[edges[:, 1]]))
+        ends = np.repeat([START, GOAL], near.shape[1])
+        self._connect(np.stack([ends, near.ravel() + first], axis=1), math.inf)
+
     def prune(self, limit: float) -> None:
         """Drop the nodes and edges that no path cheaper than ``limit`` can use."""
         keep = self.from_start + self.to_goal < limit
@@ -147,6 +158,11 @@ class Roadmap:
 
     def _shortest_with_turns(self, limit: float) -> Shortest:
         """Dijkstra over directed edges: node e of this graph is 'edge e has been driven', the last is the start."""
+        if limit == math.inf:  # no path is cheaper than the cheapest without turns, and turns may be many
+            distance, before = self.distances(self.prices.cost + self._tie_break(), START)
+            if not math.isfinite(distance[GOAL]):
+                return Shortest(math.inf, np.zeros(0, dtype=np.int64))
+            limit = self._priced(_traced(before, GOAL)).cost * (1 + 1e-9)
         moves = self.transitions(limit)
         leaving, _, turn_cost = self.first_turns(moves)
         source = len(moves.tail)

@@ -192,23 +192,23 @@ def shortened(
 
 def _without_needless(path: Floats, space: Space, holds: Callable[[Floats], bool], stop: Callable[[], bool]) -> Floats:
     tried: set[bytes] = set()
-    free: dict[bytes, bool] = {}  # of the legs that shortcuts would be
+    free = space.segments_free(path[:-2], path[2:])
     while len(path) > 2:
         left, here, right = path[:-2], path[1:-1], path[2:]
         gain = _distance(left, here) + _distance(here, right) - _distance(left, right)
-        legs = [a.tobytes() + b.tobytes() for a, b in zip(left, right, strict=True)]
-        new = [k for k, leg in enumerate(legs) if leg not in free]
-        free.update(zip([legs[k] for k in new], space.segments_free(left[new], right[new]).tolist(), strict=True))
         for k in np.argsort(-gain, kind="stable").tolist():
             if stop():
                 return path
             key = path[k : k + 3].tobytes()
-            if not free[legs[k]] or key in tried:
+            if not free[k] or key in tried:
                 continue
             without = np.delete(path, k + 1, axis=0)
             if _distance(left[k], right[k]) < 1e-9:  # there and back again: what is left of it is one place
                 without = np.delete(without, k + 1 if k + 2 < len(without) else k, axis=0)
             if len(without) > 1 and holds(without):
+                free = np.delete(free, slice(k, k + len(path) - len(without)))
+                new = np.arange(max(k - 2, 0), min(k + 2, len(free)))
+                free[new] = space.segments_free(without[new], without[new + 2])
                 path = without
                 break
             tried.add(key)

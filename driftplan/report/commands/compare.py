@@ -104,7 +104,7 @@ _PLANNERS = shared.SEARCH[0]._replace(
     default=None,
     how={"action": "append"},
 )
-_ENDS = (*shared.ends(required=False), shared.SNAP)
+_ENDS = (*shared.ENDS, shared.SNAP)
 COMMAND = Command(
     name="compare",
     summary="given paths and planned routes on a map, side by side",

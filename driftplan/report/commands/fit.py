@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 def run(args: argparse.Namespace) -> Answer:
     """The noise of the drives that the arguments name."""
     from driftplan.model.calibration.fit import PARAMETERS, fit_noise
-    from driftplan.model.calibration.noise_check import trust
     from driftplan.report.figures.fits import plot_fit
     from driftplan.world.noise_files import noise_yaml
 
@@ -59,7 +58,7 @@ def run(args: argparse.Namespace) -> Answer:
         )
         for label, some in checked.items()
     }
-    checked_on = [[f"\nchecked on {label}:", str(check), trust(check), *check.notes] for label, check in checks.items()]
+    checked_on = [[f"\nchecked on {label}:", str(check), check.trust, *check.notes] for label, check in checks.items()]
     return Answer(
         payload=lambda: _as_json(found, checks),
         text=lambda: "\n".join([str(found), *chain(*checked_on)]),
@@ -128,7 +127,7 @@ def _as_json(found: NoiseFit, checks: dict[str, SegmentCheck]) -> dict[str, Any]
         "fit": record(found.check, "lengths", "notes"),
         "held_out": record(found.held_out, "lengths", "notes"),
         "relative_errors": errors and record(errors, "lengths", "translation_percent", "rotation_deg_per_m"),
-        "checks": {label: record(check, "lengths", "notes") for label, check in checks.items()},
+        "checks": {label: record(check, "lengths", "trust", "notes") for label, check in checks.items()},
     }
 
 
@@ -165,7 +164,7 @@ _READING = Group(
             )
         ),
         Option("rate_hz", "HZ", "poses per second of KITTI files", default=10.0),
-        Option("track_width_m", "M", "distance between the wheels, of odometry as wheel speeds or ticks", float),
+        Option("track_width_m", "M", "distance between the wheels, metres, of wheel speeds or ticks", float),
         Option("metres_per_tick", "M", "what a tick of a wheel is worth, metres", float),
     ),
 )
@@ -183,7 +182,7 @@ _FITTING = Group("fitting", (
     Option("seed", "N", "seed of the bootstrap", int, 0),
 ))
 _MESSAGES = Group("messages of ROS, with --ros", (
-    Option("speed", "M/S", "usual speed of the robot", float),
+    Option("speed", "M/S", "usual speed of the robot, metres per second", float),
     Option("message_rate_hz", "HZ", "odometry messages per second", default=30.0),
 ))
 COMMAND = Command(

@@ -8,7 +8,7 @@ from typing import Any
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer
 from driftplan.report.commands.option import Command, Group, Idle, Option
-from driftplan.report.records import drift_as_json, drift_table, path_csv
+from driftplan.report.records import drift_as_json, drift_table
 from driftplan.tables import decimals, digits, table
 
 _MAX_EDGES = 20  # listed on the screen, those of most drift first; --json has them all
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> Answer:
         text=text,
         files={
             "geojson": lambda: graph_geojson(graph, added),
-            "csv": lambda: path_csv(drawn()["lowest drift"]),
+            **shared.route_files(lambda: drawn()["lowest drift"]),
             "picture": lambda: plot_comparison(world, drawn()),
         },
     )
@@ -87,7 +87,7 @@ COMMAND = Command(
     ),
     files={
         "geojson": "write the graph with metadata on every edge",
-        "csv": "write the waypoints x,y of the way of least drift as CSV, metres",
+        **shared.ROUTE_FILES,
         "picture": "draw both ways, their error ellipses and their drift against distance",
     },
     idle=(Idle(("map",), lambda args: not args.beacons and args.picture is None, "there are no --beacons to see"),),

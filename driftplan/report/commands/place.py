@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> Answer:
     routes = [read_path(file)[:, :2] for file in args.paths]
     sites = Sites(
         **_points(args, world, routes),
-        existing=load_beacons(args.existing) if args.existing else (),
+        existing=load_beacons(args.existing, shared.kind_from(args)) if args.existing else (),
         min_spacing_m=args.min_spacing_m,
     )
     limit = DriftLimit(args.max_drift, redundancy=args.redundancy, confidence=args.confidence)
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> Answer:
     if args.tradeoff is None:
         asked = {"max_beacons": args.max_beacons, "progress": _tell, **effort}
         return _layout_answer(args, noise, place_beacons(world, routes, noise, limit, sites, **asked), free)
-    for name in ("max_drift", "max_beacons", "csv", "geojson"):
+    for name in ("max_drift", "max_beacons", "csv", "geojson", *shared.BEACON_FILES):
         if getattr(args, name) is not None:
             raise ValueError(f"expected --tradeoff or --{name.replace('_', '-')}, got both")
     asked = {"max_beacons": args.tradeoff, "redundancy": args.redundancy, "confidence": args.confidence, **effort}
@@ -97,6 +97,7 @@ def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layou
         files={
             "csv": lambda: layout_csv(layout),
             "geojson": lambda: layout_geojson(layout),
+            **shared.beacon_files(args, layout),
             "picture": lambda: layout_figure(layout),
         },
     )
@@ -193,6 +194,7 @@ _SITES = Group("where beacons may go", (
     Option("spacing_m", "M", "spacing of generated sites, metres (default: the range)"),
     Option("min_spacing_m", "M", "least distance between beacons, metres", default=0.0),
     shared.EXISTING,
+    shared.TAG_SIZE,
 ))
 COMMAND = Command(
     name="place",
@@ -209,10 +211,12 @@ COMMAND = Command(
     files={
         "csv": shared.CSV_TABLE,
         "geojson": "write the beacons as GeoJSON points in metres, to be read back with --existing",
+        **shared.BEACON_FILES,
         "picture": "draw the layout on the map, drift against distance and what each failure does (or the trade-off)",
     },
     idle=(
         *shared.KIND_IDLE,
+        Idle(("tag_size_m",), lambda args: args.tags is None, "no --tags are written"),
         Idle(tuple(option.name for option in shared.KIND.options), _with_kinds,
              "the beacons of --candidates have kinds of their own"),
     ),

@@ -13,16 +13,21 @@ from driftplan.report.records import record
 from driftplan.tables import numbers, table, yes_no
 
 _NOTHING = 0.005  # shares that are not worth a word
+_ONE_ROUTE = "it is about one route, not --trips"
 
 if TYPE_CHECKING:
     from driftplan import OdometryNoise, Route, World
 
 
 def run(args: argparse.Namespace) -> Answer:
-    """One route."""
+    """One route, or those of many trips."""
+    if args.trips:
+        return _many(args)
+    if args.start is None or args.goal is None:
+        raise ValueError("expected both --start and --goal, or --trips")
     from driftplan.report.figures.comparison import plot_comparison
     from driftplan.report.figures.itinerary import plot_itinerary
-    from driftplan.report.records import beyond_linear_text, drift_as_json, drift_geojson, drift_table, path_csv
+    from driftplan.report.records import beyond_linear_text, drift_as_json, drift_geojson, drift_table
 
     noise, world = shared.noise_from(args), shared.world_from(args)
     talk(f"planning on {args.map} with {args.planner}{shared.search_effort(args)}")
@@ -58,7 +63,7 @@ def run(args: argparse.Namespace) -> Answer:
         },
         text=text,
         files={
-            "csv": lambda: path_csv(route.drift),
+            **shared.route_files(lambda: route.drift),
             "geojson": lambda: drift_geojson(route.drift, {"noise": shared.noise_as_json(noise), **summary()}),
             "picture": lambda: (
                 plot_itinerary(world, among_beacons) if among_beacons else plot_comparison(world, routes)
@@ -67,31 +72,68 @@ def run(args: argparse.Namespace) -> Answer:
     )
 
 
+def _many(args: argparse.Namespace) -> Answer:
+    from driftplan import load_trips, plan_routes
+
+    for option in COMMAND.files:
+        if getattr(args, option) is not None:
+            raise ValueError(f"--{option} would have no effect: {_ONE_ROUTE}")
+    noise, world, trips = shared.noise_from(args), shared.world_from(args), load_trips(args.trips)
+    talk(f"planning {len(trips)} trips on {args.map}{shared.search_effort(args)}")
+
+    def done(count: int, of: int) -> None:
+        if count == of or count % max(of // 10, 1) == 0:
+            talk(f"{count} of {of}")
+
+    asked = _asked(args) | {"time_limit": args.time_limit, "seed": args.seed, "progress": done}
+    found = plan_routes(world, [(trip.start, trip.goal) for trip in trips], noise, **asked)
+    routes = {trip.name or f"trip {k}": route for k, (trip, route) in enumerate(zip(trips, found, strict=True))}
+    return Answer(
+        payload=lambda: {
+            "map": args.map,
+            "noise": shared.noise_as_json(noise),
+            "estimator": args.estimator,
+            "routes": [
+                row | {"waypoints": drift.xy.tolist()}
+                for row, drift in zip(rows_of(routes, world), (route.drift for route in found), strict=True)
+            ],
+        },
+        text=lambda: table({k: v for k, v in compared(routes, world).columns().items() if k != "above least %"}),
+    )
+
+
 def planned_route(args: argparse.Namespace, world: World, noise: OdometryNoise) -> Route:
     """The route that the options ask for: among beacons if there are any."""
-    from driftplan import load_beacons, plan_route
+    from driftplan import plan_route
 
-    among_beacons = {
-        "redundancy": args.redundancy,
-        "min_capture": args.min_capture,
-        "start_fix": shared.start_fix_from(args),
-    }
     return plan_route(
         world,
         *shared.ends_from(args, world),
         noise,
-        beacons=load_beacons(args.beacons) if args.beacons else (),
-        minimise=args.minimise,
-        max_drift=args.max_drift,
-        estimator=args.estimator,
-        max_detour=args.max_detour,
         planner=args.planner,
         start_heading=shared.start_heading_from(args),
         time_limit=args.time_limit,
         iterations=args.iterations,
         seed=args.seed,
-        **{name: value for name, value in among_beacons.items() if value is not None},
+        **_asked(args),
     )
+
+
+def _asked(args: argparse.Namespace) -> dict[str, Any]:
+    """What is asked of a route, by the names of `plan_route`."""
+    from driftplan import load_beacons
+
+    asked = {
+        "beacons": load_beacons(args.beacons) if args.beacons else None,
+        "minimise": args.minimise,
+        "max_drift": args.max_drift,
+        "estimator": args.estimator,
+        "max_detour": args.max_detour,
+        "redundancy": args.redundancy,
+        "min_capture": args.min_capture,
+        "start_fix": shared.start_fix_from(args),
+    }
+    return {name: value for name, value in asked.items() if value is not None}
 
 
 def gained_in_words(route: Route) -> list[str]:
@@ -158,6 +200,8 @@ def itinerary_text(route: Route) -> str:
 
 
 # fmt: off
+_TRIPS = Option("trips", "FILE", "many routes instead, in parallel on one graph of the map: start_x, start_y, goal_x, "
+                "goal_y per line, metres, as for `driftplan design`", str)
 _GOALS = (
     Option("minimise", "", "rms drift at the goal, length, or the greatest rms drift anywhere on the way", str,
            "drift", ("drift", "length", "worst_drift")),
@@ -181,17 +225,21 @@ COMMAND = Command(
     run=run,
     arguments=(shared.MAP,),
     groups=(
-        Group("planning", (*shared.ends(required=True), shared.SNAP, *_GOALS, shared.START_HEADING, *shared.SEARCH)),
+        Group("planning", (
+            *shared.ENDS, _TRIPS, shared.SNAP, *_GOALS, shared.START_HEADING, *shared.SEARCH,
+        )),
         shared.WORLD,
         _BEACONS,
         *shared.NOISE,
     ),
     files={
-        "csv": "write the waypoints x,y as CSV, metres; `driftplan predict` and `compare` read it back",
+        **shared.ROUTE_FILES,
         "geojson": "write the route and the drift along it as a GeoJSON LineString, coordinates in metres",
         "picture": "draw the map, the route, its error ellipses and its drift against distance",
     },
     idle=(
+        Idle(("start", "goal", "snap", "start_heading_deg", "planner", "iterations"), lambda args: bool(args.trips),
+             _ONE_ROUTE),
         Idle(("redundancy", "min_capture", "estimator"), lambda args: not args.beacons,
              "there are no --beacons on the way"),
     ),

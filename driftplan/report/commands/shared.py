@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import fields, replace
 from functools import partial
 from math import hypot, isfinite, radians
@@ -15,7 +15,7 @@ from driftplan.report.commands.answer import talk
 from driftplan.report.commands.option import Group, Idle, Option, point
 
 if TYPE_CHECKING:
-    from driftplan import BeaconKind, Fix, Layout, OdometryNoise, World
+    from driftplan import BeaconKind, Drift, Fix, Layout, OdometryNoise, World
 
 PLANNERS = ("roadmap", "rrtstar", "informed_rrtstar", "sorrtstar", "bitstar")  # here too, so that --help loads none
 DEFAULT_PLANNER = "roadmap"
@@ -26,6 +26,8 @@ WORLD = Group("map and robot", (
     Option("robot_radius", "M", "radius of the robot, metres", default=0.3),
     Option("unknown_is_free", "", "take unknown cells of a ROS map for free (default: they are obstacles)"),
     Option("cell_size_m", "M", "cell size of a MovingAI map, metres (default: 1)"),
+    Option("level", "NAME", "level of an Open-RMF building that has several", str),
+    Option("keepout", "FILE.yaml", "keepout mask of nav2's: what it marks is an obstacle too", str),
     Option("zones", "FILE", "floors with odometry of their own: .geojson, or a .yaml that says what the greys of a "
            "picture mean", str),
 ))
@@ -122,18 +124,24 @@ KIND_IDLE = (
     Idle(("std_per_m",), lambda args: args.kind in ("heading", "bearing"), "it is about positions and distances"),
     Idle(("through_walls",), lambda args: args.kind not in _SEEN, "only landmarks and bearings are seen"),
 )
+ENDS = tuple(Option(name, "X,Y", f"{name} of the route, metres", point) for name in ("start", "goal"))
 SNAP = Option("snap", "", "move a start or goal in a wall or off the map to the nearest free point, and say so")
 EXISTING = Option("existing", "FILE.geojson", "beacons that are there already", str)
+ROUTE_FILES = {
+    "csv": "write the waypoints x,y as CSV, metres; `driftplan predict` and `compare` read it back",
+    "ros_path": "write a nav_msgs/Path as YAML, with a pose every 0.25 m",
+    "poses": "write these poses as CSV, each with the covariance of the estimate there",
+    "waypoints": "write the corners as YAML, the goal of nav2's FollowWaypoints",
+}
+TAG_SIZE = Option("tag_size_m", "M", "width of a tag, metres, for --tags", default=0.16)
+BEACON_FILES = {
+    "tags": "write the beacons as tags.yaml of apriltag_ros, a bundle in the frame of the map",
+    "fiducials": "write the beacons as map.txt of fiducial_slam",
+    "transforms": "write a shell script that publishes the beacons as static transforms",
+    "dxf": "write a DXF drawing for installers: walls, routes, beacons with ids and ranges",
+}
 CSV_TABLE = "write the installers' table: id, place, nearest wall, routes, which failure hurts most"
 # fmt: on
-
-
-def ends(*, required: bool) -> tuple[Option, ...]:
-    """From where to where."""
-    return tuple(
-        Option(name, "X,Y", f"{name} of the route, metres", point, how={"required": required})
-        for name in ("start", "goal")
-    )
 
 
 def noise_from(args: argparse.Namespace) -> OdometryNoise:
@@ -209,6 +217,32 @@ def _end(args: argparse.Namespace, world: World, name: str, error: type[Driftpla
         f"{wrong}{spans}; the nearest free point is ({free_x:.4g}, {free_y:.4g}): --snap takes that, for a robot of "
         f"radius {world.robot_radius:g} m"
     )
+
+
+def beacon_files(args: argparse.Namespace, layout: Layout) -> dict[str | Path, Callable[[], Any]]:
+    """What `BEACON_FILES` names."""
+    from driftplan import fiducial_map, layout_dxf, static_transforms, tags_yaml
+
+    beacons = (*layout.existing, *layout.beacons)
+    return {
+        "tags": lambda: tags_yaml(beacons, size_m=args.tag_size_m),
+        "fiducials": lambda: fiducial_map(beacons),
+        "transforms": lambda: static_transforms(beacons),
+        "dxf": lambda: layout_dxf(layout),
+    }
+
+
+def route_files(drift: Callable[[], Drift]) -> dict[str | Path, Callable[[], Any]]:
+    """What `ROUTE_FILES` names."""
+    from driftplan.report.records import path_csv
+    from driftplan.world.route_files import poses_csv, ros_path_yaml, waypoints_yaml
+
+    written = {"csv": path_csv, "ros_path": ros_path_yaml, "poses": poses_csv, "waypoints": waypoints_yaml}
+    return {name: partial(_of, write, drift) for name, write in written.items()}
+
+
+def _of(write: Callable[[Any], bytes], drift: Callable[[], Drift]) -> bytes:
+    return write(drift())
 
 
 def start_heading_from(args: argparse.Namespace) -> float | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, Progress, talk
-from driftplan.report.commands.option import Command, Group, Option, input_file, label, output_file
+from driftplan.report.commands.option import Command, Group, Idle, Option, input_file, label, output_file
 
 
 def run(args: argparse.Namespace) -> Answer:
@@ -33,6 +33,8 @@ def run(args: argparse.Namespace) -> Answer:
     )
     if args.html is not None:
         return Answer(payload=lambda: {"html": str(args.html)}, text=lambda: "", files={"html": lambda: page(scene)})
+    if not 0 <= args.port < 1 << 16:
+        raise ValueError(f"expected port from 0 to 65535, got {args.port}")
     answers = Answers(world=world, time_limit=args.time_limit, save=args.save)
     with StudioServer(scene, answers, args.port) as server:
         talk(f"{server.url}\nthe studio is open; Ctrl-C closes it")
@@ -74,6 +76,8 @@ COMMAND = Command(
         *shared.NOISE,
     ),
     files={"html": "write the page, which then works without Python, instead of serving it"},
+    idle=(Idle(("save", "port", "no_browser", "time_limit"), lambda args: args.html is not None,
+               "with --html the page is written, not served"),),
     examples=("warehouse route.csv --max-drift 0.6 --save tags.geojson",
               "site.yaml a.csv b.csv --beacons tags.geojson --noise noise.yaml --html layout.html"),
 )

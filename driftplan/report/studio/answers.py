@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from driftplan.arrays import positive
 from driftplan.beacons.beacon import BeaconKind
 from driftplan.beacons.beacon_files import beacons_geojson
 from driftplan.beacons.readings import drift_with_beacons
@@ -35,6 +36,9 @@ class Answers:
     world: World | None
     time_limit: float = 60.0
     save: Path | None = None
+
+    def __post_init__(self) -> None:
+        positive("time_limit", self.time_limit)
 
     def answer(self, what: str, question: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
         """``{"answer": …}`` to "fewest", "plan" or "save", or ``{"error": text}``; ``tell`` hears of progress."""

@@ -63,11 +63,13 @@ class _Handler(BaseHTTPRequestHandler):
         return secrets.compare_digest(path.encode(), self.server.root.encode()) and self.headers.get("Host") in hosts
 
     def _send(self, status: int, kind: str, body: bytes = b"") -> None:
+        """The answer, or the beginning of one that goes on until the connection ends (HTTP/1.0)."""
         self.send_response(status)
-        for name, value in (("Type", kind), ("Length", str(len(body)))):
-            if body or name == "Type":  # without a length the answer goes on until the connection ends
-                self.send_header(f"Content-{name}", value)
-        for name, value in (("Cache-Control", "no-store"), ("X-Content-Type-Options", "nosniff")):
+        for name, value in (
+            ("Content-Type", kind),
+            ("Cache-Control", "no-store"),
+            ("X-Content-Type-Options", "nosniff"),
+        ):
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(body)

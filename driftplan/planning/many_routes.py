@@ -1,0 +1,178 @@
+"""plan_routes: the routes of many trips through one world, on a graph that is made once, in parallel."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from driftplan.arrays import Floats, arguments_checked, shaped, whole
+from driftplan.beacons.beacon import Beacon
+from driftplan.errors import DriftplanError
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.readings import Estimator, Fix
+from driftplan.planning.request import ROADMAP, Objective, PlanRequest, Reliance, check_connected, checked_ends
+from driftplan.planning.roadmap.kept_graph import KeptGraph
+from driftplan.planning.roadmap.prices import AdditiveCost, exact_drift, length_of
+from driftplan.planning.routes import Route, plan_route, route_of
+from driftplan.planning.status import Status
+from driftplan.planning.taut_strings import LeastRoute
+from driftplan.planning.unaided import Unaided
+from driftplan.world.world import World
+
+
+@arguments_checked()
+def plan_routes(
+    world: World,
+    trips: Iterable[ArrayLike],
+    noise: OdometryNoise,
+    *,
+    beacons: Sequence[Beacon] = (),
+    minimise: Objective = "drift",
+    max_drift: float | None = None,
+    max_detour: float | None = None,
+    redundancy: int = 1,
+    min_capture: float = 0.9,
+    start_fix: Fix | None = None,
+    estimator: Estimator = "reset",
+    max_nodes: int = 1000,
+    time_limit: float | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[Route, ...]:
+    """The routes of many trips through one world, planned in parallel.
+
+    Corners, samples and the free motions between them do not depend on the goal: they are made once, kept with the
+    world, and shared by all trips. A trip without beacons, limits and a time limit takes the best path of that graph,
+    for the drift and for the length, polished, and of these the one of least exact drift. The others are planned one by
+    one as by `plan_route`.
+
+    Parameters
+    ----------
+    world, noise, beacons, minimise, max_drift, max_detour, redundancy, min_capture, start_fix, estimator, max_nodes,
+    seed
+        As for `plan_route`.
+    trips : iterable of (2, 2)
+        Start and goal of each, metres.
+    time_limit : float, optional
+        Seconds for each trip, to look for something better than the graph has.
+    workers : int, optional
+        Processes; 1: none but this one. Default: one per processor.
+    progress : callable, optional
+        Called with the number of trips done and that of all.
+
+    Returns
+    -------
+    tuple of Route
+        In the order of the trips. What their ``bound`` proves takes no notice of obstacles.
+
+    Raises
+    ------
+    DriftplanError
+        As `plan_route`, with the number of the trip, counted from 0: ends that are not free or not connected before
+        anything is planned.
+
+    Examples
+    --------
+    >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
+    >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
+    >>> there, back = plan_routes(world, [[(2, 2), (8, 2)], [(8, 2), (2, 2)]], noise, workers=1)
+    >>> 13 < there.length < 14.5, 13 < back.length < 14.5
+    (True, True)
+    """
+    ends = [shaped("a trip", trip, (2, 2)) for trip in trips]
+    for k, trip in enumerate(ends):
+        _numbered(k, lambda trip=trip: check_connected(world, checked_ends(world, *trip)))  # type: ignore[misc]
+    asked = {
+        "beacons": beacons,
+        "minimise": minimise,
+        "max_drift": max_drift,
+        "max_detour": max_detour,
+        "redundancy": redundancy,
+        "min_capture": min_capture,
+        "start_fix": start_fix,
+        "estimator": estimator,
+        "max_nodes": max_nodes,
+        "time_limit": time_limit,
+        "seed": seed,
+    }
+    plain = not beacons and max_drift is None and max_detour is None and time_limit is None
+    if plain and minimise != "worst_drift" and ends:
+        KeptGraph.of(world)  # before there are processes, so that those that are forked have it
+        reliance = Reliance(start_fix=start_fix)
+        plan: Callable[[Floats], Route] = partial(_kept_route, world, noise, reliance, minimise, seed)
+    else:
+        plan = partial(_planned, world, noise, asked)
+    workers = min(os.cpu_count() or 1 if workers is None else whole("workers", workers, least=1), max(len(ends), 1))
+    if workers == 1:
+        return _collected(map(partial(_numbered_call, plan), range(len(ends)), ends), len(ends), progress)
+    with ProcessPoolExecutor(workers, initializer=_take, initargs=(plan,)) as pool:
+        try:
+            return _collected(pool.map(_taken, range(len(ends)), ends), len(ends), progress)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _collected(routes: Iterable[Route], count: int, progress: Callable[[int, int], None] | None) -> tuple[Route, ...]:
+    found = []
+    for route in routes:
+        found.append(route)
+        if progress is not None:
+            progress(len(found), count)
+    return tuple(found)
+
+
+def _planned(world: World, noise: OdometryNoise, asked: dict[str, Any], trip: Floats) -> Route:
+    start, goal = trip
+    return plan_route(world, start, goal, noise, **asked)
+
+
+def _kept_route(
+    world: World, noise: OdometryNoise, reliance: Reliance, minimise: Objective, seed: int, trip: Floats
+) -> Route:
+    """The best route of the kept graph; where that has none, what `plan_route` finds."""
+    request = PlanRequest(world, tuple(trip), noise, reliance, minimise, ROADMAP, (), 1000, None, None, seed)
+    start, goal = request.ends
+    if (start == goal).all():
+        return plan_route(world, start, goal, noise, minimise=minimise)
+    graph, scores = KeptGraph.of(world), ("length",) if minimise == "length" else ("length", "drift")
+    paths = [graph.path(AdditiveCost(world, goal, noise, score), start) for score in scores]  # type: ignore[arg-type]
+    pool = [path for path in paths if path is not None]
+    if not pool:
+        return plan_route(world, start, goal, noise, minimise=minimise, start_fix=reliance.start_fix, seed=seed)
+    best = shortest = min(pool, key=length_of)
+    if minimise == "drift":
+        best = min(pool, key=lambda path: float(exact_drift(world, path, noise).end.rms))
+    straight = float(np.linalg.norm(goal - start))
+    return route_of(request, Unaided(best, shortest, Status.SEARCH_DONE, LeastRoute(straight**3 / 3, straight)))
+
+
+def _numbered(k: int, call: Callable[[], Any]) -> Any:
+    """What a call says about trip ``k``."""
+    try:
+        return call()
+    except (DriftplanError, ValueError) as err:
+        raise type(err)(f"trip {k}: {err}") from None
+
+
+def _numbered_call(plan: Callable[[Floats], Route], k: int, trip: Floats) -> Route:
+    route: Route = _numbered(k, partial(plan, trip))
+    return route
+
+
+_PLAN: list[Callable[[Floats], Route]] = []  # of a worker
+
+
+def _take(plan: Callable[[Floats], Route]) -> None:
+    _PLAN[:] = [plan]
+
+
+def _taken(k: int, trip: Floats) -> Route:
+    return _numbered_call(_PLAN[0], k, trip)

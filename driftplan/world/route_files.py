@@ -1,0 +1,117 @@
+"""Routes as robots take them: ``nav_msgs/Path`` with headings, poses with covariances, waypoints for nav2's follower.
+
+A route is a polyline; the robot turns on the spot where two legs meet. Poses are at most so far apart and look along
+their leg; frames are right-handed with z upwards, quaternions have x, y, z, w by their names.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from driftplan.arrays import Floats, arguments_checked, bounded, positive
+from driftplan.errors import TrajectoryError, naming
+from driftplan.model.drift import Drift
+from driftplan.world.plain_data import read_yaml
+
+_MAX_BYTES = 20_000_000
+_MAX_POSES = 1e6
+_PLACES = 6  # micrometres, microradians
+
+
+def poses_along(path: Floats, spacing_m: float) -> tuple[Floats, Floats]:
+    """Poses (k, 3) of a path (n, 2), at most ``spacing_m`` apart, and the distance driven at each.
+
+    >>> poses_along(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5]]), 0.5)[0].round(2).tolist()
+    [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [1.0, 0.0, 1.57], [1.0, 0.5, 1.57]]
+    """
+    step = np.diff(path, axis=0)
+    length = np.hypot(*step.T)
+    path, step, length = path[[True, *(length > 0)]], step[length > 0], length[length > 0]
+    if not len(length):
+        raise ValueError("expected a route that leads somewhere, got one of length 0")
+    bounded("poses", float(length.sum()) / positive("spacing_m", spacing_m), _MAX_POSES, "use a larger spacing_m")
+    count = np.maximum(np.ceil(length / spacing_m - 1e-9), 1).astype(int)
+    leg = np.repeat(np.arange(len(count)), count)
+    share = (np.arange(len(leg)) - np.repeat(np.cumsum(count) - count, count)) / count[leg]
+    xy = np.concatenate([path[leg] + share[:, None] * step[leg], path[-1:]])
+    heading = np.arctan2(step[:, 1], step[:, 0])
+    driven = np.append((np.cumsum(length) - length)[leg] + share * length[leg], length.sum())
+    return np.column_stack([xy, np.append(heading[leg], heading[-1])]), driven
+
+
+@arguments_checked()
+def ros_path_yaml(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> bytes:
+    """The route as a ``nav_msgs/Path``, such as ``ros2 topic pub`` takes it; `read_path` reads it back."""
+    poses, _ = poses_along(drift.xy, spacing_m)
+    return f"header: {{frame_id: {frame}}}\n{_stamped(poses, frame)}".encode()
+
+
+@arguments_checked()
+def waypoints_yaml(drift: Drift, *, frame: str = "map") -> bytes:
+    """The corners of the route as the goal of nav2's ``FollowWaypoints``; `read_path` reads it back."""
+    poses, _ = poses_along(drift.xy, float(drift.length))
+    return _stamped(poses, frame).encode()
+
+
+@arguments_checked()
+def poses_csv(drift: Drift, *, spacing_m: float = 0.25) -> bytes:
+    """Poses along the route with the covariance of the estimate there, as ``geometry_msgs/PoseWithCovariance`` needs
+    it (its mean is off by the bias)."""
+    poses, driven = poses_along(drift.xy, spacing_m)
+    at = drift.at(np.minimum(driven, float(drift.length)))
+    columns = {
+        "x_m": poses[:, 0],
+        "y_m": poses[:, 1],
+        "heading_rad": poses[:, 2],
+        "qz": np.sin(poses[:, 2] / 2),
+        "qw": np.cos(poses[:, 2] / 2),
+        "cov_xx_m2": at.cov[:, 0, 0],
+        "cov_xy_m2": at.cov[:, 0, 1],
+        "cov_yy_m2": at.cov[:, 1, 1],
+        "heading_var_rad2": at.heading_std**2,
+    }
+    rows = np.column_stack(list(columns.values())).tolist()
+    lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
+    return "\n".join([",".join(columns), *lines, ""]).encode()
+
+
+def read_ros_path(file: Path) -> Floats:
+    """Poses (n, 3) of a ``nav_msgs/Path`` or of waypoints, as written above or echoed by ROS."""
+    held = read_yaml(file, TrajectoryError, max_bytes=_MAX_BYTES)
+    listed = held.get("poses") if isinstance(held, dict) else None
+    if not isinstance(listed, list) or len(listed) < 2:
+        raise TrajectoryError(f"{file}: expected 2 or more poses of a nav_msgs/Path, under the name poses, got none")
+    poses = np.empty((len(listed), 3))
+    for k, stamped in enumerate(listed):
+        with naming(f"{file}, pose {k + 1}", TrajectoryError):
+            try:
+                pose = stamped.get("pose", stamped)
+                x, y = (float(pose["position"][name]) for name in "xy")
+                q = np.array([float(pose["orientation"].get(name, 0.0)) for name in "xyzw"])
+            except (AttributeError, KeyError, TypeError):
+                raise ValueError("expected position x, y and orientation x, y, z, w") from None
+            if abs(np.linalg.norm(q) - 1) > 0.01 or np.hypot(q[0], q[1]) > 0.05:
+                raise ValueError(f"expected a unit quaternion about z, got {q.tolist()}")
+            poses[k] = x, y, 2 * np.arctan2(q[2], q[3])
+    if not np.isfinite(poses).all():
+        raise TrajectoryError(
+            f"{file}: expected finite poses, got {poses[~np.isfinite(poses).all(axis=1)][0].tolist()}"
+        )
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    return poses
+
+
+def _stamped(poses: Floats, frame: str) -> str:
+    lines = []
+    for x, y, heading in poses.tolist():
+        position = f"{{x: {_number(x)}, y: {_number(y)}, z: 0.0}}"
+        turned = f"{{x: 0.0, y: 0.0, z: {_number(np.sin(heading / 2))}, w: {_number(np.cos(heading / 2))}}}"
+        lines.append(f"- header: {{frame_id: {frame}}}\n  pose: {{position: {position}, orientation: {turned}}}")
+    return "\n".join(["poses:", *lines, ""])
+
+
+def _number(value: Any) -> float:
+    return round(float(value), _PLACES) + 0.0  # no minus before a zero
