@@ -30,7 +30,7 @@ _MIN_POSITIVE = 1e-50
 def number(name: str, value: object) -> float:
     """A finite number."""
     if isinstance(value, bool) or not hasattr(value, "__float__") or np.ndim(value) != 0:  # type: ignore[arg-type]
-        raise ValueError(f"expected {name} to be a number, got {value!r}")
+        raise ValueError(f"expected {name} to be a number, got {short(value)}")
     try:
         result = float(value)
     except OverflowError:  # a whole number of 400 digits
@@ -69,7 +69,7 @@ def instance(name: str, value: object, *classes: type) -> None:
 def whole(name: str, value: object, *, least: int) -> int:
     """A whole number >= least."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ValueError(f"expected {name} a whole number >= {least}, got {value!r}")
+        raise ValueError(f"expected {name} a whole number >= {least}, got {short(value)}")
     return int(value)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Floats, arguments_checked, whole
+from driftplan.arrays import Floats, arguments_checked, finite, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns, drift_with_beacons, waypoints_of
 from driftplan.model.drift import Drift, PointDrift
@@ -43,10 +43,8 @@ class DriftLimit:
         whole("redundancy", self.redundancy, least=1)
         if self.confidence is not None and not 0.75 <= self.confidence < 1:
             raise ValueError(f"expected confidence in [0.75, 1), or None for rms, got {self.confidence!r}")
-        if self.max_drift is not None:
-            values = np.asarray(self.max_drift, dtype=float)
-            if not (np.isfinite(values).all() and (values > 0).all()):
-                raise ValueError(f"expected max_drift finite and > 0 m, got {self.max_drift!r}")
+        if self.max_drift is not None and not (finite("max_drift", self.max_drift) > 0).all():
+            raise ValueError(f"expected max_drift finite and > 0 m, got {self.max_drift!r}")
 
     @classmethod
     def of(cls, limit: float | Sequence[float] | DriftLimit | None) -> DriftLimit:

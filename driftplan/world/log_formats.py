@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Floats, finite
 from driftplan.errors import TrajectoryError, naming
 from driftplan.files import read_lines
 from driftplan.world.log_tables import Table, read_table
@@ -97,9 +97,10 @@ def _fields(lines: Iterable[str], word: str) -> list[list[str]]:
 
 def _rows(word: str, width: int, rows: Iterable[Sequence[str]]) -> Floats:
     try:
-        return np.array([[float(cell) for cell in row] for row in rows]).reshape(-1, width)
+        found = np.array([[float(cell) for cell in row] for row in rows]).reshape(-1, width)
     except (ValueError, IndexError) as err:
         raise ValueError(f"expected {width} numbers in every {word} line: {err}") from None
+    return finite(f"the {word} lines", found)
 
 
 def _bag(file: Path, variable: str | None) -> Table:

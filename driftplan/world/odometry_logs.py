@@ -299,7 +299,8 @@ def _heading(found: Mapping[str, Floats]) -> Floats | None:
     from scipy.spatial.transform import Rotation
 
     q = np.stack(parts)
-    norm = np.linalg.norm(q, axis=0)
+    with np.errstate(over="ignore"):  # of numbers that are no parts of a unit
+        norm = np.linalg.norm(q, axis=0)
     if (np.abs(norm - 1) > 0.05).any():
         worst = int(np.argmax(np.abs(norm - 1)))
         raise ValueError(f"expected unit quaternions, got one of length {norm[worst]:.4g} in row {worst + 1}")

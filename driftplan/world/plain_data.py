@@ -23,7 +23,7 @@ def read_yaml(path: Path, error: FileError, *, max_bytes: int) -> Any:
         line = err.problem_mark.line + 1 if err.problem_mark else "?"
         raise error(f"{path}, line {line}: not plain YAML: {err.problem}") from err
     except (yaml.YAMLError, ValueError, RecursionError) as err:
-        raise error(f"{path}: not plain YAML: {str(err)[:200]}") from err
+        raise error(f"{path}: not plain YAML: {' '.join(str(err).split())[:200]}") from err
 
 
 def read_json(path: Path, *, max_bytes: int) -> Any:

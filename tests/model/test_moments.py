@@ -95,6 +95,15 @@ def test_power_takes_a_count_for_each_piece():
         assert_same(together[k], power(X[k], int(count)), rtol=1e-13)
 
 
+def test_powers_of_many_pieces_at_once_are_those_of_each():
+    # more than are composed one by one in Python's numbers; odd, even and no counts side by side, and all odd
+    X = realistic(np.random.default_rng(6), 24)
+    for counts in (np.arange(24), np.arange(24) * 2, np.arange(24) * 2 + 1, np.array(60), np.array(7)):
+        together = power(X, counts)
+        for k, count in enumerate(np.broadcast_to(counts, 24)):
+            assert_same(together[k], power(X[k], int(count)), rtol=1e-12, scale=1e3)
+
+
 def test_doubling_touches_only_what_it_is_told_to():
     X = realistic(np.random.default_rng(1), 4)
     times = np.array([0, 1, 3, 0])
