@@ -44,8 +44,6 @@ _FILES = {seed.name: seed.content for seed in SEEDS} | {
 }
 _FILES |= {"route.csv": b"x,y\n1,1\n8,1\n8,8\n", "poses.txt": b"0 0 0\n5 0 1.57\n5 4 3.1\n"}
 _KNOWN = (  # faults that wait to be mended: printed, not counted
-    "in fused_obstacle>",  # a limit broken only while turning; a test in test_fuzz.py expects it to fail
-    "in _pieces_needed>",  # a limit of 1e-50 m or so asks for more segments than there are numbers
     "in bootstrap>",  # --accept-faults on a drive of 40 rows with one absurd speed overflows
 )
 _NEVER = ("planner", "time_limit", "iterations", "tradeoff")  # these may take their time

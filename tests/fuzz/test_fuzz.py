@@ -45,7 +45,6 @@ def run(module, *words):
     return done.returncode, done.stdout + done.stderr
 
 
-@pytest.mark.xfail(raises=IndexError, strict=True, reason="the diagnosis looks at waypoints only")
 def test_a_limit_that_a_fusing_robot_breaks_only_while_turning_is_explained():
     tag = d.BeaconKind.landmark(2.0, 0.1, 0.05)
     tags = [d.Beacon(tag, x, 1.0) for x in (2.0, 8.0)]
@@ -61,6 +60,9 @@ def test_broken_files_of_every_format_are_read_or_refused_by_name(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(
+    not COUNT, reason="what a search finds in its second depends on the machine: DRIFTPLAN_FUZZ=N tries"
+)
 def test_broken_command_lines_end_as_documented():
     status, said = run("commands", SEED, COUNT // 20 or 300)
     assert status == 0, said

@@ -131,12 +131,19 @@ def fused_obstacle(problem: PlacementProblem, requirements: FusedRequirements, h
     r, border = hopeless.where
     route, scenario = requirements.routes[r], problem.scenario
     alive = sorted(route.sites.difference(hopeless.columns.tolist()))
-    profile = scenario.drift(r, [problem.sites[i] for i in alive]).profile()
+    drift = scenario.drift(r, [problem.sites[i] for i in alive])
+    profile = drift.profile()
     beyond = profile.rms > requirements.limits_m[r]
-    first, last = _around(int(np.flatnonzero(beyond & (profile.distance <= route.distance[border]))[-1]), beyond)
+    places = np.flatnonzero(beyond & (profile.distance <= route.distance[border]))
+    if not len(places):  # broken by a turn on the spot, after which the profile looks
+        places = np.array([min(np.searchsorted(profile.distance, route.distance[border]), len(beyond) - 1)])
+        beyond[places] = True
+    first, last = _around(int(places[-1]), beyond)
     before = dict.fromkeys(reading.site for here in route.readings[:border][::-1] for reading in here)
     start_m, end_m = profile.distance[[first, last]].tolist()
-    return Obstacle(r, start_m, end_m, float(profile.rms[first : last + 1].max()), tuple(before)[:_MAX_NEAREST_SITES])
+    least_m = float(profile.rms[first : last + 1].max())
+    least_m = least_m if least_m > requirements.limits_m[r] else scenario.worst(drift)
+    return Obstacle(r, start_m, end_m, least_m, tuple(before)[:_MAX_NEAREST_SITES])
 
 
 def _around(k: int, which: Bools) -> tuple[int, int]:

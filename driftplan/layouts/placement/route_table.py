@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from driftplan.arrays import Floats, Ints
+from driftplan.arrays import Floats, Ints, bounded
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns, floor_of, readings_on
 from driftplan.layouts.scenario import Scenario
@@ -29,6 +29,7 @@ from driftplan.model.paths import read_path
 from driftplan.model.readings import Fix, Readings, Resets
 from driftplan.model.worst import bend_rates
 
+_MAX_SEGMENTS = 1e7
 _SAG_SHARE = 1e-4  # greatest margin, as a share of the limit squared
 
 
@@ -140,7 +141,9 @@ class SegmentedRoute:
         """Into how many segments each run is cut, so that its sag is small."""
         bends = np.array([bend_rates(noise) for noise in self.noises])[which]
         share = (bends[:, 0] / limit_m + bends[:, 1] / limit_m**2) / 8  # of the limit squared, per metre squared
-        return np.asarray(np.maximum(1, np.ceil(lengths * np.sqrt(share / _SAG_SHARE))), dtype=np.intp)
+        pieces = np.maximum(1, np.ceil(lengths * np.sqrt(share / _SAG_SHARE)))
+        bounded("segments of a route", float(pieces.sum()), _MAX_SEGMENTS, f"raise max_drift, here {limit_m:g} m")
+        return np.asarray(pieces, dtype=np.intp)
 
 
 def _joined(rows: list[SegmentedRoute], start_fix: Fix | None) -> RouteTable:
