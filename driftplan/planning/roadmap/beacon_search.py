@@ -6,7 +6,8 @@ interfered.
 
 *The least worst drift decides what can be kept.* A limit that its path keeps is never called out of reach, and the
 shortest path that keeps it is no longer than its path; under a limit that is lower by more than `WORST_TOLERANCE` no
-path is sought for the least drift at the end, and none for the least length is found.
+path is sought for the least drift at the end, and none for the least length is found among the same nodes. (Routes of
+any length have nodes of their own: with few of them one may turn up there.)
 """
 
 from __future__ import annotations
@@ -88,8 +89,6 @@ class BeaconSearch(BeaconWalks):
 
         None if it exceeds the limit; otherwise the limit changes nothing.
         """
-        if (1 - WORST_TOLERANCE) * self.worst(self.steadiest(longest)) > limit:
-            return None
         path = self._steady(longest)
         return path if self.worst(path) <= limit else None
 
@@ -139,22 +138,28 @@ class BeaconSearch(BeaconWalks):
     def steadiest(self, longest: float) -> Floats:
         """A path with the least greatest drift: none with `WORST_TOLERANCE` less is found."""
         if longest not in self._steadiest:
-            best = self._roughly_least_worst(longest)
-            while not self.late():
-                found = self._short_within((1 - WORST_TOLERANCE) * self.worst(best), longest)
-                if found is None:
-                    break
-                best = found
-            self._steadiest[longest] = best
+            self._steadiest[longest] = self._steadier(self._roughly_least_worst(longest), longest)
         return self._steadiest[longest]
+
+    def _steadier(self, best: Floats, longest: float) -> Floats:
+        while not self.late():
+            found = self._short_within((1 - WORST_TOLERANCE) * self.worst(best), longest)
+            if found is None:
+                break
+            best = found
+        return best
 
     def _steady(self, longest: float) -> Floats:
         """The shortest of them."""
-        if longest not in self._steady_and_short:
+        while longest not in self._steady_and_short:
             best = self.steadiest(longest)
             kept = self.worst(best) * (1 + ROUNDING)
             shortest = self._short_within(kept, min(longest, length_of(best)))
-            self._steady_and_short[longest] = self.shorter(best if shortest is None else shortest, kept)
+            path = self.shorter(best if shortest is None else shortest, kept)
+            if self.late() or self.worst(path) > (1 - WORST_TOLERANCE) * self.worst(best):
+                self._steady_and_short[longest] = path
+            else:  # shortening made it steadier: that is the one to beat
+                self._steadiest[longest] = self._steadier(path, longest)
         return self._steady_and_short[longest]
 
     def _roughly_least_worst(self, longest: float) -> Floats:
