@@ -54,7 +54,7 @@ def report(name: str, setup: og.SimpleSetup, world: World, seconds: float) -> No
     print(f"{name:22} {float(drift.length):6.1f} m, rms drift {float(drift.end.rms):.3f} m at the goal")
 
 
-def main(seconds: float = 2.0) -> None:
+def main(seconds: float = 4.0) -> None:
     """Plan three times."""
     ou.setLogLevel(ou.LOG_ERROR)  # a warning about informed sampling is known and harmless
     world = load_world(bundled_map("warehouse"), robot_radius=0.4)
