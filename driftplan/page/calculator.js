@@ -93,4 +93,5 @@ function startReadings(fix) {
     headingVar: variance, chance: fix.detection_probability ?? 1, anchor: null, rangeVar: null, bearingVar: null }];
 }
 
-function same(some, others) { return some === others || (some.length === others.length && some.every((x, k) => x === others[k])); }
+/** Whether two lists hold the same things. */
+export function same(some, others) { return some === others || (some.length === others.length && some.every((x, k) => x === others[k])); }

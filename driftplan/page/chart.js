@@ -1,4 +1,5 @@
 // Drift against distance for every route, with the limit; the selected route in front, and a cursor that reads values.
+import { same } from "./calculator.js";
 import { el, metres, sized } from "./dom.js";
 
 const RIGHT = 14, TOP = 12;
@@ -6,10 +7,10 @@ const RIGHT = 14, TOP = 12;
 export class Chart {
   constructor(studio) {
     this.studio = studio;
-    this.canvas = el("canvas", { "aria-hidden": "true" });
+    [this.still, this.live] = [el("canvas", { "aria-hidden": "true" }), el("canvas", { "aria-hidden": "true" })];
     this.node = el("div", { class: "chart", tabindex: "0", role: "slider", "aria-label": "Drift along the selected route",
       "aria-valuemin": "0", onkeydown: (event) => this.key(event), onpointermove: (event) => this.hover(event),
-      onpointerleave: () => this.studio.setCursor(null) }, this.canvas);
+      onpointerleave: () => this.studio.setCursor(null) }, this.still, this.live);
   }
 
   resize() {
@@ -17,12 +18,13 @@ export class Chart {
     if (!(width > 0 && height > 0)) return;
     [this.width, this.height, this.unit] = [width, height, Math.max(1, Math.sqrt(width / 1500))];
     [this.left, this.bottom] = [52 * this.unit, 34 * this.unit];
-    sized(this.canvas, width, height);
+    for (const canvas of [this.still, this.live]) sized(canvas, width, height);
+    this.drawnStill = [];
   }
 
-  draw({ scene, drifts, others, most }, theme) {
+  draw({ scene, drifts, others, most, stays }, theme) {
     if (!this.width) return;
-    const pen = this.canvas.getContext("2d"), { selected } = this.studio.session;
+    const { selected } = this.studio.session;
     const routes = scene.routes.map((route, k) => ({ route, drift: drifts[k], other: others[k], k }))
       .filter(({ drift }) => !(drift instanceof Error));
     const length = Math.max(1e-9, ...routes.map(({ drift }) => drift.length));
@@ -30,30 +32,37 @@ export class Chart {
     this.x = (s) => this.left + s / length * (this.width - this.left - RIGHT);
     this.y = (rms) => this.height - this.bottom - rms / top * (this.height - TOP - this.bottom);
     this.span = length;
-    pen.clearRect(0, 0, this.width, this.height);
-    this.drawAxes(pen, theme, length, top);
     const spacing = Math.max(2 * length / this.width, length / 2000);
     const key = [spacing, length, top, this.height].join();
-    const line = (drift) => {  // what is drawn is kept with the drift
+    const line = (pen, drift) => {  // what is drawn is kept with the drift
       if (drift.charted?.key !== key) {
         drift.charted = { key, curve: new Path2D() };
         for (const [s, rms] of drift.curve(spacing)) drift.charted.curve.lineTo(this.x(s), this.y(rms));
       }
       pen.stroke(drift.charted.curve);
     };
-    Object.assign(pen, { lineWidth: 1, strokeStyle: theme.route });
-    for (const { drift, k } of routes) if (k !== selected.route) line(drift);
+    const lines = (pen, some) => {
+      Object.assign(pen, { lineWidth: 1, strokeStyle: theme.route });
+      for (const { drift } of some) line(pen, drift);
+    };
+    const unselected = routes.filter(({ k }) => k !== selected.route), still = unselected.filter(({ k }) => stays[k]);
+    const state = [theme, key, ...still.map(({ drift }) => drift)], pen = this.live.getContext("2d");
+    if (!same(state, this.drawnStill)) lines(this.drawAxes(this.still, theme, length, top), still);
+    this.drawnStill = state;
+    pen.clearRect(0, 0, this.width, this.height);
+    pen.font = `${12 * this.unit}px system-ui, sans-serif`;
+    lines(pen, unselected.filter(({ k }) => !stays[k]));
     const chosen = routes.find(({ k }) => k === selected.route);
     if (chosen) {
       this.drawLimit(pen, theme, chosen.route.limit_m);
       if (chosen.other && !(chosen.other instanceof Error)) {
         Object.assign(pen, { strokeStyle: theme.other, lineWidth: 2 });
         pen.setLineDash([7, 5]);
-        line(chosen.other);
+        line(pen, chosen.other);
         pen.setLineDash([]);
       }
       Object.assign(pen, { strokeStyle: theme.accent, lineWidth: 2.5 * this.unit });
-      line(chosen.drift);
+      line(pen, chosen.drift);
       this.drawCursor(pen, theme, chosen.drift);
     }
     const broken = drifts[selected.route];
@@ -63,7 +72,10 @@ export class Chart {
     }
   }
 
-  drawAxes(pen, theme, length, top) {
+  /** The empty chart on a canvas, whose pen this returns. */
+  drawAxes(canvas, theme, length, top) {
+    const pen = canvas.getContext("2d");
+    pen.clearRect(0, 0, this.width, this.height);
     pen.font = `${12 * this.unit}px system-ui, sans-serif`;
     Object.assign(pen, { fillStyle: theme.text, strokeStyle: theme.faint, lineWidth: 1 });
     const step = (span, count) => {
@@ -84,6 +96,7 @@ export class Chart {
     pen.fillText("metres driven", this.width - RIGHT, this.height - 4);
     pen.textAlign = "left";
     pen.fillText("drift, rms m", 4, this.height - 4);
+    return pen;
   }
 
   drawLimit(pen, theme, limit) {

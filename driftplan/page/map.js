@@ -1,4 +1,6 @@
-// The map: walls and floors on one canvas, routes and drift on another, and what can be grasped as SVG above them.
+// The map: walls and floors on one canvas, routes that stay on a second, those that change on a third, and what can be
+// grasped as SVG above them.
+import { same } from "./calculator.js";
 import { CLASSES, classOf, symbolOf, themeOf } from "./colours.js";
 import { el, metres, sized, svg } from "./dom.js";
 
@@ -10,6 +12,7 @@ export class MapView {
   constructor(studio) {
     this.studio = studio;
     this.base = el("canvas", { "aria-hidden": "true" });
+    this.still = el("canvas", { "aria-hidden": "true" });
     this.live = el("canvas", { "aria-hidden": "true" });
     this.ranges = svg("g");
     this.grips = svg("g");
@@ -17,7 +20,7 @@ export class MapView {
     this.overlay = svg("svg", { tabindex: "0", role: "application", class: "map-overlay",
       "aria-label": "Map. Arrow keys move the cross, Enter acts there, Tab goes to the beacons." },
     this.ranges, this.drawing, this.grips);
-    this.node = el("div", { class: "map" }, this.base, this.live, this.overlay);
+    this.node = el("div", { class: "map" }, this.base, this.still, this.live, this.overlay);
     this.beacons = [];
     this.cross = null;
     this.listen();
@@ -37,7 +40,8 @@ export class MapView {
     const first = !this.width;
     [this.width, this.height] = [width, height];
     this.unit = Math.max(1, Math.sqrt(width / 1500));  // lines, symbols and letters grow with a large screen
-    for (const canvas of [this.base, this.live]) sized(canvas, width, height);
+    for (const canvas of [this.base, this.still, this.live]) sized(canvas, width, height);
+    this.drawnStill = [];
     this.overlay.setAttribute("viewBox", `0 0 ${width} ${height}`);
     if (first) this.fit();
   }
@@ -94,25 +98,42 @@ export class MapView {
     pen.fillText(`${size} m`, x + 4, y - 8);
   }
 
-  drawLive({ scene, drifts, most }) {
-    const pen = this.live.getContext("2d"), { theme } = this, { selected } = this.studio.session;
-    pen.clearRect(0, 0, this.width, this.height);
-    pen.lineCap = pen.lineJoin = "round";
-    scene.routes.forEach((route, k) => {
-      if (drifts[k] instanceof Error) this.strokeLine(pen, route.points, theme.route, 1.5);
-      else if (k !== selected.route) this.strokeDrift(pen, drifts[k], route.limit_m, most, 2.5);
-    });
+  /** The routes that stay, where they are not drawn yet, and all that is above them. */
+  drawRoutes(shown) {
+    const { scene, drifts, most, stays } = shown, { theme } = this, { selected } = this.studio.session;
+    const unselected = [...scene.routes.keys()].filter((k) => k !== selected.route), still = unselected.filter((k) => stays[k]);
+    const state = [theme, this.scale, ...this.centre, most, ...still.flatMap((k) => [scene.routes[k], drifts[k]])];
+    if (!same(state, this.drawnStill)) this.drawUnselected(this.cleared(this.still), still, shown);
+    this.drawnStill = state;
+    const pen = this.cleared(this.live);
+    this.drawUnselected(pen, unselected.filter((k) => !stays[k]), shown);
     const route = scene.routes[selected.route], drift = drifts[selected.route];
     if (route) this.strokeLine(pen, route.points, theme.paper, 9 * this.unit);
     if (route && !(drift instanceof Error)) {
       this.strokeDrift(pen, drift, route.limit_m, most, 5);
       this.drawEllipses(pen, drift);
-    }
-    for (const one of scene.routes) this.drawArrow(pen, one, one === route);
+    } else if (route) this.strokeLine(pen, route.points, theme.route, 1.5);
+    if (route) this.drawArrow(pen, route, true);
     pen.globalAlpha = 0.45;
     for (const points of this.studio.highlights) this.strokeLine(pen, points, theme.over, 12 * this.unit);
     pen.globalAlpha = 1;
     if (this.studio.cursor !== null && route && !(drift instanceof Error)) this.drawCursor(pen, drift);
+  }
+
+  cleared(canvas) {
+    const pen = canvas.getContext("2d");
+    pen.clearRect(0, 0, this.width, this.height);
+    pen.lineCap = pen.lineJoin = "round";
+    return pen;
+  }
+
+  drawUnselected(pen, which, { scene, drifts, most }) {
+    for (const k of which) {
+      const route = scene.routes[k];
+      if (drifts[k] instanceof Error) this.strokeLine(pen, route.points, this.theme.route, 1.5);
+      else this.strokeDrift(pen, drifts[k], route.limit_m, most, 2.5);
+    }
+    for (const k of which) this.drawArrow(pen, scene.routes[k], false);
   }
 
   strokeLine(pen, points, colour, width) {
@@ -139,18 +160,18 @@ export class MapView {
 
   piecesOf(drift, spacing, limit, most) {
     const { legs } = drift.path, pieces = [];
-    let k = 0, before = null, last = null;
+    let k = 0, leg = 0, before = [legs[0].x, legs[0].y], last = null;
     for (const [s, rms] of drift.curve(spacing)) {
       while (k + 1 < legs.length && legs[k].begin + legs[k].length < s - 1e-9) k++;
-      const { x, y, ux, uy, begin } = legs[k], here = [x + ux * (s - begin), y + uy * (s - begin)];
-      const now = classOf(rms, limit, most), piece = (pieces[now] ??= new Path2D());
-      if (before) {
-        if (now !== last) piece.moveTo(...before);
-        piece.lineTo(...here);
-        last = now;
+      const now = classOf(rms, limit, most), { x, y, ux, uy, begin } = legs[k];
+      if (now !== last || k !== leg) {  // a line ends only at corners, and where the colour changes
+        pieces[last]?.lineTo(...before);
+        if (now !== last) (pieces[now] ??= new Path2D()).moveTo(...before);
+        [last, leg] = [now, k];
       }
-      before = here;
+      before = [x + ux * (s - begin), y + uy * (s - begin)];
     }
+    pieces[last].lineTo(...before);
     return pieces;
   }
 

@@ -8,6 +8,7 @@ import { Panel } from "./panel.js";
 import { KIND_NAMES, Session, usualKind } from "./session.js";
 
 const TOOLS = [["select", "v"], ["add", "a"], ["kill", "x"], ["measure", "m"], ["floor", "z"], ["trip", "t"]];
+const PANEL_MS = 100;
 const MOVES = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
 /** Put a studio into an element.
@@ -27,7 +28,7 @@ function roundedUp(x) {
 
 class Studio {
   constructor(root, scene, host) {
-    Object.assign(this, { root, host, worsts: new WeakMap(), highlights: [], cursor: null, snap: true });
+    Object.assign(this, { root, host, worsts: new WeakMap(), moving: new Set(), told: 0, highlights: [], cursor: null, snap: true });
     Object.assign(this, { session: new Session(scene), calculator: new Calculator(scene) });
     this.kind = scene.beacons[0]?.kind ?? usualKind(KIND_NAMES[0]);
     [this.tools, this.keys] = [new Tools(this), new Keys(this)];
@@ -82,13 +83,17 @@ class Studio {
     const compared = this.panel.compared.checked, others = scene.routes.map((route) => (compared ? calculator.drift(scene, route, other) : null));
     const [worst, otherWorst] = [drifts, others].map((all) => all.map((drift) => this.worst(drift)));
     const most = roundedUp(Math.max(1e-6, ...worst, ...otherWorst));
-    this.shown = { scene, drifts, others, worst, otherWorst, most };
+    if (session.merging === null) this.moving.clear();
+    else drifts.forEach((drift, k) => drift !== this.shown?.drifts[k] && this.moving.add(k));
+    const stays = scene.routes.map((_, k) => !this.moving.has(k));  // under what an edit of many frames touches
+    this.shown = { scene, drifts, others, worst, otherWorst, most, stays };
     if (this.baseDue) this.map.drawBase(scene);
     this.baseDue = false;
-    this.map.drawLive(this.shown);
+    this.map.drawRoutes(this.shown);
     this.map.updateOverlay(this.shown);
     this.chart.draw(this.shown, this.map.theme);
-    this.panel.update(this.shown);
+    const now = performance.now();  // numbers that change with every frame cannot be read
+    if (session.merging === null || now - this.told > PANEL_MS) [this.told] = [now, this.panel.update(this.shown)];
     this.estimator.value = scene.estimator;
   }
 
