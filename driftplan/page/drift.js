@@ -135,9 +135,11 @@ class Drift {
 
   /** The greatest rms anywhere, as worst_rms finds it: at borders, after readings and turns, and inside runs. */
   get worst() {
-    let greatest = [this.N0.slice(1), this.N1, this.N2].flat().reduce((x, y) => Math.max(x, y), 0);
-    this.runs.forEach((run, k) => { greatest = this.worstInside(k, greatest); });
-    return Math.sqrt(greatest);
+    if (this.found === undefined) {
+      const borders = [this.N0.slice(1), this.N1, this.N2].flat().reduce((x, y) => Math.max(x, y), 0);
+      this.found = Math.sqrt(this.runs.reduce((greatest, _, k) => this.worstInside(k, greatest), borders));
+    }
+    return this.found;
   }
 
   worstInside(k, greatest) {
@@ -207,13 +209,10 @@ function greatestOfQuartic(value, length, greatest) {
   const d = y.slice();  // its forward differences
   for (let k = 1; k < 5; k++) for (let i = 4; i >= k; i--) d[i] -= d[i - 1];
   const at = (t) => d[0] + t * (d[1] + (t - 1) / 2 * (d[2] + (t - 2) / 3 * (d[3] + (t - 3) / 4 * d[4])));
-  let best = 0;
-  for (let i = 0; i <= 32; i++) if (at(i / 8) > at(best)) best = i / 8;
-  let low = Math.max(best - 1 / 8, 0), high = Math.min(best + 1 / 8, 4);
-  for (let i = 0; i < 80; i++) {
-    const a = low + (high - low) / 3, b = high - (high - low) / 3;
-    if (at(a) < at(b)) low = a;
-    else high = b;
+  let best = 2;
+  for (let reach = 2; reach > 1e-9; reach /= 8) {
+    const near = Array.from({ length: 33 }, (_, i) => Math.min(Math.max(best + reach * (i - 16) / 16, 0), 4));
+    best = near.reduce((x, t) => (at(t) > at(x) ? t : x));
   }
-  return Math.max(greatest, ...y, at((low + high) / 2));
+  return Math.max(greatest, ...y, at(best));
 }

@@ -20,7 +20,7 @@ class Resets {
       turned[U + 1] = state[U] * s + state[U + 1] * c;
       return turned;
     }
-    return compose(state, legMoments(turn, length, 0, noise));
+    return compose(state, legMoments(turn, length, noise));
   }
 
   read(before, { square, skew, headingVar, chance }) {
@@ -146,7 +146,7 @@ class Fusion {
 
   step(state, turn, length, noise) {
     const n = this.size, { ur, ui } = state;
-    const small = legMoments(turn, length, 0, this.small.get(noise));
+    const small = legMoments(turn, length, this.small.get(noise));
     const mx = ur * small[P] - ui * small[P + 1], my = ur * small[P + 1] + ui * small[P];
     const columns = [[2, -my, mx, 0]];  // what the transition adds to the identity: from a state to (x, y, θ)
     const shift = [0, 0, 0];
@@ -227,7 +227,7 @@ class Fusion {
 
 /** Position and heading error per unit of a systematic error, facing along x: a central difference at tiny errors. */
 function sensitivity(turn, length, name) {
-  const [up, down] = [SMALL, -SMALL].map((value) => legMoments(turn, length, 0, fullNoise({ [name]: value })));
+  const [up, down] = [SMALL, -SMALL].map((value) => legMoments(turn, length, fullNoise({ [name]: value })));
   return [E1, E1 + 1, D1 + 1].map((k) => (up[k] - down[k]) / (2 * SMALL));
 }
 

@@ -2,7 +2,7 @@
 // grasped as SVG above them.
 import { same } from "./calculator.js";
 import { CLASSES, classOf, symbolOf, themeOf } from "./colours.js";
-import { el, metres, sized, svg } from "./dom.js";
+import { el, metres, sized, stroked, svg } from "./dom.js";
 
 const CURVE_PIXELS = 4;  // between points of a drawn curve
 const ELLIPSE_PIXELS = 90;  // between error ellipses
@@ -98,24 +98,17 @@ export class MapView {
     pen.fillText(`${size} m`, x + 4, y - 8);
   }
 
-  /** The routes that stay, where they are not drawn yet, and all that is above them. */
+  /** The routes that stay, where they are not drawn yet; above them those that change, highlights and the cursor. */
   drawRoutes(shown) {
-    const { scene, drifts, most, stays } = shown, { theme } = this, { selected } = this.studio.session;
-    const unselected = [...scene.routes.keys()].filter((k) => k !== selected.route), still = unselected.filter((k) => stays[k]);
-    const state = [theme, this.scale, ...this.centre, most, ...still.flatMap((k) => [scene.routes[k], drifts[k]])];
-    if (!same(state, this.drawnStill)) this.drawUnselected(this.cleared(this.still), still, shown);
+    const { scene, drifts, most, stays } = shown, { selected } = this.studio.session, all = [...scene.routes.keys()];
+    const still = all.filter((k) => stays[k]), route = scene.routes[selected.route], drift = drifts[selected.route];
+    const state = [this.theme, this.scale, ...this.centre, most, route, ...still.flatMap((k) => [scene.routes[k], drifts[k]])];
+    if (!same(state, this.drawnStill)) this.drawSome(this.cleared(this.still), still, shown);
     this.drawnStill = state;
     const pen = this.cleared(this.live);
-    this.drawUnselected(pen, unselected.filter((k) => !stays[k]), shown);
-    const route = scene.routes[selected.route], drift = drifts[selected.route];
-    if (route) this.strokeLine(pen, route.points, theme.paper, 9 * this.unit);
-    if (route && !(drift instanceof Error)) {
-      this.strokeDrift(pen, drift, route.limit_m, most, 5);
-      this.drawEllipses(pen, drift);
-    } else if (route) this.strokeLine(pen, route.points, theme.route, 1.5);
-    if (route) this.drawArrow(pen, route, true);
+    this.drawSome(pen, all.filter((k) => !stays[k]), shown);
     pen.globalAlpha = 0.45;
-    for (const points of this.studio.highlights) this.strokeLine(pen, points, theme.over, 12 * this.unit);
+    for (const points of this.studio.highlights) this.strokeLine(pen, points, this.theme.over, 12 * this.unit);
     pen.globalAlpha = 1;
     if (this.studio.cursor !== null && route && !(drift instanceof Error)) this.drawCursor(pen, drift);
   }
@@ -127,20 +120,26 @@ export class MapView {
     return pen;
   }
 
-  drawUnselected(pen, which, { scene, drifts, most }) {
-    for (const k of which) {
-      const route = scene.routes[k];
-      if (drifts[k] instanceof Error) this.strokeLine(pen, route.points, this.theme.route, 1.5);
-      else this.strokeDrift(pen, drifts[k], route.limit_m, most, 2.5);
-    }
-    for (const k of which) this.drawArrow(pen, scene.routes[k], false);
+  /** Some of the routes, the selected one on top. */
+  drawSome(pen, which, { scene, drifts, most }) {
+    const chosen = this.studio.session.selected.route, others = which.filter((k) => k !== chosen);
+    const draw = (k, width) => {
+      const { points, limit_m: limit } = scene.routes[k];
+      if (drifts[k] instanceof Error) this.strokeLine(pen, points, this.theme.route, 1.5);
+      else this.strokeDrift(pen, drifts[k], limit, most, width);
+    };
+    for (const k of others) draw(k, 2.5);
+    for (const k of others) this.drawArrow(pen, scene.routes[k], false);
+    if (others.length === which.length) return;
+    this.strokeLine(pen, scene.routes[chosen].points, this.theme.paper, 9 * this.unit);
+    draw(chosen, 5);
+    if (!(drifts[chosen] instanceof Error)) this.drawEllipses(pen, drifts[chosen]);
+    this.drawArrow(pen, scene.routes[chosen], true);
   }
 
   strokeLine(pen, points, colour, width) {
-    pen.beginPath();
-    for (const xy of points) pen.lineTo(...this.toScreen(xy));
-    [pen.strokeStyle, pen.lineWidth] = [colour, width];
-    pen.stroke();
+    Object.assign(pen, { strokeStyle: colour, lineWidth: width });
+    stroked(pen, points.map((xy) => this.toScreen(xy)));
   }
 
   /** A route in the colours of its drift. What is drawn is kept with the drift, in metres. */
