@@ -5,9 +5,7 @@ import { legsOf, placeAt, wrap } from "./passes.js";
 const SAME_PLACE_M = 1.5e-6, LOST_SHARE = 1e-9, PARTS = 8, CLOSE = 1e-10;  // of paths.py and worst.py
 
 /** Drift of a robot that follows `points` (with a border at every change of floor) and takes `readings` on its way.
- *
- * noises: one per leg, full. readings: as of passes.js, the more accurate of
- * one place last; those without an `accuracy` are fixes of the start. Returns a Drift. */
+ * noises: one per leg, full. readings: as of passes.js; those without an `accuracy` are fixes of the start. Returns a Drift. */
 export function predict(points, noises, readings, estimator) {
   const path = legsOf(points), { runs, at } = cut(path, noises, readings);
   const engine = engineOf(estimator, [...new Set(noises)]);
@@ -99,10 +97,10 @@ class Drift {
     this.N0 = states.arriving.map((state) => engine.square(state));
     this.N1 = states.leaving.map((state, k) => (state === states.arriving[k] ? this.N0[k] : engine.square(state)));
     this.N2 = states.departing.map((state, k) => (state === states.leaving[k] ? this.N1[k] : engine.square(state)));
+    this.worst = this.greatest();
   }
 
   get length() { return this.path.length; }
-  get end() { return Math.sqrt(Math.max(this.N1[this.N1.length - 1], 0)); }
 
   /** Error moments after s metres, had the path ended there: after the readings there. */
   at(s) {
@@ -129,17 +127,14 @@ class Drift {
       for (let i = 1; i < count; i++) points.push([s + length * i / count, root(at(i / count))]);
       points.push([this.s[k + 1], root(this.N0[k + 1])]);
     });
-    points.push([this.length, this.end]);
+    points.push([this.length, root(this.N1.at(-1))]);
     return points;
   }
 
   /** The greatest rms anywhere, as worst_rms finds it: at borders, after readings and turns, and inside runs. */
-  get worst() {
-    if (this.found === undefined) {
-      const borders = [this.N0.slice(1), this.N1, this.N2].flat().reduce((x, y) => Math.max(x, y), 0);
-      this.found = Math.sqrt(this.runs.reduce((greatest, _, k) => this.worstInside(k, greatest), borders));
-    }
-    return this.found;
+  greatest() {
+    const borders = [this.N0.slice(1), this.N1, this.N2].flat().reduce((x, y) => Math.max(x, y), 0);
+    return Math.sqrt(this.runs.reduce((greatest, _, k) => this.worstInside(k, greatest), borders));
   }
 
   worstInside(k, greatest) {

@@ -93,9 +93,7 @@ export function routeFromCsv(text) {
   return points;
 }
 
-// The state in a link: what may be edited, not the walls.
-
-const EDITED = ["noise", "routes", "beacons", "zones", "estimator"];
+const EDITED = ["noise", "routes", "beacons", "zones", "estimator"];  // all that a link holds: no walls
 
 export function asLink(scene) {
   const state = Object.fromEntries(EDITED.map((key) => [key, scene[key]]));

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,7 @@ class Answers:
     world: World | None
     time_limit: float = 60.0
     save: Path | None = None
+    _worlds: list[Any] = field(default_factory=list, init=False, repr=False)  # floors, and the world with them
 
     def __post_init__(self) -> None:
         positive("time_limit", self.time_limit)
@@ -52,7 +53,7 @@ class Answers:
         """
         try:
             scene, noise = question["scene"], OdometryNoise(**question["scene"]["noise"])
-            world = None if self.world is None else replace(self.world, zones=zones_of(scene))
+            world = self._on(scene["zones"])
             if what in ("fewest", "why"):
                 found = self._fewest(scene, world, noise, BeaconKind(**question["kind"]), tell, why=what == "why")
                 return {"answer": found}
@@ -70,6 +71,12 @@ class Answers:
             return {"error": f"expected a question about a map or a file that is there, got {what!r}"}
         except (DriftplanError, ValueError, KeyError, TypeError, OSError) as err:
             return {"error": str(err) or type(err).__name__}
+
+    def _on(self, zones: list[dict[str, Any]]) -> World | None:
+        """The world with these floors; the same object for the same floors: a world keeps what was planned on it."""
+        if self.world is not None and (not self._worlds or self._worlds[0] != zones):
+            self._worlds[:] = [zones, replace(self.world, zones=zones_of({"zones": zones}))]
+        return self._worlds[1] if self._worlds else None
 
     def _fewest(
         self,
