@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from driftplan.report.commands import shared
-from driftplan.report.commands.answer import Answer
+from driftplan.report.commands.answer import Answer, talk
 from driftplan.report.commands.option import Command, Group, Idle, Option
 from driftplan.report.records import drift_as_json, drift_table
 from driftplan.tables import decimals, digits, table
@@ -16,10 +16,13 @@ _MAX_EDGES = 20  # listed on the screen, those of most drift first; --json has t
 
 def run(args: argparse.Namespace) -> Answer:
     """What every edge adds, and the way of least drift between two nodes."""
-    from driftplan import edge_metadata, graph_geojson, graph_routes, load_beacons, load_graph, load_world
+    from driftplan import edge_metadata, graph_geojson, graph_lif, graph_routes, load_beacons, load_graph, load_world
+    from driftplan.beacons.beacon_files import marks_of
     from driftplan.report.figures.comparison import plot_comparison
 
-    noise, graph = shared.noise_from(args), load_graph(args.graph)
+    noise, graph = shared.noise_from(args), load_graph(args.graph, level=args.level)
+    for note in graph.notes:
+        talk(note)
     world = None if args.map is None else load_world(args.map, robot_radius=0.0)
     beacons = load_beacons(args.beacons) if args.beacons else ()
     if (args.start_node is None) != (args.goal_node is None):
@@ -61,6 +64,7 @@ def run(args: argparse.Namespace) -> Answer:
         text=text,
         files={
             "geojson": lambda: graph_geojson(graph, added),
+            "lif": lambda: graph_lif(graph, added, marks_of(beacons)),
             **shared.route_files(lambda: drawn()["lowest drift"]),
             "picture": lambda: plot_comparison(world, drawn()),
         },
@@ -75,18 +79,20 @@ COMMAND = Command(
     "which the drift at the goal is least. Written back as GeoJSON every edge has metadata: penalty, which nav2's "
     "PenaltyScorer reads, and what it is made of.",
     run=run,
-    arguments=(Option("graph", "GRAPH.geojson", "nodes and edges, metres of the map's frame", str),),
+    arguments=(Option("graph", "GRAPH", "nodes and edges in metres: nav2's GeoJSON, .lif or .building.yaml", str),),
     groups=(
         Group("", (
-            Option("start_node", "ID", "id of the node to start from", int),
-            Option("goal_node", "ID", "id of the node to reach", int),
+            Option("start_node", "ID", "id of the node to start from", str),
+            Option("goal_node", "ID", "id of the node to reach", str),
             Option("beacons", "FILE.geojson", "beacons that are read on the way", str),
+            Option("level", "NAME", "layout or level of a graph that has several", str),
             Option("map", "MAP", "map file, whose walls block beacons and which is drawn", str),
         )),
         *shared.NOISE,
     ),
     files={
-        "geojson": "write the graph with metadata on every edge",
+        "geojson": "write the graph as GeoJSON of nav2's with metadata on every edge",
+        "lif": "write the graph as a layout in LIF, the metadata in the descriptions of edges, beacons as stations",
         **shared.ROUTE_FILES,
         "picture": "draw both ways, their error ellipses and their drift against distance",
     },
