@@ -101,6 +101,7 @@ from .world.odometry_logs import read_odometry as read_odometry
 from .world.odometry_logs import read_truth as read_truth
 from .world.ros_covariances import ros_covariances as ros_covariances
 from .world.route_files import poses_csv as poses_csv
+from .world.route_files import poses_yaml as poses_yaml
 from .world.route_files import ros_path_yaml as ros_path_yaml
 from .world.route_files import waypoints_yaml as waypoints_yaml
 from .world.route_graphs import RouteGraph as RouteGraph

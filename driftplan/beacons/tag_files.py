@@ -26,6 +26,7 @@ _MAX_BYTES = 5_000_000
 def tags_yaml(beacons: Sequence[Beacon], *, size_m: float, frame: str = "map") -> bytes:
     """Beacons as one bundle of tags for apriltag_ros, ``size_m`` wide each; `load_beacons` reads it back.
 
+    >>> from driftplan import BeaconKind
     >>> tag = Beacon(BeaconKind.rfid(range_m=1.5, position_std_m=0.1), x=3.0, y=4.0, id="A7")
     >>> print(tags_yaml([tag], size_m=0.2).decode().splitlines()[-1])
         - {id: 7, size: 0.2, x: 3.0, y: 4.0, z: 0.0, qw: 1.0, qx: 0.0, qy: 0.0, qz: 0.0}

@@ -400,8 +400,8 @@ def test_maps_that_come_along_go_by_name(run):
         (["--start", "-3,-3", "--goal", "2,-3", "--planner", "prm"], "planner 'prm' cannot minimise drift: .*roadmap"),
         (["--start", "-3,-3", "--goal", "2,-3", "--planner", "best"], "unknown planner 'best'.*roadmap"),
         (["--start", "-3,-3", "--goal", "2,-3", "--minimise", "fun"], "invalid choice: 'fun'"),
-        (["--start", "-3,-3", "--goal", "2,-3", "--unknown-is-free"], "--unknown-is-free is for ROS maps"),
-        (["--start", "-3,-3", "--goal", "2,-3", "--cell-size-m", "2"], "--cell-size-m is for MovingAI maps"),
+        (["--start", "-3,-3", "--goal", "2,-3", "--unknown-is-free"], "--unknown-is-free is for ROS files"),
+        (["--start", "-3,-3", "--goal", "2,-3", "--cell-size-m", "2"], "--cell-size-m is for MovingAI files"),
     ],
 )
 def test_what_cannot_be_planned_is_refused_in_one_line(refused, map_file, options, match):

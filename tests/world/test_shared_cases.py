@@ -112,7 +112,7 @@ DRIVES = {  # how many moments they have
     "mrclam7/Robot1_Groundtruth.dat.gz": (read_truth, 58389),
     "mrclam7/Robot1_Odometry.dat.gz": (read_odometry, 58598),
     "plaza1/Plaza1_.mat:GT": (read_truth, 9658),
-    "plaza1/Plaza1_.mat:DR": (read_odometry, 9657),
+    "plaza1/Plaza1_.mat:DR": (read_odometry, 9658),
 }
 GRAPHS = {  # nodes and edges
     "nav2_depot/depot_graph.geojson": (34, 78),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
@@ -11,14 +13,16 @@ from driftplan.report.commands.option import Command, Group, Idle, Option
 from driftplan.report.records import drift_as_json, drift_table
 from driftplan.tables import decimals, digits, table
 
+if TYPE_CHECKING:
+    from driftplan import Beacon, OdometryNoise, RouteGraph, World
+
 _MAX_EDGES = 20  # listed on the screen, those of most drift first; --json has them all
 
 
 def run(args: argparse.Namespace) -> Answer:
     """What every edge adds, and the way of least drift between two nodes."""
-    from driftplan import edge_metadata, graph_geojson, graph_lif, graph_routes, load_beacons, load_graph, load_world
+    from driftplan import edge_metadata, graph_geojson, graph_lif, load_beacons, load_graph, load_world
     from driftplan.beacons.beacon_files import marks_of
-    from driftplan.report.figures.comparison import plot_comparison
 
     noise, graph = shared.noise_from(args), load_graph(args.graph, level=args.level)
     for note in graph.notes:
@@ -33,14 +37,13 @@ def run(args: argparse.Namespace) -> Answer:
         {"id": number, "start": start, "goal": goal, **told}
         for number, (start, goal), told in zip(graph.edge_ids, ids, added, strict=True)
     ]
-    ways = {}
+    ways = None
     if args.start_node is not None:
-        least, shortest = graph_routes(graph, args.start_node, args.goal_node, noise, beacons, world)
-        ways = {"lowest drift": least, "shortest": shortest}
+        ways = ways_on_graph(graph, (args.start_node, args.goal_node), noise, beacons, world)
 
     def payload() -> dict[str, Any]:
-        routes = {name: {"nodes": way.nodes, "waypoints": drift_as_json(way.drift)} for name, way in ways.items()}
-        return {"noise": shared.noise_as_json(noise), "edges": edges, "routes": routes}
+        routes = ways.payload() if ways else {"routes": {}}
+        return {"noise": shared.noise_as_json(noise), "edges": edges, **routes}
 
     def text() -> str:
         shown = sorted(edges, key=lambda edge: -edge["penalty"])[:_MAX_EDGES]
@@ -49,15 +52,12 @@ def run(args: argparse.Namespace) -> Answer:
             if key in edges[0]:
                 columns[key.replace("_", " ")] = digits([edge[key] or float("nan") for edge in shown])[0]
         parts = [f"{len(edges)} edges, those that add most first", table(columns)]
-        for name, way in ways.items():
-            length = decimals([float(way.drift.length)], 2)[0]
-            parts += ["", f"{name}: {length} m by {' '.join(map(str, way.nodes))}", drift_table(way.drift)]
-        return "\n".join(parts)
+        return "\n".join([*parts, *(["", ways.text()] if ways else [])])
 
-    def drawn() -> Any:
+    def drawn(name: str) -> Any:
         if not ways:
             raise ValueError("expected --start-node and --goal-node to draw or write the way between them, got neither")
-        return {name: way.drift for name, way in ways.items()}
+        return ways.files[name]()
 
     return Answer(
         payload=payload,
@@ -65,8 +65,40 @@ def run(args: argparse.Namespace) -> Answer:
         files={
             "geojson": lambda: graph_geojson(graph, added),
             "lif": lambda: graph_lif(graph, added, marks_of(beacons)),
-            **shared.route_files(lambda: drawn()["lowest drift"]),
-            "picture": lambda: plot_comparison(world, drawn()),
+            **{name: partial(drawn, name) for name in (*shared.ROUTE_FILES, "picture")},
+        },
+    )
+
+
+def ways_on_graph(
+    graph: RouteGraph,
+    ends: tuple[int | str, int | str],
+    noise: OdometryNoise,
+    beacons: Sequence[Beacon],
+    world: World | None,
+) -> Answer:
+    """The way of least drift between two nodes and the shortest one: what is said of them, and their files."""
+    from driftplan import graph_routes
+    from driftplan.report.figures.comparison import plot_comparison
+
+    ways = dict(zip(("lowest drift", "shortest"), graph_routes(graph, *ends, noise, beacons, world), strict=True))
+
+    def text() -> str:
+        parts = []
+        for name, way in ways.items():
+            length = decimals([float(way.drift.length)], 2)[0]
+            parts += [f"{name}: {length} m by {' '.join(map(str, way.nodes))}", drift_table(way.drift), ""]
+        return "\n".join(parts[:-1])
+
+    def payload() -> dict[str, Any]:
+        return {"routes": {n: {"nodes": way.nodes, "waypoints": drift_as_json(way.drift)} for n, way in ways.items()}}
+
+    return Answer(
+        payload=payload,
+        text=text,
+        files={
+            **shared.route_files(lambda: ways["lowest drift"].drift),
+            "picture": lambda: plot_comparison(world, {name: way.drift for name, way in ways.items()}),
         },
     )
 

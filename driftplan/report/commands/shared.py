@@ -134,6 +134,7 @@ ROUTE_FILES = {
     "csv": "write the waypoints x,y as CSV, metres; `driftplan predict` and `compare` read it back",
     "ros_path": "write a nav_msgs/Path as YAML, with a pose every 0.25 m",
     "poses": "write these poses as CSV, each with the covariance of the estimate there",
+    "ros_poses": "write them as YAML, geometry_msgs/PoseWithCovarianceStamped each",
     "waypoints": "write the corners as YAML, the goal of nav2's FollowWaypoints",
 }
 TAG_SIZE = Option("tag_size_m", "M", "width of a tag, metres, for --tags", default=0.16)
@@ -251,9 +252,10 @@ def layout_files(args: argparse.Namespace, layout: Layout) -> dict[str | Path, C
 def route_files(drift: Callable[[], Drift]) -> dict[str | Path, Callable[[], Any]]:
     """What `ROUTE_FILES` names."""
     from driftplan.report.records import path_csv
-    from driftplan.world.route_files import poses_csv, ros_path_yaml, waypoints_yaml
+    from driftplan.world.route_files import poses_csv, poses_yaml, ros_path_yaml, waypoints_yaml
 
-    written = {"csv": path_csv, "ros_path": ros_path_yaml, "poses": poses_csv, "waypoints": waypoints_yaml}
+    written = {"csv": path_csv, "poses": poses_csv, "ros_poses": poses_yaml}
+    written |= {"ros_path": ros_path_yaml, "waypoints": waypoints_yaml}
     return {name: partial(_of, write, drift) for name, write in written.items()}
 
 

@@ -85,8 +85,8 @@ def _plan(layout: Layout, ax: Axes, arrow_m: float) -> None:
             ax.annotate("", head, (row.x_m, row.y_m), arrowprops=arrow)
         ax.annotate(row.id, (row.x_m, row.y_m), (4, 4), textcoords="offset points", fontsize=8, weight="bold", zorder=5)
     style.in_metres(ax)
-    ax.xaxis.label.set_size(8)
-    ax.yaxis.label.set_size(8)
+    ax.xaxis.label.set_fontsize(8)
+    ax.yaxis.label.set_fontsize(8)
     ax.tick_params(labelsize=7)
 
 
