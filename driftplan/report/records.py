@@ -106,7 +106,7 @@ def record(thing: object, *keys: str) -> dict[str, Any]:
 
 def json_text(value: Any) -> str:
     """JSON that any parser reads: named tuples are objects, and what is not finite becomes null."""
-    return json.dumps(plain_numbers(_plain(value)), indent=2, allow_nan=False)
+    return json.dumps(_plain(value), indent=2, allow_nan=False)
 
 
 def _plain(value: Any) -> Any:
