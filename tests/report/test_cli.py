@@ -361,7 +361,9 @@ def test_plan_writes_geojson_and_a_picture(run, map_file, tmp_path):
     (feature,) = json.loads(files[0].read_text())["features"]
     waypoints = json.loads(out)["route"]["waypoints"]
     assert code == 0
-    expected = [[p["x_m"], p["y_m"]] for p in waypoints]  # in the file as people write them: 2.0, not 2.0000000000000004
+    expected = [
+        [p["x_m"], p["y_m"]] for p in waypoints
+    ]  # in the file as people write them: 2.0, not 2.0000000000000004
     np.testing.assert_allclose(feature["geometry"]["coordinates"], expected, rtol=1e-14)
     np.testing.assert_allclose(feature["properties"]["rms_m"], [p["rms_m"] for p in waypoints], rtol=1e-14)
     assert feature["properties"]["planner"] == "roadmap"
