@@ -32,7 +32,6 @@ from .layouts.layout import layout_dxf as layout_dxf
 from .layouts.layout import layout_geojson as layout_geojson
 from .layouts.place import beacon_tradeoff as beacon_tradeoff
 from .layouts.place import place_beacons as place_beacons
-from .layouts.scenario import DriftLimit as DriftLimit
 from .layouts.sites import SiteGroup as SiteGroup
 from .layouts.sites import Sites as Sites
 from .layouts.sites import grid_sites as grid_sites
@@ -74,6 +73,8 @@ from .planning.ompl.paths import predict_ompl_path as predict_ompl_path
 from .planning.ompl.polish import polish_ompl_path as polish_ompl_path
 from .planning.ompl.roadmap_planner import RoadmapPlanner as RoadmapPlanner
 from .planning.pareto import pareto_routes as pareto_routes
+from .planning.request import DriftLimit as DriftLimit
+from .planning.request import Planner as Planner
 from .planning.routes import Route as Route
 from .planning.routes import plan_route as plan_route
 from .report.figures.comparison import plot_comparison as plot_comparison

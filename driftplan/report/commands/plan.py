@@ -111,7 +111,6 @@ def planned_route(args: argparse.Namespace, world: World, noise: OdometryNoise) 
         *shared.ends_from(args, world),
         noise,
         planner=args.planner,
-        start_heading=shared.start_heading_from(args),
         time_limit=args.time_limit,
         iterations=args.iterations,
         seed=args.seed,
@@ -121,16 +120,14 @@ def planned_route(args: argparse.Namespace, world: World, noise: OdometryNoise) 
 
 def _asked(args: argparse.Namespace) -> dict[str, Any]:
     """What is asked of a route, by the names of `plan_route`."""
-    from driftplan import load_beacons
+    from driftplan import DriftLimit, load_beacons
 
     asked = {
         "beacons": load_beacons(args.beacons) if args.beacons else None,
         "minimise": args.minimise,
-        "max_drift": args.max_drift,
+        "max_drift": DriftLimit(args.max_drift, redundancy=args.redundancy or 1, min_capture=args.min_capture),
         "estimator": args.estimator,
         "max_detour": args.max_detour,
-        "redundancy": args.redundancy,
-        "min_capture": args.min_capture,
         "start_fix": shared.start_fix_from(args),
     }
     return {name: value for name, value in asked.items() if value is not None}

@@ -196,9 +196,11 @@ def world_from(args: argparse.Namespace) -> World:
     return world
 
 
-def ends_from(args: argparse.Namespace, world: World) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Start and goal, moved to the nearest free points with ``--snap``."""
-    return _end(args, world, "start", StartError), _end(args, world, "goal", GoalError)
+def ends_from(args: argparse.Namespace, world: World) -> tuple[tuple[float, ...], tuple[float, float]]:
+    """Start, with its heading where that is given, and goal, moved to the nearest free points with ``--snap``."""
+    heading = start_heading_from(args)
+    start = _end(args, world, "start", StartError)
+    return start if heading is None else (*start, heading), _end(args, world, "goal", GoalError)
 
 
 def _end(args: argparse.Namespace, world: World, name: str, error: type[DriftplanError]) -> tuple[float, float]:
