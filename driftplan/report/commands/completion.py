@@ -59,8 +59,9 @@ def run(args: argparse.Namespace) -> Answer:
 COMMAND = Command(
     name="completion",
     summary="completion of commands and options for bash and zsh",
-    description="Print a script that makes a shell complete commands, options, their choices and files.",
+    description="Print a script that makes a shell complete commands, options, their choices and files: for bash into "
+    "~/.local/share/bash-completion/completions/driftplan, for zsh to the end of ~/.zshrc.",
     run=run,
     arguments=(Option("shell", "SHELL", "bash or zsh", str, how={"choices": ("bash", "zsh")}),),
-    examples=("bash > ~/.local/share/bash-completion/completions/driftplan", "zsh >> ~/.zshrc"),
+    examples=("bash", "zsh"),
 )

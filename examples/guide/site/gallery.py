@@ -14,7 +14,9 @@ from matplotlib.figure import Figure
 
 from driftplan import (
     BeaconKind,
+    DriftLimit,
     OdometryNoise,
+    Planner,
     Trip,
     beacon_tradeoff,
     bundled_map,
@@ -122,8 +124,9 @@ def pictures() -> Iterator[Picture]:
             beacon_tradeoff(warehouse, routes, noise, tag, max_beacons=5, estimator="filter", time_limit=30)
         ),
     )
-    asked = {"beacons": layout.beacons, "min_capture": 0.0, "max_nodes": 200, "time_limit": 60}
-    way = plan_route(warehouse, (8, 2.5), (44, 13.4), noise, minimise="length", max_drift=0.6, **asked)
+    asked = {"beacons": layout.beacons, "planner": Planner(max_nodes=200), "time_limit": 60}
+    limit = DriftLimit(0.6, min_capture=0.0)
+    way = plan_route(warehouse, (8, 2.5), (44, 13.4), noise, minimise="length", max_drift=limit, **asked)
     yield Picture(
         "itinerary",
         "Which tags does a route count on?",
@@ -131,7 +134,9 @@ def pictures() -> Iterator[Picture]:
         " --picture way.png",
         plot_itinerary(warehouse, way, layout.beacons),
     )
-    front = pareto_routes(warehouse, (8, 2.5), (44, 23.8), noise, max_routes=4, max_detour=1.5, **asked)
+    front = pareto_routes(
+        warehouse, (8, 2.5), (44, 23.8), noise, limit=DriftLimit(min_capture=0.0), max_routes=4, **asked
+    )
     shown = plot_pareto(warehouse, front)
     yield Picture("pareto", "What does a detour buy?", "plot_pareto(world, pareto_routes(...))", shown)
 
