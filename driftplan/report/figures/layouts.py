@@ -218,7 +218,11 @@ def layouts_figure(layouts: Mapping[str, Layout], *, figure: Figure | None = Non
 def tradeoff_figure(curve: Sequence[Layout], *, figure: Figure | None = None) -> Figure:
     """`plot_tradeoff` in a figure of its own."""
     figure = style.new_figure(figure, 7.0, 4.5)
-    plot_tradeoff(curve, ax=figure.subplots())
+    ax = figure.subplots()
+    plot_tradeoff(curve, ax=ax)
+    least, most = min(curve, key=lambda x: x.worst_drift), max(curve, key=lambda x: x.worst_drift)
+    count = counted(len(least.beacons), "beacon")
+    ax.set_title(f"{count}: {least.worst_drift:.3g} m instead of {most.worst_drift:.3g} m", fontsize=10)
     return figure
 
 
