@@ -16,6 +16,7 @@ from dataclasses import replace
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,12 +111,9 @@ def formats() -> dict[str, bytes]:
     """A hall of 8 x 6 m with a wall, a graph, a route and two tags, in every format that driftplan reads or writes."""
     import tempfile
 
-    import ezdxf
-
     import driftplan as d
     from driftplan.beacons.beacon_files import beacons_geojson
 
-    ezdxf.options.write_fixed_meta_data_for_testing = True
     wet = d.Zone([(5, 0), (8, 0), (8, 2), (5, 2)], d.OdometryNoise(heading_var_per_m=1e-3))
     hall = d.World.from_polygons([[(4, 3), (4.2, 3), (4.2, 6), (4, 6)]], bounds=(0, 0, 8, 6), robot_radius=0.3)
     noise = d.OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
@@ -165,13 +163,13 @@ def formats() -> dict[str, bytes]:
 
 def venue() -> bytes:
     """The hall in IMDF: two rooms, and a door below the wall."""
-    corners = {"level": [(0, 0, 8, 6)], "unit": [(0, 0, 4, 6), (4.2, 0, 8, 6)]}
+    corners: dict[str, list[tuple[float, ...]]] = {"level": [(0, 0, 8, 6)], "unit": [(0, 0, 4, 6), (4.2, 0, 8, 6)]}
     content = BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
         for part in ("level", "unit", "opening"):
-            shapes = [
-                ("Polygon", [[(a, b), (c, b), (c, e), (a, e), (a, b)]]) for a, b, c, e in corners.get(part, [])
-            ] or [("LineString", [[(4.1, 0.5), (4.1, 2.5)]])]
+            ring = [[(a, b), (c, b), (c, e), (a, e), (a, b)] for a, b, c, e in corners.get(part, [])]
+            shapes: list[tuple[str, Any]] = [("Polygon", [corner]) for corner in ring]
+            shapes = shapes or [("LineString", [[(4.1, 0.5), (4.1, 2.5)]])]
             features = []
             for k, (kind, rings) in enumerate(shapes):
                 degrees = [(np.array(ring) * DEGREES + HERE).round(9).tolist() for ring in rings]
