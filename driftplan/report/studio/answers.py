@@ -19,11 +19,12 @@ from driftplan.errors import DriftplanError, InfeasibleError
 from driftplan.files import write_files
 from driftplan.layouts.layout import Layout
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.scenario import DriftLimit, Scenario
+from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.page.scene import Scene, beacon_of, beacon_said, zones_of
+from driftplan.planning.request import DriftLimit
 from driftplan.planning.routes import plan_route
 from driftplan.planning.status import Status
 from driftplan.report.studio.exchange import WRITTEN, read
