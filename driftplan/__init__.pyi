@@ -89,8 +89,8 @@ from .report.figures.layouts import plot_sawtooth as plot_sawtooth
 from .report.figures.layouts import plot_tradeoff as plot_tradeoff
 from .report.figures.maps import plot_route as plot_route
 from .report.figures.maps import plot_world as plot_world
-from .report.study_report import study_html as study_html
 from .report.studio.widget import studio_widget as studio_widget
+from .report.study_report import study_html as study_html
 from .world.mapfiles import bundled_map as bundled_map
 from .world.mapfiles import bundled_maps as bundled_maps
 from .world.mapfiles import load_world as load_world

@@ -37,8 +37,8 @@ def study_html(result: StudyResult) -> bytes:
     True
     """
     page = Path(__file__).with_suffix(".html").read_text(encoding="utf-8")
-    for tag in ("style", "script"):
-        code = re.search(rf"<{tag}[^>]*>(.*?)</{tag}>", page, re.DOTALL)
+    for tag, begin in (("style", "<style>"), ("script", '<script type="module">')):
+        code = re.search(rf"{begin}(.*?)</{tag}>", page, re.DOTALL)
         assert code is not None
         page = page.replace(f"@{tag}@", base64.b64encode(hashlib.sha256(code[1].encode()).digest()).decode())
     return page.replace("@data@", json_text(_data(result)).replace("<", "\\u003c")).encode()
@@ -80,7 +80,8 @@ def _drawn(world: World) -> dict[str, Any]:
     """A map as a path of SVG, to a pixel or so, and its bounds."""
     xmin, ymin, xmax, ymax = world.bounds
     walls = shapely.simplify(world.obstacles, max(xmax - xmin, ymax - ymin) / 2000)
-    rings = [np.round(shapely.get_coordinates(r), _PLACES).tolist() for r in shapely.get_rings(shapely.get_parts(walls))]
+    rings = [
+        np.round(shapely.get_coordinates(r), _PLACES).tolist() for r in shapely.get_rings(shapely.get_parts(walls))
+    ]
     path = "".join("M" + "L".join(f"{x:g} {y:g}" for x, y in ring) + "Z" for ring in rings)
     return {"bounds": world.bounds, "walls": path}
-

@@ -82,7 +82,7 @@ class _PlainLoader(yaml.SafeLoader):
         data.lines = {key: n.start_mark.line + 1 for key, (n, _) in zip(data, node.value, strict=False)}
 
 
-_PlainLoader.add_constructor("tag:yaml.org,2002:map", _PlainLoader.construct_lined)  # type: ignore[no-untyped-call]
+_PlainLoader.add_constructor("tag:yaml.org,2002:map", _PlainLoader.construct_lined)
 _PlainLoader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$"), list("-+0123456789.")
 )

@@ -85,7 +85,7 @@ def answers_of(result: StudyResult) -> Answers:
     return Answers(
         measure,
         along,
-        tuple(_curve(dict(zip(lines, k, strict=True)), found, along, measure) for k, found in groups.items()) if along else (),
+        tuple(_curve(dict(zip(lines, k, strict=True)), found, along, measure) for k, found in groups.items() if along),
         {key: _explained([row[key] for row in done], [row[measure] for row in done]) for key in varied},
         {key: counts[key] for key in (DONE, INFEASIBLE, OUT_OF_TIME, FAILED)} | {"missing": result.missing},
         tuple((*key, tuple(cells)) for key, cells in reasons.items()),
@@ -98,14 +98,17 @@ def _is_number(value: Any) -> bool:
 
 def _curve(values: Values, rows: Sequence[Row], along: str, measure: str) -> Curve:
     x = np.array([row[along] for row in rows], dtype=float)
-    place = np.unique(x, return_inverse=True)[1] if len(set(x.tolist())) <= _MOST_PLACES else _binned(x, _MOST_PLACES // 2)
+    place = (
+        np.unique(x, return_inverse=True)[1] if len(set(x.tolist())) <= _MOST_PLACES else _binned(x, _MOST_PLACES // 2)
+    )
     points = []
     for k in np.unique(place).tolist():
         here = [row for row, p in zip(rows, place.tolist(), strict=True) if p == k]
         found = np.array([row[measure] for row in here if row["outcome"] == DONE], dtype=float)
-        spread = np.quantile(found, [0.0, 0.5, 1.0]).tolist() if len(found) else [None] * 3
+        low, middle, high = np.quantile(found, [0.0, 0.5, 1.0]).tolist() if len(found) else (None, None, None)
         infeasible = sum(row["outcome"] == INFEASIBLE for row in here)
-        points.append(Point(float(x[place == k].mean()), *spread, tuple(row["cell"] for row in here), infeasible))
+        cells = tuple(row["cell"] for row in here)
+        points.append(Point(float(x[place == k].mean()), low, middle, high, cells, infeasible))
     return Curve(values, tuple(points), knee([(p.x, p.middle) for p in points if p.middle is not None], points))
 
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from itertools import islice
 from multiprocessing.connection import Pipe, wait
 from pathlib import Path
@@ -19,6 +20,7 @@ from driftplan.layouts.study.work import FAILED, Row, Workshop, row_of
 
 Done = Iterator[tuple[Task, Row]]
 _PATIENCE, _GRACE_S = 2.0, 60.0  # times a cell's limit, and then so many seconds, before its worker is ended
+_TRIES = 3  # of a cell, each in another process
 _WAITING = 3  # tasks per thread of a cluster that are on their way
 
 
@@ -35,8 +37,8 @@ def here(shared: Mapping[str, Any], tasks: Iterable[Task]) -> Done:
 def in_processes(shared: Mapping[str, Any], tasks: Iterable[Task], count: int) -> Done:
     """In so many processes of this machine.
 
-    A process that dies takes the cell that it was at with it: that is tried once more, in another, before it is a row
-    that says so. One that does not end long after its cell's time limit is ended.
+    A process that dies takes the cell that it was at with it: that is tried again, after the others, and once it has cost
+    three it is a row that says so. One that does not end long after its cell's time limit is ended.
     """
     todo = [(task, 1) for task in tasks][::-1]
     workers: list[_Worker] = []
@@ -62,10 +64,10 @@ def in_processes(shared: Mapping[str, Any], tasks: Iterable[Task], count: int) -
                     yield task, row
                 elif late:
                     yield task, _lost(task, "its worker was ended long after the time limit")
-                elif worker.attempt == 1:
-                    todo.append((task, 2))
+                elif worker.attempt < _TRIES:
+                    todo.insert(0, (task, worker.attempt + 1))
                 else:
-                    yield task, _lost(task, f"two workers died over it, the last with status {worker.status}")
+                    yield task, _lost(task, f"{_TRIES} workers died over it, the last with status {worker.status}")
     finally:
         for worker in workers:
             worker.end()
@@ -92,10 +94,8 @@ class _Worker:
         self._send(dict(shared))
 
     def _send(self, thing: Any) -> None:
-        try:
+        with suppress(OSError):  # it is dead, which the next answer says
             self.link.send(thing)
-        except OSError:
-            pass  # it is dead, which the next answer says
 
     def begin(self, task: Task, attempt: int) -> None:
         self.task, self.attempt = task, attempt
@@ -144,30 +144,27 @@ def on_cluster(client: Any, shared: Mapping[str, Any], tasks: Iterable[Task]) ->
 
     name = f"driftplan-{digest(sorted(shared))}"
     client.register_plugin(KeepShared(name, dict(shared)))
-    todo = iter(tasks)
-    room = _WAITING * max(sum(client.nthreads().values()), 1)
-    try:
-        of: dict[str, Task] = {}
-        under_way = as_completed()
+    todo, of, under_way = iter(tasks), dict[str, Task](), as_completed(loop=client.loop)
 
-        def send(task: Task) -> None:
+    def send() -> None:
+        """As many as the workers there are now will soon need."""
+        room = _WAITING * max(sum(client.nthreads().values()), 1) - len(of)
+        for task in islice(todo, max(room, 0)):
             future = client.submit(row_on_worker, name, task, key=f"{name}-{task.key}", pure=False)
             of[future.key] = task
             under_way.add(future)
 
-        for task in islice(todo, room):
-            send(task)
+    try:
+        send()
         for future in under_way:
             task = of.pop(future.key)
             if future.status == "cancelled":
                 raise CancelledError(future.key)
             error = future.exception()
             yield task, future.result() if error is None else _lost(task, f"{type(error).__name__}: {error}")
-            for task in islice(todo, 1):
-                send(task)
+            send()
         client.unregister_worker_plugin(name)
     except (CancelledError, OSError, TimeoutError) as err:
         raise DriftplanError(
             f"the Dask scheduler went away ({type(err).__name__}): what is done is kept, and the next run goes on"
         ) from err
-

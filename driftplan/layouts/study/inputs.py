@@ -21,7 +21,6 @@ from driftplan.beacons.beacon_files import load_beacons
 from driftplan.errors import DriftplanError, StudyError
 from driftplan.layouts.co_design.design import load_trips
 from driftplan.layouts.scenario import DriftLimit
-from driftplan.layouts.study.schema import SPREAD
 from driftplan.layouts.study.study import Cell, Study, Values
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.presets import PRESETS
@@ -34,6 +33,7 @@ from driftplan.world.trajectories import read_path
 _MAP = ("map", "robot_radius_m", "unknown_is_free", "cell_size_m", "level", "keepout", "zones")
 _TRIPS = ("routes", "trips", "graph")
 _SITES = ("beacon", "sites", "existing")
+_SPREAD = ("heading_deg", "distance_m", "after_m", "heading_deg_per_full_turn")  # of `OdometryNoise.from_std`
 _PLAIN: Values = {  # keys whose values a task holds as they are, and what they are unless said
     "limit_m": None, "confidence": None, "redundancy": 1, "estimator": "reset", "max_beacons": None, "budget": None,
     "start": None, "minimise": "length", "seed": 0, "time_limit_s": 60.0, "simulated_drives": 0,
@@ -98,7 +98,8 @@ class Inputs:
     """
 
     def __init__(self, study: Study) -> None:
-        self.study, self.shared = study, {"": None}
+        self.study = study
+        self.shared: dict[str, Any] = {}
         self._folder = study.path.parent if study.path else Path()
         self._known: dict[str, str] = {}
         self._version = version("driftplan")
@@ -111,12 +112,12 @@ class Inputs:
         StudyError : if something named cannot be read or makes no sense
         """
         said = cell.scenario
-        parts = [
+        parts = (
             self._digest("map", _MAP, said, self._world),
             self._digest("noise", ("noise",), said, self._noise),
             self._digest("trips", _TRIPS, said, self._trips),
             self._digest("sites", _SITES, said, self._sites),
-        ]
+        )
         plain = {key: said.get(key, default) for key, default in _PLAIN.items()}
         self._check(said, plain)
         text = json.dumps([self._version, parts, plain], sort_keys=True)
@@ -146,7 +147,9 @@ class Inputs:
             if not wanted and key in said:
                 refuse(key).refuse("expected limit_m, max_beacons or budget too: without one nothing is placed")
         if plain["estimator"] == "filter" and plain["confidence"] is not None:
-            refuse("confidence").refuse("expected confidence only for estimator reset: with a filter limits are on the rms")
+            refuse("confidence").refuse(
+                "expected confidence only for estimator reset: with a filter limits are on the rms"
+            )
         DriftLimit(plain["limit_m"], plain["redundancy"], plain["confidence"])
 
     # The sections
@@ -169,11 +172,13 @@ class Inputs:
     def _noise(self, said: Values) -> OdometryNoise:
         held = said.get("noise")
         if held is None:
-            raise ValueError("expected the key noise: a file, a preset, or spreads such as {heading_deg: 2, after_m: 10}")
+            raise ValueError(
+                "expected the key noise: a file, a preset, or spreads such as {heading_deg: 2, after_m: 10}"
+            )
         if isinstance(held, str):
             held = {"from": held}
-        spread = {key: value for key, value in held.items() if key in SPREAD}
-        rates = {key: value for key, value in held.items() if key not in (*SPREAD, "from")}
+        spread = {key: value for key, value in held.items() if key in _SPREAD}
+        rates = {key: value for key, value in held.items() if key not in (*_SPREAD, "from")}
         if "from" in held:
             if spread:
                 raise ValueError(f"expected rates beside from, got {next(iter(spread))}")
@@ -210,7 +215,9 @@ class Inputs:
             trips = [(trip.start, trip.goal) for trip in load_trips(self._file(trips))]
         if {np.ndim(trip) for trip in trips} != {2 if graph is None else 1}:
             raise ValueError("expected trips from place to place, or with a graph from node to node")
-        return Trips(ends=tuple(tuple(map(tuple, trip)) if graph is None else tuple(trip) for trip in trips), graph=graph)
+        return Trips(
+            ends=tuple(tuple(map(tuple, trip)) if graph is None else tuple(trip) for trip in trips), graph=graph
+        )
 
     def _sites(self, said: Values) -> SitesAsked:
         beacons, asked = said.get("beacon", []), dict(said.get("sites", {}))
@@ -234,7 +241,8 @@ def _kind(said: Values) -> BeaconKind:
         key.removesuffix("_deg") if key.endswith("_std_deg") else key: radians(v) if key.endswith("_std_deg") else v
         for key, v in said.items()
     }
-    return getattr(BeaconKind, options.pop("kind"))(**options)  # type: ignore[no-any-return]
+    made: BeaconKind = getattr(BeaconKind, str(options.pop("kind")))(**options)
+    return made
 
 
 def start_fix(said: Values | None) -> Fix | None:

@@ -32,7 +32,9 @@ def read_rows(path: Path) -> dict[str, Row]:
                 row = json.loads(line)
                 rows[row["key"]] = row
             except (ValueError, KeyError, TypeError):
-                raise StudyError(f"{path}, line {number}: expected a row of a study's results, got {line[:60]!r}") from None
+                raise StudyError(
+                    f"{path}, line {number}: expected a row of a study's results, got {line[:60]!r}"
+                ) from None
     return rows
 
 

@@ -53,9 +53,9 @@ class StudyResult:
         """One row per cell that is done: what was varied, and what came out. It is the same whoever did the cells in
         whatever order, but for those with ``ended_by_time`` or the outcome "out of time"."""
         return [
-            {"cell": cell.number, **cell.varied, **{k: v for k, v in self.rows[task.key].items() if k not in _NOT_IN_TABLE}}
+            {"cell": cell.number, **cell.varied, **{key: row[key] for key in row if key not in _NOT_IN_TABLE}}
             for cell, task in zip(self.cells, self.tasks, strict=True)
-            if task.key in self.rows
+            if (row := self.rows.get(task.key)) is not None
         ]  # fmt: skip
 
     def table(self) -> pandas.DataFrame:

@@ -15,7 +15,7 @@ import numpy as np
 
 from driftplan.arrays import bounded
 from driftplan.errors import StudyError
-from driftplan.layouts.study.schema import STUDY, Place, at, check
+from driftplan.layouts.study.schema import Place, check, study_schema
 from driftplan.world.plain_data import read_yaml
 
 Values = dict[str, Any]
@@ -33,9 +33,11 @@ class Range:
     log: bool
     whole: bool
 
-    def listed(self) -> list[Any]:
-        """All of them."""
-        return self.at(np.linspace(0.0, 1.0, self.count)) if self.count > 1 else [self.first]
+    def __len__(self) -> int:
+        return self.count
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.at(np.linspace(0.0, 1.0, self.count)) if self.count > 1 else [self.first])
 
     def at(self, share: Any) -> list[Any]:
         """The numbers at shares in [0, 1] of the way."""
@@ -109,7 +111,7 @@ class Study:
 
     @classmethod
     def _checked(cls, held: Any, place: Place, path: Path | None, text: str) -> Study:
-        check(held, STUDY, place)
+        check(held, study_schema(), place)
         lines = getattr(held, "lines", {})
         places = {key: place.inside(key, lines) for key in held}
         vary_lines = getattr(held.get("vary", {}), "lines", {})
@@ -132,7 +134,7 @@ class Study:
     def _check_design(self) -> None:
         place = self._lines.get("design", self._lines.get("vary", self._place))
         if self.design == "zip":
-            counts = {key: len(_labels(values)) for key, values in self.vary.items()}
+            counts = {key: len(values) for key, values in self.vary.items()}
             if len(set(counts.values())) > 1:
                 place.refuse(f"expected as many values of each for a zip, got {counts}")
         if not self.vary and isinstance(self.design, dict):
@@ -145,7 +147,7 @@ class Study:
     def __len__(self) -> int:
         if isinstance(self.design, dict):
             return self.design["random"]
-        counts = [len(_labels(values)) for values in self.vary.values()]
+        counts = [len(values) for values in self.vary.values()]
         return (counts or [1])[0] if self.design == "zip" else prod(counts)
 
     def place_of(self, key: str) -> Place:
@@ -165,33 +167,29 @@ class Study:
             yield Cell(number, labels, scenario)
 
     def _combinations(self) -> Iterator[Values]:
-        columns = [_labels(values) for values in self.vary.values()]
+        columns = [list(values) for values in self.vary.values()]
         if not isinstance(self.design, dict):
             rows = zip(*columns, strict=True) if self.design == "zip" and columns else product(*columns)
             return (dict(zip(self.vary, row, strict=True)) for row in rows)
         rng, count = np.random.default_rng(self.design.get("seed", 0)), self.design["random"]
         drawn = []
         for values, column in zip(self.vary.values(), columns, strict=True):
-            if isinstance(values, Range):
+            if isinstance(values, Range) and not values.whole:
                 drawn.append(values.at(rng.random(count)))
             else:
                 drawn.append([column[k] for k in rng.integers(len(column), size=count).tolist()])
         return (dict(zip(self.vary, row, strict=True)) for row in zip(*drawn, strict=True))
 
 
-def _labels(values: dict[Any, Any] | Range) -> list[Any]:
-    return values.listed() if isinstance(values, Range) else list(values)
-
-
 def _values(key: str, values: Any, place: Place) -> dict[Any, Any] | Range:
     """Values by label, or a range; a list's values are labelled by themselves, or by what is theirs alone."""
-    kind = at(key).get("type")
     if not isinstance(values, Mapping):
         labels = [value if isinstance(value, (str, int, float, bool)) else _label(value, k)
                   for k, value in enumerate(values, start=1)]  # fmt: skip
         if len(set(labels)) < len(labels):
             place.refuse(f"expected every value once, got {next(x for x in labels if labels.count(x) > 1)!r} twice")
         return dict(zip(labels, values, strict=True))
+    kind = study_schema()["properties"]["vary"]["properties"][key]["anyOf"][0]["items"].get("type")
     if kind not in ("number", "integer"):
         return dict(values)
     first, last, log = values["from"], values["to"], values.get("log", False)
@@ -213,5 +211,7 @@ def _values(key: str, values: Any, place: Place) -> dict[Any, Any] | Range:
 
 def _label(value: Any, number: int) -> str:
     if isinstance(value, Mapping):
-        return ", ".join(f"{key} {item:g}" if isinstance(item, float) else f"{key} {item}" for key, item in value.items())
+        return ", ".join(
+            f"{key} {item:g}" if isinstance(item, float) else f"{key} {item}" for key, item in value.items()
+        )
     return f"{number}"

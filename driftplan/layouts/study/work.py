@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import time
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -38,7 +37,8 @@ class Workshop:
     """What a worker has: the shared inputs, and the routes that it has planned among them, for any of its threads."""
 
     def __init__(self, shared: Mapping[str, Any]) -> None:
-        self.shared, self._routes, self._planning = shared, {}, Lock()  # type: ignore[var-annotated]
+        self.shared, self._planning = shared, Lock()
+        self._routes: dict[tuple[Any, ...], Routes] = {}
 
     def row(self, task: Task) -> Row:
         """What came out for a cell: whatever goes wrong in it is said in its row."""
@@ -52,8 +52,7 @@ class Workshop:
             kind = "" if isinstance(err, (DriftplanError, ValueError)) else f"{type(err).__name__}: "
             found = {"outcome": FAILED, "why": f"{kind}{err}"}
         spent = {"seconds": time.monotonic() - began, "processor_s": time.thread_time() - cpu}
-        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-        return row_of(task, found, {name: round(s, 3) for name, s in spent.items()} | {"memory_mb": memory})
+        return row_of(task, found, {name: round(s, 3) for name, s in spent.items()})
 
     def _answer(self, task: Task) -> Row:
         asked, plain = self.shared[task.sites], task.plain
@@ -138,7 +137,7 @@ def _places(world: World, count: int, rng: np.random.Generator) -> list[Floats]:
     """Places by chance, anywhere in the largest part of the free space."""
     if not world.free_parts:
         raise ValueError(f"no place of this map is free for a robot of radius {world.robot_radius:g} m")
-    hall, places = world.free_parts[0], []
+    hall, places = world.free_parts[0], list[Floats]()
     while len(places) < count:
         point = rng.uniform(hall.bounds[:2], hall.bounds[2:])
         if shapely.contains_xy(hall, *point) and world.is_free(point):
@@ -186,4 +185,3 @@ def _simulated(scenario: Scenario, beacons: tuple[Beacon, ...], drives: int, see
         "z_route": worst,
         "ends": [[*pair, z] for pair, z in zip(rms, zs, strict=True)],
     }
-

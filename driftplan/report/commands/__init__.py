@@ -9,7 +9,20 @@ study, maps, examples
 
 from __future__ import annotations
 
-from driftplan.report.commands import compare, demo, design, examples, fit, graph, maps, place, plan, predict, studio, study
+from driftplan.report.commands import (
+    compare,
+    demo,
+    design,
+    examples,
+    fit,
+    graph,
+    maps,
+    place,
+    plan,
+    predict,
+    studio,
+    study,
+)
 from driftplan.report.commands.option import Command
 
 COMMANDS: dict[str, Command] = {

@@ -1,4 +1,4 @@
-"""``driftplan study``: a scenario with some things varied, all cells done on all cores or a cluster, and the answers."""
+"""``driftplan study``: a scenario with some of it varied, its cells done on all cores or a cluster, and the answers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from driftplan.report.commands.answer import Answer, Progress, talk
+from driftplan.report.commands.answer import Answer, Progress
 from driftplan.report.commands.option import Command, Group, Idle, Option
 from driftplan.report.records import json_text
 from driftplan.tables import NONE, counted, table
@@ -29,9 +29,9 @@ def run(args: argparse.Namespace) -> Answer:
     from driftplan.layouts.study.run import planned_study, run_study
 
     if args.action == "schema":
-        from driftplan.layouts.study.schema import STUDY
+        from driftplan.layouts.study.schema import study_schema
 
-        return Answer(payload=lambda: STUDY, text=lambda: json_text(STUDY))
+        return Answer(payload=study_schema, text=lambda: json_text(study_schema()))
     if args.study is None:
         raise ValueError(f"expected a study file: driftplan study {args.action} STUDY.yaml, got none")
     if args.action == "init":
@@ -41,9 +41,7 @@ def run(args: argparse.Namespace) -> Answer:
     if args.action == "show":
         return _shown(args, planned_study(args.study, args.results))
     with ExitStack() as stack:
-        executor: Any = None
-        if args.dask is not None:
-            executor = stack.enter_context(_client(args.dask))
+        executor = None if args.dask is None else stack.enter_context(_client(args.dask))
         asked = {"workers": args.workers, "results": args.results, "retry": args.retry, "progress": _tell}
         return _shown(args, run_study(args.study, executor, **asked))
 
@@ -114,7 +112,9 @@ def _shown(args: argparse.Namespace, result: StudyResult) -> Answer:
         raise ValueError(f"expected cell in [0, {len(result.cells)}), got {args.cell}")
     answers = answers_of(result)
     return Answer(
-        payload=lambda: {"study": {"title": result.study.title, "answers": _as_json(answers), "rows": result.to_dicts()}},
+        payload=lambda: {
+            "study": {"title": result.study.title, "answers": _as_json(answers), "rows": result.to_dicts()}
+        },
         text=lambda: _text(result, answers),
         files={
             "html": lambda: study_html(result),
@@ -141,7 +141,9 @@ def _text(result: StudyResult, answers: Answers) -> str:
     knees = [(curve.values, curve.points[curve.knee]) for curve in answers.curves if curve.knee is not None]
     for values, point in knees[:_MOST_LINES]:
         where = ", ".join(f"{key} {_cell(value)}" for key, value in values.items())
-        parts.append(f"Knee{' of ' if where else ''}{where}: {point.middle:g} {answers.measure} at {answers.along} {point.x:g}.")
+        parts.append(
+            f"Knee{' of ' if where else ''}{where}: {point.middle:g} {answers.measure} at {answers.along} {point.x:g}."
+        )
     if answers.matters:
         order = sorted(answers.matters.items(), key=lambda item: -item[1])
         parts.append(
@@ -153,8 +155,8 @@ def _text(result: StudyResult, answers: Answers) -> str:
         within = 100 * sum(abs(z) < 2 for *_, z in ends) / len(ends)
         most = max(abs(z) for *_, z in ends)
         parts.append(
-            f"Simulated drives: of {counted(len(ends), 'route end')} {within:.0f} % are within 2 standard errors of the "
-            f"prediction (95 % if it is right); the farthest is {most:.1f} away."
+            f"Simulated drives: of {counted(len(ends), 'route end')} {within:.0f} % are within 2 standard errors of "
+            f"the prediction (95 % if it is right); the farthest is {most:.1f} away."
         )
     for outcome, why, cells in answers.reasons[:5]:
         parts.append(f"{outcome} ({counted(len(cells), 'cell')}, the first is {cells[0]}): {why}")
@@ -201,9 +203,9 @@ _SHOW = Group("what is shown", (
 COMMAND = Command(
     name="study",
     summary="many scenarios at once: a study file, its cells on all cores or a cluster, and what they say together",
-    description="A study is a scenario in a YAML file with some of it varied. ACTION: init writes a commented one; check "
-    "says how many cells it has and how long they may take; run does those that are not done yet, and can be ended and "
-    "begun again at any moment; show says what is known so far; schema prints the JSON schema of study files.",
+    description="A study is a scenario in a YAML file with some of it varied. ACTION: init writes a commented one; "
+    "check says how many cells it has and how long they may take; run does those that are not done yet, and can be "
+    "ended and begun again at any moment; show says what is known so far; schema prints the JSON schema of such files.",
     run=run,
     arguments=(
         Option("action", "ACTION", "init, check, run, show or schema", str,
