@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3 python3.11 python3.12 python3.13; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && echo $$p && break; done)
 BIN := $(VENV)/bin
 
-.PHONY: demo test check lint bench mutate clean
+.PHONY: demo test check lint docs bench mutate clean
 
 demo: $(VENV)/.installed
 	$(BIN)/driftplan demo
@@ -19,6 +19,11 @@ lint: $(VENV)/.installed-test
 
 check: lint test
 	$(BIN)/python -m pytest -n auto -m slow
+
+docs: $(VENV)/.installed-test
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --config-file examples/guide/site/mkdocs.yml
+	@echo "wrote build/site/index.html"
 
 bench: $(VENV)/.installed-test
 	-$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'

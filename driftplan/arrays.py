@@ -162,13 +162,13 @@ def bounds_of(value: Sequence[float]) -> tuple[float, float, float, float]:
     return bounds
 
 
-def arguments_checked(**values: type) -> Callable[[_Callable], _Callable]:
+def arguments_checked(**values: type | str) -> Callable[[_Callable], _Callable]:
     """A decorator of public functions and dataclasses: an unknown keyword is answered with the nearest known one, and
     what should be one of driftplan's own objects, or a sequence of them, by its annotation, and is not, with what was
     expected.
 
     ``values`` are parameters that are frozen values: their fields are known names too, and the answer says where they
-    go.
+    go; or, as a string, what is written instead of a keyword that one might expect.
 
     Examples
     --------
@@ -242,15 +242,17 @@ def _objects_of(signature: inspect.Signature) -> dict[str, _Object]:
     return found
 
 
-def _nearest(name: str, known: Sequence[str], values: dict[str, type]) -> str:
+def _nearest(name: str, known: Sequence[str], values: dict[str, type | str]) -> str:
     """What was probably meant, in words."""
     from difflib import get_close_matches
 
     inside = {
         field: f"{parameter}={value.__name__}({field}=…)"
         for parameter, value in values.items()
+        if isinstance(value, type)
         for field in inspect.signature(value).parameters
     }
+    inside |= {name: value for name, value in values.items() if isinstance(value, str)}
     places = {**inside, **{own: own for own in known}}
     close = [name] if name in places else get_close_matches(name, places, n=1)
     return f"did you mean {places[close[0]]}?" if close else f"expected {', '.join(known)}"

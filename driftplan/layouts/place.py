@@ -17,10 +17,11 @@ from driftplan.layouts.placement.covering import Progress
 from driftplan.layouts.placement.drives import worst_of_failures
 from driftplan.layouts.placement.placement_diagnosis import explain
 from driftplan.layouts.placement.problem import LimitSearch, PlacementProblem, placement_problem
-from driftplan.layouts.scenario import DriftLimit, Scenario
+from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator, Fix
+from driftplan.planning.request import DriftLimit
 from driftplan.planning.status import Status
 from driftplan.world.world import World
 

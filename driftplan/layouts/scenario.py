@@ -8,55 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Floats, arguments_checked, finite, whole
+from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns, drift_with_beacons, waypoints_of
 from driftplan.model.drift import Drift, PointDrift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator, Fix, checked_estimator
 from driftplan.model.worst import worst_radius, worst_rms
+from driftplan.planning.request import DriftLimit
 from driftplan.world.world import World
-
-
-@arguments_checked()
-@dataclass(frozen=True)
-class DriftLimit:
-    """What the drift must not exceed, anywhere on any route.
-
-    Parameters
-    ----------
-    max_drift : metres, one number or one per route; None: there is no limit, the least drift is sought
-    redundancy : the limit holds with any ``redundancy - 1`` beacons dead; 1: all live
-    confidence : in [0.75, 1), the limit is on the radius that holds the estimate so surely; None: on the rms
-
-    Examples
-    --------
-    >>> DriftLimit(0.5, redundancy=2)
-    DriftLimit(max_drift=0.5, redundancy=2, confidence=None)
-    """
-
-    max_drift: float | Sequence[float] | None = None
-    redundancy: int = 1
-    confidence: float | None = None
-
-    def __post_init__(self) -> None:
-        whole("redundancy", self.redundancy, least=1)
-        if self.confidence is not None and not 0.75 <= self.confidence < 1:
-            raise ValueError(f"expected confidence in [0.75, 1), or None for rms, got {self.confidence!r}")
-        if self.max_drift is not None and not (finite("max_drift", self.max_drift) > 0).all():
-            raise ValueError(f"expected max_drift finite and > 0 m, got {self.max_drift!r}")
-
-    @classmethod
-    def of(cls, limit: float | Sequence[float] | DriftLimit | None) -> DriftLimit:
-        """A limit that may be given as metres."""
-        return limit if isinstance(limit, DriftLimit) else cls(limit)
-
-    def per_route(self, routes: int) -> tuple[float, ...]:
-        """Metres, for every route."""
-        values = np.asarray(self.max_drift, dtype=float)
-        if values.shape not in ((), (routes,)):
-            raise ValueError(f"expected max_drift one number or one per route ({routes}), got shape {values.shape}")
-        return tuple(np.broadcast_to(values, (routes,)).tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +43,8 @@ class Scenario:
     ) -> Scenario:
         """A scenario of one route or several, each (n, 2) or an object with a ``path``; all of it checked."""
         checked_estimator(estimator)
+        if limit.min_capture is not None:
+            raise ValueError(f"expected no min_capture where routes are given: every reading counts, got {limit}")
         if estimator == "filter" and limit.confidence is not None:
             raise ValueError(
                 f"expected confidence only for estimator='reset', got {limit.confidence:g}: with a filter limits are "

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -16,17 +17,26 @@ from driftplan.beacons.beacon import Beacon
 from driftplan.errors import DriftplanError
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator, Fix
-from driftplan.planning.request import ROADMAP, Objective, PlanRequest, Reliance, check_connected, checked_ends
+from driftplan.planning.request import (
+    ROADMAP,
+    DriftLimit,
+    Objective,
+    Planner,
+    PlanRequest,
+    Reliance,
+    check_connected,
+    checked_ends,
+)
 from driftplan.planning.roadmap.kept_graph import KeptGraph
 from driftplan.planning.roadmap.prices import AdditiveCost, exact_drift, length_of
-from driftplan.planning.routes import Route, plan_route, route_of
+from driftplan.planning.routes import Route, route_for, route_of
 from driftplan.planning.status import Status
 from driftplan.planning.taut_strings import LeastRoute
 from driftplan.planning.unaided import Unaided
 from driftplan.world.world import World
 
 
-@arguments_checked()
+@arguments_checked(max_drift=DriftLimit, planner=Planner)
 def plan_routes(
     world: World,
     trips: Iterable[ArrayLike],
@@ -34,13 +44,11 @@ def plan_routes(
     *,
     beacons: Sequence[Beacon] = (),
     minimise: Objective = "drift",
-    max_drift: float | None = None,
+    max_drift: float | DriftLimit | None = None,
     max_detour: float | None = None,
-    redundancy: int = 1,
-    min_capture: float = 0.9,
     start_fix: Fix | None = None,
     estimator: Estimator = "reset",
-    max_nodes: int = 1000,
+    planner: str | Planner = ROADMAP,
     time_limit: float | None = None,
     seed: int = 0,
     workers: int | None = None,
@@ -55,8 +63,7 @@ def plan_routes(
 
     Parameters
     ----------
-    world, noise, beacons, minimise, max_drift, max_detour, redundancy, min_capture, start_fix, estimator, max_nodes,
-    seed
+    world, noise, beacons, minimise, max_drift, max_detour, start_fix, estimator, planner, seed
         As for `plan_route`.
     trips : iterable of (2, 2)
         Start and goal of each, metres.
@@ -89,26 +96,14 @@ def plan_routes(
     ends = [shaped("a trip", trip, (2, 2)) for trip in trips]
     for k, trip in enumerate(ends):
         _numbered(k, lambda trip=trip: check_connected(world, checked_ends(world, *trip)))  # type: ignore[misc]
-    asked = {
-        "beacons": beacons,
-        "minimise": minimise,
-        "max_drift": max_drift,
-        "max_detour": max_detour,
-        "redundancy": redundancy,
-        "min_capture": min_capture,
-        "start_fix": start_fix,
-        "estimator": estimator,
-        "max_nodes": max_nodes,
-        "time_limit": time_limit,
-        "seed": seed,
-    }
-    plain = not beacons and max_drift is None and max_detour is None and time_limit is None
-    if plain and minimise != "worst_drift" and ends:
+    reliance = Reliance.of(beacons, max_drift, max_detour, start_fix, estimator)
+    asked: dict[str, Any] = {"minimise": minimise, "time_limit": time_limit, "seed": seed}
+    asked |= {"noise": noise, "reliance": reliance, "planner": Planner.of(planner)}
+    plan = partial(_planned, partial(PlanRequest, world, **asked))
+    plain = not beacons and reliance.max_drift == inf and max_detour is None and time_limit is None
+    if plain and minimise != "worst_drift" and planner == ROADMAP and ends:
         KeptGraph.of(world)  # before there are processes, so that those that are forked have it
-        reliance = Reliance(start_fix=start_fix)
-        plan: Callable[[Floats], Route] = partial(_kept_route, world, noise, reliance, minimise, seed)
-    else:
-        plan = partial(_planned, world, noise, asked)
+        plan = partial(_kept_route, *plan.args)
     workers = min(os.cpu_count() or 1 if workers is None else whole("workers", workers, least=1), max(len(ends), 1))
     if workers == 1:
         return _collected(map(partial(_numbered_call, plan), range(len(ends)), ends), len(ends), progress)
@@ -129,26 +124,23 @@ def _collected(routes: Iterable[Route], count: int, progress: Callable[[int, int
     return tuple(found)
 
 
-def _planned(world: World, noise: OdometryNoise, asked: dict[str, Any], trip: Floats) -> Route:
-    start, goal = trip
-    return plan_route(world, start, goal, noise, **asked)
+def _planned(asked: Callable[[Floats], PlanRequest], trip: Floats) -> Route:
+    return route_for(asked(trip))
 
 
-def _kept_route(
-    world: World, noise: OdometryNoise, reliance: Reliance, minimise: Objective, seed: int, trip: Floats
-) -> Route:
+def _kept_route(asked: Callable[[Floats], PlanRequest], trip: Floats) -> Route:
     """The best route of the kept graph; where that has none, what `plan_route` finds."""
-    request = PlanRequest(world, tuple(trip), noise, reliance, minimise, ROADMAP, (), 1000, None, None, seed)
-    start, goal = request.ends
+    request = asked(trip)
+    world, noise, (start, goal) = request.world, request.noise, request.ends
     if (start == goal).all():
-        return plan_route(world, start, goal, noise, minimise=minimise)
-    graph, scores = KeptGraph.of(world), ("length",) if minimise == "length" else ("length", "drift")
+        return route_for(request)
+    graph, scores = KeptGraph.of(world), ("length",) if request.minimise == "length" else ("length", "drift")
     paths = [graph.path(AdditiveCost(world, goal, noise, score), start) for score in scores]  # type: ignore[arg-type]
     pool = [path for path in paths if path is not None]
     if not pool:
-        return plan_route(world, start, goal, noise, minimise=minimise, start_fix=reliance.start_fix, seed=seed)
+        return route_for(request)
     best = shortest = min(pool, key=length_of)
-    if minimise == "drift":
+    if request.minimise == "drift":
         best = min(pool, key=lambda path: float(exact_drift(world, path, noise).end.rms))
     straight = float(np.linalg.norm(goal - start))
     return route_of(request, Unaided(best, shortest, Status.SEARCH_DONE, LeastRoute(straight**3 / 3, straight)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,11 +15,12 @@ from driftplan.beacons.beacon import Beacon
 from driftplan.errors import InfeasibleError
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator, Fix
-from driftplan.planning.routes import Route, plan_route
+from driftplan.planning.request import ROADMAP, DriftLimit, Objective, Planner, PlanRequest, Reliance
+from driftplan.planning.routes import Route, route_for
 from driftplan.world.world import World
 
 
-@arguments_checked()
+@arguments_checked(limit=DriftLimit, planner=Planner, start_heading="start=(x, y, heading)")
 def pareto_routes(
     world: World,
     start: ArrayLike,
@@ -30,12 +31,10 @@ def pareto_routes(
     max_routes: int = 6,
     max_detour: float = 1.5,
     difference: float = 0.02,
-    redundancy: int = 1,
-    min_capture: float = 0.9,
+    limit: DriftLimit | None = None,
     start_fix: Fix | None = None,
-    start_heading: float | None = None,
     estimator: Estimator = "reset",
-    max_nodes: int = 1000,
+    planner: str | Planner = ROADMAP,
     time_limit: float = 30.0,
     seed: int = 0,
 ) -> tuple[Route, ...]:
@@ -47,8 +46,8 @@ def pareto_routes(
 
     Parameters
     ----------
-    world, start, goal, noise, beacons, redundancy, min_capture, start_fix, start_heading, estimator, max_nodes, seed
-        As for `driftplan.plan_route`.
+    world, start, goal, noise, beacons, start_fix, estimator, planner, seed : as for `driftplan.plan_route`
+    limit : `DriftLimit` of all routes; without a ``max_drift``, how far they may count on beacons
     max_routes : at most so many routes, >= 3
     max_detour : no route is longer than this multiple of the shortest, >= 1
     difference : routes differ by at least this share in length, worst drift or end drift
@@ -67,7 +66,7 @@ def pareto_routes(
     >>> noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
     >>> sign = BeaconKind.landmark(range_m=3.0, position_std_m=0.05, heading_std=0.01)
     >>> signs = [Beacon(sign, 20, 14), Beacon(sign, 40, 14)]
-    >>> routes = pareto_routes(world, (2, 5), (58, 5), noise, beacons=signs, max_routes=3, max_nodes=100, time_limit=60)
+    >>> routes = pareto_routes(world, (2, 5), (58, 5), noise, beacons=signs, max_routes=3, time_limit=60)
     >>> len(routes) > 1, routes[0].length < routes[-1].length, routes[0].worst_drift > routes[-1].worst_drift
     (True, True, True)
     """
@@ -75,39 +74,27 @@ def pareto_routes(
         raise ValueError(f"expected max_routes a whole number >= 3, got {max_routes!r}")
     if not 0 <= difference < 1:
         raise ValueError(f"expected difference in [0, 1), got {difference!r}")
-    deadline = time.monotonic() + time_limit
+    reliance = Reliance.of(beacons, limit, max_detour, start_fix, estimator)
+    search = Planner.of(planner), time_limit, None, seed
+    request = PlanRequest(world, (start, goal), noise, reliance, "length", *search)
 
-    def plan(share: float, **asked: Any) -> Route:
-        left = max(deadline - time.monotonic(), 0.1)
-        return plan_route(
-            world,
-            start,
-            goal,
-            noise,
-            beacons=beacons,
-            max_detour=max_detour,
-            redundancy=redundancy,
-            min_capture=min_capture,
-            start_fix=start_fix,
-            start_heading=start_heading,
-            estimator=estimator,
-            max_nodes=max_nodes,
-            time_limit=share * left,
-            seed=seed,
-            **asked,
+    def plan(share: float, minimise: Objective, max_drift: float = reliance.max_drift) -> Route:
+        asked = replace(request.reliance, max_drift=max_drift)
+        left_s = max(request.left_s(), 0.1)
+        return route_for(
+            replace(request, reliance=asked, minimise=minimise, time_limit=share * left_s, began=time.monotonic())
         )
 
-    shortest = plan(0.2, minimise="length")
-    steady = plan(0.3, minimise="worst_drift")
-    found = [shortest, steady, plan(0.3, minimise="drift")]
+    shortest, steady, surest = plan(0.2, "length"), plan(0.3, "worst_drift"), plan(0.3, "drift")
+    found = [shortest, steady, surest]
     high, low = shortest.worst_guaranteed, steady.worst_guaranteed
     if low < high:
         limits = np.geomspace(high, low, max_routes)[1:-1].tolist()
-        for k, limit in enumerate(limits):
-            if time.monotonic() > deadline:
+        for k, max_m in enumerate(limits):
+            if request.left_s() < 0:
                 break
             try:
-                found.append(plan(1 / (len(limits) - k), minimise="length", max_drift=limit))
+                found.append(plan(1 / (len(limits) - k), "length", max_m))
             except InfeasibleError:  # not within the roadmap, or not in time
                 continue
     return _thinned(non_dominated(found), difference, max_routes)

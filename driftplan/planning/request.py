@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, positive, whole
+from driftplan.arrays import Floats, arguments_checked, finite, number, positive, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns
 from driftplan.errors import GoalError, NoPathError, PlannerError, StartError
@@ -27,12 +27,95 @@ _USUAL_LIMIT_S = 5.0  # unless told otherwise
 _NO_LIMIT_S = 1e8  # three years
 
 
+@arguments_checked()
+@dataclass(frozen=True)
+class DriftLimit:
+    """What the drift must not exceed, anywhere on any route, and with how little help.
+
+    Parameters
+    ----------
+    max_drift : metres, one number or one per route; None: there is no limit, the least drift is sought
+    redundancy : the limit holds with any ``redundancy - 1`` beacons dead; 1: all live. Where routes are planned, at
+        most 2; what is minimised is then the worst of those cases.
+    confidence : in [0.75, 1), the limit is on the radius that holds the estimate so surely; None: on the rms, as it
+        must be where routes are planned
+    min_capture : in [0, 1), only where routes are planned: a beacon that the drifting robot would come within range of
+        less surely than this on one of its passes (`driftplan.detection_chances`) is not counted on. None: 0.9.
+
+    Examples
+    --------
+    >>> DriftLimit(0.5, redundancy=2)
+    DriftLimit(max_drift=0.5, redundancy=2, confidence=None, min_capture=None)
+    """
+
+    max_drift: float | Sequence[float] | None = None
+    redundancy: int = 1
+    confidence: float | None = None
+    min_capture: float | None = None
+
+    def __post_init__(self) -> None:
+        whole("redundancy", self.redundancy, least=1)
+        if self.confidence is not None and not 0.75 <= self.confidence < 1:
+            raise ValueError(f"expected confidence in [0.75, 1), or None for rms, got {self.confidence!r}")
+        if self.min_capture is not None and not 0 <= self.min_capture < 1:
+            raise ValueError(f"expected min_capture in [0, 1), got {self.min_capture!r}")
+        if self.max_drift is not None and not (finite("max_drift", self.max_drift) > 0).all():
+            raise ValueError(f"expected max_drift finite and > 0 m, got {self.max_drift!r}")
+
+    @classmethod
+    def of(cls, limit: float | Sequence[float] | DriftLimit | None) -> DriftLimit:
+        """A limit that may be given as metres."""
+        return limit if isinstance(limit, DriftLimit) else cls(limit)
+
+    def per_route(self, routes: int) -> tuple[float, ...]:
+        """Metres, for every route."""
+        values = np.asarray(self.max_drift, dtype=float)
+        if values.shape not in ((), (routes,)):
+            raise ValueError(f"expected max_drift one number or one per route ({routes}), got shape {values.shape}")
+        return tuple(np.broadcast_to(values, (routes,)).tolist())
+
+
+@arguments_checked()
+@dataclass(frozen=True, eq=False)
+class Planner:
+    """How a route is looked for.
+
+    Parameters
+    ----------
+    name : "roadmap", or without beacons and limits of OMPL "rrtstar", "informed_rrtstar", "sorrtstar", "bitstar"
+    max_nodes : of the roadmap among beacons, about
+    initial_paths : other paths (n, 2) from start to goal to be considered: the route is never worse than the best of
+        them that keeps the limit. A path that collides is refused.
+
+    Examples
+    --------
+    >>> Planner("bitstar").name, Planner(max_nodes=200).name
+    ('bitstar', 'roadmap')
+    """
+
+    name: str = ROADMAP
+    max_nodes: int = 1000
+    initial_paths: Sequence[ArrayLike] = ()
+
+    def __post_init__(self) -> None:
+        whole("max_nodes", self.max_nodes, least=10)
+        if self.name != ROADMAP:
+            from driftplan.planning.ompl.solve import check_planner
+
+            check_planner(self.name, also=(ROADMAP,))
+
+    @classmethod
+    def of(cls, planner: str | Planner) -> Planner:
+        """A planner that may be given by its name."""
+        return planner if isinstance(planner, Planner) else cls(planner)
+
+
 @dataclass(frozen=True, eq=False)
 class Reliance:
     """How far a route may count on beacons, and from what it starts.
 
-    Attributes as the parameters of `driftplan.plan_route`; ``max_drift`` infinite: no limit. Without beacons nothing is
-    read, whatever the estimator: the exact moments of ``reset`` are taken.
+    Attributes as the parameters of `driftplan.plan_route` and the fields of `DriftLimit`; ``max_drift`` infinite: no
+    limit. Without beacons nothing is read, whatever the estimator: the exact moments of ``reset`` are taken.
     """
 
     beacons: tuple[Beacon, ...] = ()
@@ -44,6 +127,23 @@ class Reliance:
     start_heading: float | None = None
     estimator: Estimator = "reset"
 
+    @classmethod
+    def of(
+        cls,
+        beacons: Sequence[Beacon],
+        limit: float | DriftLimit | None,
+        max_detour: float | None,
+        start_fix: Fix | None,
+        estimator: Estimator,
+    ) -> Reliance:
+        """As the parameters of `driftplan.plan_route` say."""
+        asked = DriftLimit.of(limit)
+        if asked.confidence is not None:
+            raise ValueError(f"expected a limit on the rms drift, without a confidence, got {asked}")
+        metres = math.inf if asked.max_drift is None else positive("max_drift", asked.max_drift)
+        sure = cls.min_capture if asked.min_capture is None else asked.min_capture
+        return cls(tuple(beacons), metres, max_detour, asked.redundancy, sure, start_fix, None, estimator)
+
     def __post_init__(self) -> None:
         BeaconColumns.of(self.beacons)
         checked_estimator(self.estimator)
@@ -51,20 +151,14 @@ class Reliance:
             raise ValueError(f"{NEEDS_FILTER}: expected estimator='filter' for beacons of kind {beacons[0].kind.name}")
         if not self.beacons:
             object.__setattr__(self, "estimator", "reset")
-        if self.max_drift != math.inf:
-            positive("max_drift", self.max_drift)
         if self.max_detour is not None and not (math.isfinite(self.max_detour) and self.max_detour >= 1):
             raise ValueError(f"expected max_detour >= 1, got {self.max_detour!r}")
         if self.redundancy not in (1, 2):
             raise ValueError(
                 f"expected redundancy 1 (all beacons live) or 2 (any one may be dead), got {self.redundancy!r}"
             )
-        if not 0 <= self.min_capture < 1:
-            raise ValueError(f"expected min_capture in [0, 1), got {self.min_capture!r}")
         if self.start_fix is not None and not (isinstance(self.start_fix, Fix) and self.start_fix.s_m == 0):
             raise ValueError(f"expected start_fix a Fix at s_m=0, got {self.start_fix!r}")
-        if self.start_heading is not None and not math.isfinite(self.start_heading):
-            raise ValueError(f"expected start_heading finite, in rad, got {self.start_heading!r}")
 
     @property
     def bounding(self) -> tuple[Beacon, ...]:
@@ -87,16 +181,15 @@ class PlanRequest:
     """What `plan_route` is asked for, after every argument has been looked at."""
 
     world: World
-    ends: Any  # start and goal as given, then (2, 2), metres
+    ends: Any  # start, perhaps with a heading, and goal as given; then (2, 2), metres
     noise: OdometryNoise
     reliance: Reliance
-    minimise: Objective
-    planner: str
-    initial_paths: tuple[Any, ...]  # as given, then (n, 2): collision-free paths from start to goal
-    max_nodes: int
-    time_limit: float | None  # seconds
-    iterations: int | None
-    seed: int
+    minimise: Objective = "drift"
+    planner: Planner = field(default_factory=Planner)
+    time_limit: float | None = None  # seconds
+    iterations: int | None = None
+    seed: int = 0
+    initial_paths: tuple[Any, ...] = field(init=False)  # (n, 2): the planner's, free, to the last digit from ends
     share: float = 1.0  # of the time limit that may be spent
     began: float = field(default_factory=lambda: time.monotonic())  # when the clock of the call began to run
 
@@ -104,7 +197,6 @@ class PlanRequest:
         if not isinstance(self.noise, OdometryNoise):
             raise ValueError(f"expected an OdometryNoise, got {self.noise!r}")
         check_objective(self.minimise)
-        whole("max_nodes", self.max_nodes, least=10)
         if self.iterations is not None:
             whole("iterations", self.iterations, least=1)
         if whole("seed", self.seed, least=0) >= _SEEDS:
@@ -115,17 +207,17 @@ class PlanRequest:
             raise ValueError(f"expected no max_detour with minimise='length', got {self.reliance.max_detour!r}")
         if self.needs_labels:
             check_continuous((self.noise, *(zone.noise for zone in self.world.zones)))
-        if self.planner != ROADMAP:
-            from driftplan.planning.ompl.solve import check_planner
-
-            check_planner(self.planner, also=(ROADMAP,))
-            if self.needs_labels:
+            if self.planner.name != ROADMAP:
                 raise PlannerError(
-                    f"expected planner={ROADMAP!r} for routes with beacons or max_drift, got {self.planner!r}"
+                    f"expected planner={ROADMAP!r} for routes with beacons or max_drift, got {self.planner.name!r}"
                 )
-        ends = checked_ends(self.world, *self.ends)
+        start, goal = self.ends
+        if np.shape(start) == (3,):
+            *start, heading = (number("a number of start", value) for value in start)
+            object.__setattr__(self, "reliance", replace(self.reliance, start_heading=heading))
+        ends = checked_ends(self.world, start, goal)
         object.__setattr__(self, "ends", ends)
-        paths = tuple(_checked_path(self.world, ends, path) for path in self.initial_paths)
+        paths = tuple(_checked_path(self.world, ends, path) for path in self.planner.initial_paths)
         object.__setattr__(self, "initial_paths", paths)
 
     @property

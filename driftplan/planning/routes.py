@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from numpy.typing import ArrayLike
@@ -17,7 +17,15 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator, Fix
 from driftplan.model.worst import worst_rms
 from driftplan.planning.bounds import least_end_drift, least_length, least_worst_drift
-from driftplan.planning.request import ROADMAP, Objective, PlanRequest, Reliance, check_connected
+from driftplan.planning.request import (
+    ROADMAP,
+    DriftLimit,
+    Objective,
+    Planner,
+    PlanRequest,
+    Reliance,
+    check_connected,
+)
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.beacon_walks import ROUNDING
 from driftplan.planning.roadmap.diagnosis import why_infeasible
@@ -120,7 +128,7 @@ class Route:
         )
 
 
-@arguments_checked()
+@arguments_checked(max_drift=DriftLimit, planner=Planner, start_heading="start=(x, y, heading)")
 def plan_route(
     world: World,
     start: ArrayLike,
@@ -129,16 +137,11 @@ def plan_route(
     *,
     beacons: Sequence[Beacon] = (),
     minimise: Objective = "drift",
-    max_drift: float | None = None,
+    max_drift: float | DriftLimit | None = None,
     max_detour: float | None = None,
-    redundancy: int = 1,
-    min_capture: float = 0.9,
     start_fix: Fix | None = None,
-    start_heading: float | None = None,
     estimator: Estimator = "reset",
-    planner: str = ROADMAP,
-    initial_paths: Iterable[ArrayLike] = (),
-    max_nodes: int = 1000,
+    planner: str | Planner = ROADMAP,
     time_limit: float | None = None,
     iterations: int | None = None,
     seed: int = 0,
@@ -157,36 +160,25 @@ def plan_route(
     world : World
         Its walls block sight, its zones override ``noise`` where they are.
     start, goal : (2,)
-        Metres, world frame.
+        Metres, world frame. A start with a heading, (3,), rad: then the first turn counts too.
     noise : OdometryNoise
         With beacons or a limit, of the continuous kind (no ``step_m``).
     beacons : sequence of Beacon
     minimise : {"drift", "length", "worst_drift"}
         rms drift at the goal, length, or the greatest rms drift on the way (to within 2 %).
-    max_drift : float, optional
-        Greatest rms drift anywhere on the way, metres.
+    max_drift : float or DriftLimit, optional
+        Greatest rms drift anywhere on the way, metres; how many beacons may be dead, and how surely the others must be
+        read, as `DriftLimit` says.
     max_detour : float, optional
         Greatest length as a multiple of the shortest route found, >= 1. Default: 1.5 with beacons unless length is
         minimised, else none.
-    redundancy : {1, 2}
-        2: all of it also holds with any one beacon dead, and what is minimised is the worst of those cases.
-    min_capture : float in [0, 1)
-        A beacon that the drifting robot would come within range of less surely than this on one of its passes
-        (`driftplan.beacons.readings.detection_chances`) is not counted on.
     start_fix : Fix, optional
         Uncertainty at the start; default: the start is known.
-    start_heading : float, optional
-        Heading at the start, rad: then the first turn counts too.
     estimator : {"reset", "filter"}
         What the robot does with a reading, as for `driftplan.predict_drift`. Only with ``filter`` may beacons be of
         kinds that measure a range or a bearing.
-    planner : str
-        "roadmap", or without beacons and limits of OMPL "rrtstar", "informed_rrtstar", "sorrtstar", "bitstar".
-    initial_paths : iterable of (n, 2)
-        Other paths from start to goal to be considered; the route is never worse than the best of them that keeps the
-        limit. A path that collides is refused.
-    max_nodes : int
-        Of the roadmap among beacons, about.
+    planner : str or Planner
+        Its name, or with its options, as `Planner` says.
     time_limit : float, optional
         Seconds for everything in the call. Default: until it is done, that is until the additive cost is within 1 % of
         what no route can beat and a batch of the roadmap brought next to nothing, or two in a row did; at most 5, and
@@ -226,7 +218,7 @@ def plan_route(
     (True, True)
     >>> sign = BeaconKind.landmark(range_m=3.0, position_std_m=0.05, heading_std=0.01)
     >>> hall = World.from_polygons([], bounds=(0, 0, 60, 30), robot_radius=0.5)
-    >>> asked = {"max_drift": 1.8, "minimise": "length", "max_nodes": 200, "time_limit": 60}
+    >>> asked = {"max_drift": 1.8, "minimise": "length", "planner": Planner(max_nodes=200), "time_limit": 60}
     >>> found = plan_route(hall, (2, 5), (58, 5), noise.scaled(3.0), beacons=[Beacon(sign, 30, 11)], **asked)
     >>> len(found.beacons), 56 < found.length < 62, found.worst_drift <= 1.8
     (1, True, True)
@@ -238,30 +230,23 @@ def plan_route(
     >>> len(fused.beacons), fused.worst_drift < 1.8, fused.drift.is_fused
     (2, True, True)
     """
-    limit = math.inf if max_drift is None else max_drift
-    request = PlanRequest(
-        world,
-        (start, goal),
-        noise,
-        Reliance(tuple(beacons), limit, max_detour, redundancy, min_capture, start_fix, start_heading, estimator),
-        minimise,
-        planner,
-        tuple(initial_paths),
-        max_nodes,
-        time_limit,
-        iterations,
-        seed,
-    )
-    check_connected(world, request.ends)
+    reliance = Reliance.of(beacons, max_drift, max_detour, start_fix, estimator)
+    search = Planner.of(planner), time_limit, iterations, seed
+    return route_for(PlanRequest(world, (start, goal), noise, reliance, minimise, *search))
+
+
+def route_for(request: PlanRequest) -> Route:
+    """The route that is asked for, as `plan_route` says."""
+    check_connected(request.world, request.ends)
     if not request.needs_labels:
         return _unaided_route(request)
     if (request.ends[0] == request.ends[1]).all():
         raise ValueError(f"expected start and goal apart, got {request.ends[0].tolist()} for both")
     known = request.initial_paths
-    if not request.reliance.beacons and minimise == "drift":  # a limit that does not bind changes nothing
+    if not request.reliance.beacons and request.minimise == "drift":  # a limit that does not bind changes nothing
         free = _unaided_route(replace(request, share=_UNAIDED_SHARE))
         if free.worst_drift <= request.reliance.max_drift:
-            return replace(free, max_drift=max_drift)
+            return replace(free, max_drift=request.reliance.max_drift)
         known = (*known, free.path)
     return _route_among_beacons(request, known)
 
@@ -314,7 +299,7 @@ def _route_among_beacons(request: PlanRequest, known: Sequence[Floats]) -> Route
         request.ends,
         request.noise,
         request.reliance,
-        max_nodes=request.max_nodes,
+        max_nodes=request.planner.max_nodes,
         seed=request.seed,
         stop=lambda: late(_SEARCH_SHARE),
         stop_shortening=lambda: late(1.0),
@@ -353,7 +338,7 @@ def _dead_reckoned(request: PlanRequest, minimise: Objective, path: Floats, foun
     return Route(
         path=path,
         drift=drift,
-        planner=request.planner,
+        planner=request.planner.name,
         minimise=minimise,
         status=Status.OPTIMAL if score <= bound * (1 + ROUNDING) else found.status,
         bound=min(bound, score),

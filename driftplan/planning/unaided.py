@@ -47,7 +47,7 @@ def best_unaided(request: PlanRequest) -> Unaided:
     """The shortest path, or the one of least exact drift at the goal within the detour."""
     if (request.ends[0] == request.ends[1]).all():
         return Unaided(request.ends, request.ends, Status.OPTIMAL, LeastRoute(0.0, 0.0))
-    search = _RoadmapPaths(request) if request.planner == ROADMAP else _OmplPaths(request)
+    search = _RoadmapPaths(request) if request.planner.name == ROADMAP else _OmplPaths(request)
     search.begin()
     detour = request.reliance.max_detour
     fitting: list[Floats] = []
@@ -63,8 +63,8 @@ def best_unaided(request: PlanRequest) -> Unaided:
         within = f"{request.limit_s:g} s" if counted is None else f"{counted} iterations"
         start, goal = (format_point(end) for end in request.ends)
         raise NoPathError(
-            f"{request.planner} found no path from {start} to {goal} within {within}, though free space connects "
-            "them: allow more" + (f", or use planner={ROADMAP!r}" if request.planner != ROADMAP else "")
+            f"{request.planner.name} found no path from {start} to {goal} within {within}, though free space connects "
+            "them: allow more" + (f", or use planner={ROADMAP!r}" if request.planner.name != ROADMAP else "")
         )
     best = shortest = min(pool, key=length_of)
     if request.minimise == "drift":
@@ -253,7 +253,7 @@ class _OmplPaths:
             request.ends[0],
             request.ends[1],
             noise if score == "drift" else None,
-            planner=request.planner,
+            planner=request.planner.name,
             time_limit=limit,
             iterations=request.iterations,
             seed=request.seed,

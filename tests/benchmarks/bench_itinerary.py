@@ -9,6 +9,7 @@ import numpy as np
 
 from driftplan import InfeasibleError, OdometryNoise, Trip, World, bundled_map, co_design, load_world
 from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.planning.request import DriftLimit, Planner
 from driftplan.planning.routes import Route, plan_route
 
 BERLIN = Path(__file__).resolve().parents[2] / "../shared/data/movingai/Berlin_1_256.map"
@@ -25,10 +26,13 @@ def scattered(world: World, count: int, range_m: float) -> list[Beacon]:
     return [Beacon(sign if k % 4 == 0 else tag, *xy) for k, xy in enumerate(points)]
 
 
-def timed(title: str, world: World, ends: np.ndarray, beacons: list[Beacon], **asked: object) -> Route | None:
+def timed(
+    title: str, world: World, ends: np.ndarray, beacons: list[Beacon], max_nodes: int = 1000, **asked: object
+) -> Route | None:
     began, cpu = time.perf_counter(), time.process_time()
     try:
-        found = plan_route(world, *ends, NOISE, beacons=beacons, **{"minimise": "length", **asked})  # type: ignore[arg-type]
+        options = {"minimise": "length", "planner": Planner(max_nodes=max_nodes), **asked}
+        found = plan_route(world, *ends, NOISE, beacons=beacons, **options)  # type: ignore[arg-type]
         said = (
             f"{found.length:7.2f} m (shortest {found.shortest_length:.2f}), worst {found.worst_drift:.3f} m, "
             f"end {found.rms:.3f} m, {len(found.beacons)} beacons, {found.labels} labels"
@@ -57,10 +61,8 @@ def main() -> None:
         for limit in limits:
             timed(f"{name}: 200 beacons, limit {limit:.2f} m", world, ends, beacons, max_nodes=1000, max_drift=limit)
         limit = limits[0]
-        longer = {"max_nodes": 1000, "time_limit": 60.0}  # so that it ends by itself
-        timed(
-            f"{name}: any one dead, limit {limit:.2f} m", world, ends, beacons, max_drift=limit, redundancy=2, **longer
-        )
+        longer, sturdy = {"time_limit": 60.0}, DriftLimit(limit, redundancy=2)  # so that it ends by itself
+        timed(f"{name}: any one dead, limit {limit:.2f} m", world, ends, beacons, max_drift=sturdy, **longer)
         timed(f"{name}: least worst drift", world, ends, beacons, minimise="worst_drift", **longer)
         timed(f"{name}: least drift at the goal", world, ends, beacons, minimise="drift", **longer)
     world, ends, range_m, _ = places["warehouse"]

@@ -19,9 +19,10 @@ from driftplan.beacons.beacon import BeaconKind
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.placement.problem import LimitSearch, placement_problem
 from driftplan.layouts.placement.requirements import DriftRequirements
-from driftplan.layouts.scenario import DriftLimit, Scenario
+from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import Sites, grid_sites
 from driftplan.model.noise import OdometryNoise
+from driftplan.planning.request import DriftLimit
 from driftplan.world.world import World
 
 NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)

@@ -3,6 +3,7 @@
 import inspect
 import itertools
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,12 +15,11 @@ from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
 from driftplan.layouts.co_design.co_design import co_design
 from driftplan.layouts.co_design.design import Trip
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import SiteGroup, Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
-from driftplan.planning.request import Reliance
+from driftplan.planning.request import DriftLimit, Reliance
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.status import Status
 from driftplan.world.world import World
@@ -38,11 +38,12 @@ def greatest(path, beacons, noise=NOISE, world=WORLD, fixes=()):
     return float(drift_with_beacons(path, noise, beacons, world, fixes=fixes).profile(0.1).rms.max())
 
 
-def designed(trips=TRIPS, limit=LIMIT, **options):
+def designed(trips=TRIPS, limit=LIMIT, min_capture=0.0, **options):
     """All readings count, unless asked otherwise, as in brute force."""
     allowed = {key: options.pop(key) for key in inspect.signature(Sites).parameters if key in options}
     sites = Sites(**{"kind": SIGN, **({} if "points" in allowed else {"spacing_m": 4.0}), **allowed})
-    return co_design(WORLD, trips, NOISE, limit, sites, **{"price_per_m": 1.0, "min_capture": 0.0, **LONG, **options})
+    limit = replace(DriftLimit.of(limit), min_capture=min_capture)
+    return co_design(WORLD, trips, NOISE, limit, sites, **{"price_per_m": 1.0, **LONG, **options})
 
 
 @cache

@@ -11,13 +11,14 @@ from driftplan.layouts.placement.drives import HOLDS, drives_of, first_breach, w
 from driftplan.layouts.placement.fresh_fixes import Limit
 from driftplan.layouts.placement.interval_moments import IntervalMoments
 from driftplan.layouts.placement.problem import LimitSearch, placement_problem
-from driftplan.layouts.scenario import DriftLimit, Scenario
+from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import Sites
 from driftplan.model.drift import predict_drift
 from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.worst import worst_radius, worst_rms
+from driftplan.planning.request import DriftLimit
 
 NOISE = OdometryNoise(
     heading_var_per_m=1e-3,

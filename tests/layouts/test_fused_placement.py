@@ -13,12 +13,13 @@ from driftplan.errors import InfeasibleError
 from driftplan.layouts.place import beacon_tradeoff, place_beacons
 from driftplan.layouts.placement.fused_requirements import FusedRequirements
 from driftplan.layouts.placement.fused_routes import NEVER, fused_routes
-from driftplan.layouts.scenario import DriftLimit, Scenario
+from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
 from driftplan.model.worst import worst_rms
+from driftplan.planning.request import DriftLimit
 
 NAMES = ["tags", "perfect", "two full", "mixed", "with compass", "unsure", "everything"]
 NAMES += ["ranges", "lights", "seen from in front"]

@@ -9,9 +9,9 @@ import pytest
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.layouts.layout import compare_layouts
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
+from driftplan.planning.request import DriftLimit
 
 NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
 SIGN = replace(BeaconKind.landmark(2.0, 0.05, 0.01, line_of_sight=False), name="<sign>")

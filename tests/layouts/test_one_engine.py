@@ -13,12 +13,12 @@ from driftplan.layouts.placement.drives import drives_of, worst_squares
 from driftplan.layouts.placement.fused_routes import fused_routes
 from driftplan.layouts.placement.interval_moments import IntervalMoments
 from driftplan.layouts.placement.route_table import route_table
-from driftplan.layouts.scenario import DriftLimit, Scenario
+from driftplan.layouts.scenario import Scenario
 from driftplan.model.drift import predict_drift
 from driftplan.model.filter_state import Row
 from driftplan.model.readings import Readings, Resets
 from driftplan.model.worst import worst_rms
-from driftplan.planning.request import Reliance
+from driftplan.planning.request import DriftLimit, Reliance
 from driftplan.planning.roadmap.beacon_graph import BeaconGraph
 from driftplan.planning.roadmap.itinerary_check import ItineraryCheck
 from driftplan.world.world import World

@@ -14,12 +14,12 @@ from driftplan.errors import InfeasibleError
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.placement import covering
 from driftplan.layouts.placement.relaxation import Solution
-from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import SiteGroup, Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
 from driftplan.model.worst import worst_rms
+from driftplan.planning.request import DriftLimit
 from driftplan.planning.status import Status
 
 SLOW = pytest.mark.slow

@@ -10,11 +10,11 @@ import shapely
 from driftplan.beacons.beacon import BeaconKind
 from driftplan.beacons.readings import beacon_fixes, drift_with_beacons
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
 from driftplan.model.worst import worst_rms
+from driftplan.planning.request import DriftLimit
 from driftplan.world.mapfiles import load_world
 
 DEPOT = Path(__file__).resolve().parents[2] / "../shared/data/nav2_depot/depot.yaml"

@@ -12,11 +12,11 @@ from driftplan.errors import InfeasibleError, KeywordError
 from driftplan.layouts.place import beacon_tradeoff, place_beacons
 from driftplan.layouts.placement import covering
 from driftplan.layouts.placement.relaxation import Solution
-from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import SiteGroup, Sites, grid_sites, route_sites, wall_sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.worst import worst_radius, worst_rms
+from driftplan.planning.request import DriftLimit
 from driftplan.planning.status import Status
 from driftplan.world.world import World
 from driftplan.world.zones import Zone

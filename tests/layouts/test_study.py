@@ -159,6 +159,7 @@ def test_digests_tell_contents_apart_and_nothing_else(values, k):
     assert digest(changed) != digest(array)
 
 
+@pytest.mark.slow
 def test_ten_thousand_cells_are_planned_with_every_input_read_once_and_in_little_memory():
     vary = {"limit_m": {"from": 0.3, "to": 2, "count": 20}, "noise.heading_deg": {"from": 1, "to": 5, "count": 25}}
     study = {**LINE, "map": "warehouse", "vary": {**vary, "seed": {"from": 1, "to": 20}}}

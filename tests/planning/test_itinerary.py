@@ -15,7 +15,7 @@ from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
 from driftplan.planning.bounds import least_length
 from driftplan.planning.comparison import compare_routes
-from driftplan.planning.request import Reliance
+from driftplan.planning.request import DriftLimit, Planner, Reliance
 from driftplan.planning.roadmap.itinerary_check import ItineraryCheck
 from driftplan.planning.routes import Route, plan_route
 from driftplan.world.mapfiles import bundled_map, load_world
@@ -31,9 +31,11 @@ START, GOAL = (3.0, 10.0), (77.0, 10.0)
 QUICK = {"max_nodes": 120, "time_limit": 600.0}  # a clock that never decides
 
 
-def planned(*where, **asked):
+def planned(*where, max_drift=None, redundancy=1, min_capture=None, max_nodes=1000, **asked):
     """The shortest route unless something else is to be least."""
-    return plan_route(*where, **{"minimise": "length", **asked})
+    limit = DriftLimit(max_drift, redundancy=redundancy, min_capture=min_capture)
+    planner = Planner(max_nodes=max_nodes)
+    return plan_route(*where, **{"minimise": "length", "max_drift": limit, "planner": planner, **asked})
 
 
 def greatest(path, beacons, world=HALL, noise=NOISE, fixes=()):
@@ -347,7 +349,7 @@ def test_no_route_that_keeps_the_limit_is_shorter_than_the_bound():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"max_drift": 0.0}, "max_drift > 0"),
+        ({"max_drift": 0.0}, "max_drift finite and > 0"),
         ({"max_drift": float("nan")}, "max_drift"),
         ({"minimise": "time"}, "minimise one of"),
         ({"max_detour": 0.9}, "max_detour >= 1"),

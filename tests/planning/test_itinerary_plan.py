@@ -1,14 +1,17 @@
 """plan_route with and without beacons, and the trade-off between length and drift."""
 
+import re
+
 import numpy as np
 import pytest
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import drift_with_beacons
-from driftplan.errors import PlannerError
+from driftplan.errors import KeywordError, PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.comparison import compare_routes
 from driftplan.planning.pareto import knee, non_dominated, pareto_routes
+from driftplan.planning.request import DriftLimit, Planner
 from driftplan.planning.routes import plan_route
 from driftplan.world.world import World
 
@@ -21,7 +24,7 @@ SIGNS = [Beacon(SIGN, 18, 18), Beacon(SIGN, 30, 19), Beacon(SIGN, 42, 18)]
 
 def test_what_matters_with_beacons_only_is_accepted_without():
     """A loop over sets of beacons asks for the same each time, with none of them too."""
-    asked = {"redundancy": 2, "min_capture": 0.5, "max_nodes": 80, "iterations": 1}
+    asked = {"max_drift": DriftLimit(redundancy=2, min_capture=0.5), "planner": Planner(max_nodes=80), "iterations": 1}
     for beacons in ([], SIGNS):
         assert plan_route(HALL, START, GOAL, NOISE, beacons=beacons, minimise="length", **asked).length == 54.0
 
@@ -30,9 +33,9 @@ def test_routes_among_beacons_take_no_other_planner_but_paths_to_begin_with():
     with pytest.raises(PlannerError, match="planner='roadmap'"):
         plan_route(HALL, START, GOAL, NOISE, beacons=SIGNS, planner="rrtstar")
     by_all = [START, (18.0, 17.0), (30.0, 18.0), (42.0, 17.0), GOAL]
-    asked = {"beacons": SIGNS, "minimise": "drift", "max_nodes": 40, "time_limit": 600.0}
-    told = plan_route(HALL, START, GOAL, NOISE, initial_paths=[by_all], **asked)
-    alone = plan_route(HALL, START, GOAL, NOISE, initial_paths=[by_all], **{**asked, "max_nodes": 10})
+    asked = {"beacons": SIGNS, "minimise": "drift", "time_limit": 600.0}
+    told = plan_route(HALL, START, GOAL, NOISE, planner=Planner(max_nodes=40, initial_paths=[by_all]), **asked)
+    alone = plan_route(HALL, START, GOAL, NOISE, planner=Planner(max_nodes=10, initial_paths=[by_all]), **asked)
     least = drift_with_beacons(by_all, NOISE, SIGNS, HALL).end.rms
     assert max(told.rms, alone.rms) <= least * (1 + 1e-9)
 
@@ -40,12 +43,21 @@ def test_routes_among_beacons_take_no_other_planner_but_paths_to_begin_with():
 def test_an_unknown_keyword_is_answered_with_the_one_that_was_meant():
     with pytest.raises(ValueError, match="did you mean time_limit"):
         plan_route(HALL, START, GOAL, NOISE, timelimit=1)
+    for keyword, said in (
+        ("redundancy", "max_drift=DriftLimit(redundancy=…)"),
+        ("max_nodes", "planner=Planner(max_nodes=…)"),
+        ("start_heading", "start=(x, y, heading)"),
+    ):
+        with pytest.raises(KeywordError, match=re.escape(f"did you mean {said}?")):
+            plan_route(HALL, START, GOAL, NOISE, **{keyword: 1})
     with pytest.raises(ValueError, match="did you mean max_routes"):
         pareto_routes(HALL, START, GOAL, NOISE, beacons=SIGNS, max_route=3)
 
 
 def test_the_trade_off_is_a_trade_off():
-    found = pareto_routes(HALL, START, GOAL, NOISE, beacons=SIGNS, max_routes=4, max_nodes=60, time_limit=600.0)
+    found = pareto_routes(
+        HALL, START, GOAL, NOISE, beacons=SIGNS, max_routes=4, planner=Planner(max_nodes=60), time_limit=600.0
+    )
     scores = np.array([(route.length, route.worst_drift, route.rms) for route in found])
     assert 2 <= len(found) <= 4
     assert (np.diff(scores[:, 0]) > 0).all()
@@ -105,7 +117,7 @@ def test_settings_of_the_trade_off_that_make_no_sense_are_refused(change, said):
 
 RADIO = BeaconKind.range_only(range_m=15.0, range_std_m=0.1)
 RADIOS = [Beacon(RADIO, 15, 25), Beacon(RADIO, 45, 25)]
-FUSING = {"estimator": "filter", "max_nodes": 20, "time_limit": 600.0}
+FUSING = {"estimator": "filter", "planner": Planner(max_nodes=20), "time_limit": 600.0}
 
 
 def test_ranges_are_for_robots_with_a_filter():
@@ -135,8 +147,8 @@ def test_the_least_worst_drift_of_a_robot_with_a_filter_is_found_again_as_a_limi
 
 def test_with_any_one_radio_dead_the_limit_of_a_robot_with_a_filter_still_holds():
     radios = [*RADIOS, Beacon(RADIO, 30, 0.5)]
-    asked = {"minimise": "length", "max_drift": 2.2, **FUSING}
-    route = plan_route(HALL, START, GOAL, NOISE, beacons=radios, redundancy=2, min_capture=0.0, **asked)
+    limit = DriftLimit(2.2, redundancy=2, min_capture=0.0)
+    route = plan_route(HALL, START, GOAL, NOISE, beacons=radios, minimise="length", max_drift=limit, **FUSING)
     for k in range(len(radios)):
         alive = radios[:k] + radios[k + 1 :]
         assert drift_with_beacons(route, NOISE, alive, HALL, estimator="filter").profile(0.5).rms.max() <= 2.2 + 1e-9
@@ -144,7 +156,16 @@ def test_with_any_one_radio_dead_the_limit_of_a_robot_with_a_filter_still_holds(
 
 def test_a_table_of_routes_says_which_robot_they_are_for():
     fused, resets = (
-        plan_route(HALL, START, GOAL, NOISE, beacons=SIGNS, minimise="length", max_nodes=40, estimator=estimator)
+        plan_route(
+            HALL,
+            START,
+            GOAL,
+            NOISE,
+            beacons=SIGNS,
+            minimise="length",
+            planner=Planner(max_nodes=40),
+            estimator=estimator,
+        )
         for estimator in ("filter", "reset")
     )
     table = compare_routes([fused, resets])

@@ -18,13 +18,14 @@ from driftplan import (
     plan_route,
 )
 from driftplan.planning import request
+from driftplan.planning.request import DriftLimit, Planner
 from driftplan.planning.roadmap import growth
 
 ROOM = World.from_polygons([], bounds=(0, 0, 24, 12), robot_radius=0.3)
 NOISE = OdometryNoise.from_std(heading_deg=3, distance_m=0.14, after_m=10)
 ENDS = (3.5, 7.86), (21.6, 9.53)
 COARSE = Beacon(BeaconKind.landmark(range_m=2.3, position_std_m=1.0, heading_std=0.1), 11.5, 7.25)
-UNHURRIED = {"time_limit": 600.0, "max_nodes": 30}
+UNHURRIED = {"time_limit": 600.0, "planner": Planner(max_nodes=30)}
 
 
 def scattered(seed):
@@ -68,10 +69,11 @@ def test_with_beacons_too_a_limit_that_does_not_bind_changes_nothing(seed, minim
 
 @pytest.mark.parametrize("min_capture", [0.0, 0.9])
 def test_a_beacon_that_does_harm_is_driven_round(min_capture):
-    asked = {"beacons": [COARSE], "min_capture": min_capture, **UNHURRIED}
-    steady = plan_route(ROOM, *ENDS, NOISE, minimise="worst_drift", **asked)
+    asked = {"beacons": [COARSE], **UNHURRIED}
+    any_drift, limit = DriftLimit(min_capture=min_capture), DriftLimit(1.0, min_capture=min_capture)
+    steady = plan_route(ROOM, *ENDS, NOISE, minimise="worst_drift", max_drift=any_drift, **asked)
     assert steady.worst_drift < 0.8
-    assert plan_route(ROOM, *ENDS, NOISE, minimise="length", max_drift=1.0, **asked).worst_drift <= 1.0
+    assert plan_route(ROOM, *ENDS, NOISE, minimise="length", max_drift=limit, **asked).worst_drift <= 1.0
 
 
 OTHER_NODES = pytest.mark.xfail(reason="among the nodes for routes of any length is a path that those for 1.5 lack")
@@ -102,7 +104,7 @@ def test_the_least_worst_drift_can_be_kept_and_two_per_cent_less_cannot(seed):
 # Longer searches
 
 
-@pytest.mark.parametrize("asked", [{}, {"minimise": "length"}, {"start_heading": 2.0}], ids=str)
+@pytest.mark.parametrize("asked", [{}, {"minimise": "length"}, {"start": (1, 9, 2.0)}], ids=str)
 def test_a_longer_search_is_never_worse_than_a_shorter_one_with_the_same_seed(monkeypatch, asked):
     """By a clock that ticks when it is looked at, so that the machine has no say in where a search is cut short."""
     world = World.from_polygons(
@@ -114,7 +116,8 @@ def test_a_longer_search_is_never_worse_than_a_shorter_one_with_the_same_seed(mo
     clock = SimpleNamespace(monotonic=itertools.count().__next__, perf_counter=lambda: 0.0)
     monkeypatch.setattr(request, "time", clock)
     monkeypatch.setattr(growth, "time", clock)
-    found = [plan_route(world, (1, 9), (15, 9), noise, time_limit=t, **asked) for t in (1, 30, 60, 100, 150)]
+    asked = {"start": (1, 9), "goal": (15, 9), "noise": noise, **asked}
+    found = [plan_route(world, time_limit=t, **asked) for t in (1, 30, 60, 100, 150)]
     scores = [route.length if "minimise" in asked else route.rms for route in found]
     assert (np.diff(scores) <= 1e-12).all()
     assert scores[-1] < scores[0]

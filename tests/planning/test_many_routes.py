@@ -10,6 +10,7 @@ from driftplan.errors import GoalError, NoPathError
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.many_routes import plan_routes
+from driftplan.planning.request import Planner
 from driftplan.planning.roadmap.kept_graph import KeptGraph
 from driftplan.planning.routes import plan_route
 from driftplan.world.mapfiles import bundled_map, load_world
@@ -63,7 +64,7 @@ def test_where_the_graph_does_not_lead_the_way_over_the_triangles_does():
 
 def test_with_beacons_limits_or_time_a_trip_is_planned_as_alone():
     sign = [Beacon(BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01), 5, 9)]
-    asked = {"beacons": sign, "minimise": "length", "max_nodes": 40}
+    asked = {"beacons": sign, "minimise": "length", "planner": Planner(max_nodes=40)}
     (route,) = plan_routes(WALL, TRIPS[:1], NOISE, workers=1, **asked)
     alone = plan_route(WALL, *TRIPS[0], NOISE, **asked)
     np.testing.assert_array_equal(route.path, alone.path)

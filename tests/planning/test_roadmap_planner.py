@@ -18,6 +18,7 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.planning.ompl.collision import use_world
 from driftplan.planning.ompl.objective import DriftObjective
 from driftplan.planning.ompl.roadmap_planner import RoadmapPlanner
+from driftplan.planning.request import DriftLimit, Planner
 from driftplan.planning.routes import plan_route
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -31,9 +32,11 @@ LIMIT = 2.0
 FEW = {"max_nodes": 100}  # one batch, so that no clock decides anything
 
 
-def planned(*where, **asked):
+def planned(*where, max_drift=None, redundancy=1, min_capture=None, max_nodes=1000, **asked):
     """The shortest route unless something else is to be least."""
-    return plan_route(*where, **{"minimise": "length", **asked})
+    limit = DriftLimit(max_drift, redundancy=redundancy, min_capture=min_capture)
+    planner = Planner(max_nodes=max_nodes)
+    return plan_route(*where, **{"minimise": "length", "max_drift": limit, "planner": planner, **asked})
 
 
 @pytest.fixture(autouse=True)
@@ -103,13 +106,15 @@ def test_the_shortest_route_within_a_limit_is_that_of_plan_route():
 
 
 def test_a_drift_objective_asks_for_the_least_drift_at_the_goal_within_a_detour():
-    beside = [Beacon(SIGN, 50, 22)]
+    beside, all_count = [Beacon(SIGN, 50, 22)], DriftLimit(min_capture=0.0)
     ends = []
     for detour in (1.02, 1.5):
         setup, si = plane()
         objective = DriftObjective(si, NOISE, GOAL)
         setup.setOptimizationObjective(objective)
-        solve(setup, RoadmapPlanner(si, objective, WORLD, beacons=beside, max_detour=detour, min_capture=0.0, **FEW))
+        solve(
+            setup, RoadmapPlanner(si, objective, WORLD, beacons=beside, max_detour=detour, max_drift=all_count, **FEW)
+        )
         rms = drift_with_beacons(waypoints(setup), NOISE, beside, WORLD).end.rms
         ends.append((rms, setup.getSolutionPath().length()))
     assert ends[1][0] < 0.8 * ends[0][0]
@@ -160,9 +165,7 @@ def test_poses_count_the_first_turn_and_zones_their_noise():
     planner = RoadmapPlanner(si, objective, world, beacons=SIGNS, max_drift=3.0, minimise="length", **FEW)
     assert solve(setup, planner)
     found = planner.route()
-    plain = planned(
-        world, START, GOAL, turning, beacons=SIGNS, max_drift=3.0, start_heading=3.0, max_nodes=100, time_limit=300.0
-    )
+    plain = planned(world, (*START, 3.0), GOAL, turning, beacons=SIGNS, max_drift=3.0, max_nodes=100, time_limit=300.0)
     assert found.worst_drift == pytest.approx(plain.worst_drift, rel=0.05)
     ahead = planned(world, START, GOAL, turning, beacons=SIGNS, max_drift=3.0, max_nodes=100, time_limit=300.0)
     assert float(found.drift.at(8.0).rms) > 1.5 * float(ahead.drift.at(8.0).rms)  # before the first sign
@@ -247,10 +250,12 @@ def test_what_a_checker_raises_comes_out_and_the_next_solve_works():
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"max_drift": -1.0}, "max_drift > 0"),
+        ({"max_drift": -1.0}, "max_drift finite and > 0"),
         ({"beacons": ["A"]}, "Beacon objects"),
         ({"minimise": "time"}, "minimise one of"),
-        ({"beacons": SIGNS, "redundancy": 3}, "redundancy 1"),
+        ({"max_drift": DriftLimit(redundancy=3)}, "redundancy 1"),
+        ({"max_drift": DriftLimit(1.0, confidence=0.9)}, "without a confidence"),
+        ({"redundancy": 2}, r"did you mean max_drift=DriftLimit\(redundancy=…\)"),
         ({"beacons": SIGNS, "noise": "loud"}, "an OdometryNoise"),
     ],
 )

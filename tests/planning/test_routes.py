@@ -20,6 +20,7 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
 from driftplan.planning.comparison import compare_routes
 from driftplan.planning.ompl.solve import PLANNERS, REFUSED
+from driftplan.planning.request import Planner
 from driftplan.planning.routes import plan_route
 from driftplan.planning.status import Status
 from driftplan.world.mapfiles import load_world
@@ -255,7 +256,7 @@ def test_a_bound_says_what_it_covers():
 def test_the_start_heading_is_paid_for():
     noise = OdometryNoise(heading_var_per_rad=1e-3, heading_var_per_m=1e-5)
     world = World.from_polygons([], bounds=(0, 0, 10, 10), robot_radius=0.1)
-    facing, away = (plan_route(world, (1, 5), (9, 5), noise, iterations=1, start_heading=h).rms for h in (0.0, np.pi))
+    facing, away = (plan_route(world, (1, 5, h), (9, 5), noise, iterations=1).rms for h in (0.0, np.pi))
     assert facing < away
 
 
@@ -296,9 +297,9 @@ ROOMS = World.from_polygons([[(4.9, 0), (5.1, 0), (5.1, 10), (4.9, 10)]], bounds
         ({"time_limit": float("inf")}, ValueError, "time_limit finite, got inf"),
         ({"minimise": "length", "max_detour": 1.2}, ValueError, "no max_detour with minimise='length'"),
         ({"noise": 0.1}, ValueError, "expected noise to be an OdometryNoise"),
-        ({"initial_paths": [[(2, 2), (3, 3)]]}, ValueError, "initial_paths from"),
-        ({"initial_paths": [[(2, 2), (8, 2)]]}, ValueError, "collides between"),
-        ({"initial_paths": [[(2, 2)]]}, ValueError, "at least 2 finite waypoints"),
+        ({"planner": Planner(initial_paths=[[(2, 2), (3, 3)]])}, ValueError, "initial_paths from"),
+        ({"planner": Planner(initial_paths=[[(2, 2), (8, 2)]])}, ValueError, "collides between"),
+        ({"planner": Planner(initial_paths=[[(2, 2)]])}, ValueError, "at least 2 finite waypoints"),
     ],
 )
 def test_bad_input_is_refused(arguments, error, message):
@@ -317,7 +318,13 @@ def test_a_planner_that_finds_nothing_in_time_leaves_what_else_is_known():
     way = [(2, 2), (3, 8), (7, 8), (8, 2)]
     for minimise in ("length", "drift"):
         route = plan_route(
-            WALL, (2, 2), (8, 2), NOISE, minimise=minimise, planner="rrtstar", time_limit=1e-4, initial_paths=[way]
+            WALL,
+            (2, 2),
+            (8, 2),
+            NOISE,
+            minimise=minimise,
+            planner=Planner("rrtstar", initial_paths=[way]),
+            time_limit=1e-4,
         )
         assert_safe(WALL, route, (2, 2), (8, 2))
     with pytest.raises(NoPathError, match=r"rrtstar found no path from .* though free space connects them"):

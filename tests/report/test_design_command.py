@@ -13,10 +13,10 @@ from driftplan.beacons.beacon_files import load_beacons
 from driftplan.errors import TrajectoryError
 from driftplan.layouts.co_design.co_design import co_design
 from driftplan.layouts.co_design.design import Trip, load_trips
-from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
+from driftplan.planning.request import DriftLimit
 from driftplan.report.figures.designs import plot_design
 from driftplan.world.world import World
 
@@ -108,7 +108,11 @@ def test_the_options_reach_the_search(design):
     )
     assert code == 0, err
     ((world, trips, noise, limit, sites), options) = design.asked[0]
-    assert (world.bounds, world.robot_radius, limit) == (WORLD.bounds, 0.5, DriftLimit(1.2, redundancy=2))
+    assert (world.bounds, world.robot_radius, limit) == (
+        WORLD.bounds,
+        0.5,
+        DriftLimit(1.2, redundancy=2, min_capture=0.9),
+    )
     assert trips == (Trip((2, 2), (38, 2)), Trip((2, 10), (38, 10), 2.0))
     assert noise == OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
     assert sites.kind == (BeaconKind.landmark(2.0, 0.05, math.radians(1.0), cost=100.0),)
@@ -118,7 +122,6 @@ def test_the_options_reach_the_search(design):
         "max_detour": 1.3,
         "seed": 4,
         "price_per_m": 1.0,
-        "min_capture": 0.9,
         "time_limit": 600.0,
         "estimator": "filter",
     }

@@ -8,6 +8,7 @@ from matplotlib.patches import Circle
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.pareto import knee, pareto_routes
+from driftplan.planning.request import Planner
 from driftplan.planning.routes import plan_route
 from driftplan.report.figures.itinerary import plot_itinerary, plot_pareto
 from driftplan.report.figures.maps import plot_beacons
@@ -22,7 +23,7 @@ ENDS = ((3.0, 10.0), (57.0, 10.0))
 
 @pytest.fixture(scope="module")
 def itinerary():
-    asked = {"beacons": BEACONS, "max_drift": 2.0, "max_nodes": 100, "time_limit": 600.0}
+    asked = {"beacons": BEACONS, "max_drift": 2.0, "planner": Planner(max_nodes=100), "time_limit": 600.0}
     return plan_route(HALL, *ENDS, NOISE, minimise="length", **asked)
 
 
@@ -49,7 +50,9 @@ def test_the_figure_of_an_itinerary_shows_route_beacons_and_limit(itinerary):
 
 
 def test_the_figure_of_a_trade_off_marks_the_knee():
-    routes = pareto_routes(HALL, *ENDS, NOISE, beacons=BEACONS, max_routes=3, max_nodes=100, time_limit=600.0)
+    routes = pareto_routes(
+        HALL, *ENDS, NOISE, beacons=BEACONS, max_routes=3, planner=Planner(max_nodes=100), time_limit=600.0
+    )
     figure = plot_pareto(HALL, routes)
     on_map, on_curve = figure.axes
     paths = [line.get_xydata() for line in on_map.lines]

@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -29,11 +30,10 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.co_design.design import CoDesign, Design, Trip, trips_of
 from driftplan.layouts.co_design.design_problem import DesignProblem
-from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator, Fix
-from driftplan.planning.request import DEFAULT_DETOUR, Reliance, check_continuous
+from driftplan.planning.request import DEFAULT_DETOUR, DriftLimit, Reliance, check_continuous
 from driftplan.planning.roadmap.beacon_walks import ROUNDING
 from driftplan.planning.roadmap.prices import length_of
 from driftplan.planning.routes import route_along
@@ -55,7 +55,6 @@ def co_design(
     *,
     price_per_m: float,
     max_detour: float = DEFAULT_DETOUR,
-    min_capture: float = 0.9,
     estimator: Estimator = "reset",
     start_fix: Fix | None = None,
     max_nodes: int = 500,
@@ -75,11 +74,11 @@ def co_design(
     ----------
     world, noise, sites, estimator, start_fix : as for `place_beacons`
     trips : sequence of Trip, or of (start, goal) or (start, goal, weight)
-    limit : on the rms, metres (one number or one per trip); or DriftLimit, with a ``redundancy`` of 1 or 2
+    limit : on the rms, metres (one number or one per trip); or DriftLimit, with a ``redundancy`` of 1 or 2. It holds
+        without readings less sure than its ``min_capture``; the chances are in ``routes[k].captures``. 0: all count,
+        as in `place_beacons`.
     price_per_m : of driving one metre once, in the unit of the beacons' cost, > 0
     max_detour : no route is longer than this multiple of the shortest, >= 1
-    min_capture : the limit holds without readings that a drifted robot gets less surely than this, in [0, 1); the
-        chances are in ``routes[k].captures``. 0: all count, as in `place_beacons`.
     max_nodes : of every roadmap, about
     rounds : passes over all neighbours, at most; 0: only the baseline, with its routes as short as its beacons allow
     time_limit : seconds; it only stops the search, and ``status`` then says so. The baseline is found in any case.
@@ -102,26 +101,18 @@ def co_design(
     >>> noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
     >>> sign = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01, cost=100.0)
     >>> trips, sites = [((2, 2), (38, 2)), ((2, 10), (38, 10))], Sites(sign, spacing_m=4.0)
-    >>> found = co_design(world, trips, noise, 1.2, sites, price_per_m=1.0, min_capture=0.0, max_nodes=120)
+    >>> limit = DriftLimit(1.2, min_capture=0.0)
+    >>> found = co_design(world, trips, noise, limit, sites, price_per_m=1.0, max_nodes=120)
     >>> len(found.baseline.beacons), len(found.beacons), found.gain > 50
     (2, 1, True)
     """
     began = time.monotonic()
-    if not isinstance(world, World):
-        raise ValueError(f"expected a World, got {world!r}")
     asked, allowed, driven = DriftLimit.of(limit), Sites.of(sites), trips_of(trips)
-    if asked.max_drift is None or asked.confidence is not None:
-        raise ValueError(f"expected a limit on the rms drift, without a confidence, got {asked}")
+    if asked.max_drift is None:
+        raise ValueError(f"expected a limit on the drift, got {asked}")
     limits_m = asked.per_route(len(driven))
-    reliance = Reliance(
-        beacons=tuple(allowed.existing),
-        max_drift=min(limits_m),
-        max_detour=max_detour,
-        redundancy=asked.redundancy,
-        min_capture=min_capture,
-        start_fix=start_fix,
-        estimator=estimator,
-    )
+    strictest = replace(asked, max_drift=min(limits_m))
+    reliance = Reliance.of(allowed.existing, strictest, max_detour, start_fix, estimator)
     check_continuous((noise, *(zone.noise for zone in world.zones)))
     whole("max_nodes", max_nodes, least=10)
     whole("seed", seed, least=0)

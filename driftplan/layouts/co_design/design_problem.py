@@ -15,11 +15,11 @@ from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
 from driftplan.layouts.co_design.design import Design, Trip
 from driftplan.layouts.layout import Layout
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.scenario import DriftLimit, beacons_in_range
+from driftplan.layouts.scenario import beacons_in_range
 from driftplan.layouts.sites import ListedSites, Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator
-from driftplan.planning.request import Reliance, check_connected, checked_ends
+from driftplan.planning.request import DriftLimit, Reliance, check_connected, checked_ends
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.prices import length_of
 from driftplan.planning.status import Status

@@ -37,8 +37,8 @@ def here(shared: Mapping[str, Any], tasks: Iterable[Task]) -> Done:
 def in_processes(shared: Mapping[str, Any], tasks: Iterable[Task], count: int) -> Done:
     """In so many processes of this machine.
 
-    A process that dies takes the cell that it was at with it: that is tried again, after the others, and once it has cost
-    three it is a row that says so. One that does not end long after its cell's time limit is ended.
+    A process that dies takes the cell that it was at with it: that is tried again, after the others, and once it has
+    cost three it is a row that says so. One that does not end long after its cell's time limit is ended.
     """
     todo = [(task, 1) for task in tasks][::-1]
     workers: list[_Worker] = []

@@ -20,11 +20,11 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.beacon_files import load_beacons
 from driftplan.errors import DriftplanError, StudyError
 from driftplan.layouts.co_design.design import load_trips
-from driftplan.layouts.scenario import DriftLimit
 from driftplan.layouts.study.study import Cell, Study, Values
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.presets import PRESETS
 from driftplan.model.readings import Fix
+from driftplan.planning.request import DriftLimit
 from driftplan.world.mapfiles import bundled_map, bundled_maps, load_world
 from driftplan.world.noise_files import load_noise
 from driftplan.world.route_graphs import load_graph

@@ -17,13 +17,14 @@ from driftplan.beacons.readings import beacon_fixes, floor_of
 from driftplan.errors import DriftplanError, InfeasibleError
 from driftplan.layouts.layout import Layout
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.scenario import DriftLimit, Scenario
+from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import Sites, route_sites, wall_sites
 from driftplan.layouts.study.inputs import SitesAsked, Task, Trips, start_fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
 from driftplan.planning.graph_routes import graph_routes
 from driftplan.planning.many_routes import plan_routes
+from driftplan.planning.request import DriftLimit
 from driftplan.planning.status import Status
 from driftplan.world.world import World
 

@@ -12,14 +12,14 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from driftplan.arrays import Floats, Ints, whole
+from driftplan.arrays import Floats, Ints, arguments_checked, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator, Fix
 from driftplan.planning.ompl.roadmap_problem import ClippedWorld, OmplCheckedSpace, Target, box_of, target_of
 from driftplan.planning.ompl.spaces import SpaceKind, space_kind
-from driftplan.planning.request import Objective, Reliance, check_continuous, check_objective
+from driftplan.planning.request import DriftLimit, Objective, Reliance, check_continuous, check_objective
 from driftplan.planning.roadmap.beacon_growth import BeaconRouteGrowth
 from driftplan.planning.roadmap.growth import RoadmapSearch
 from driftplan.planning.roadmap.prices import AdditiveCost, Space, exact_drift, noises_of
@@ -30,6 +30,7 @@ from driftplan.world.world import World
 _SAME_PLACE = 1e-9  # m: how far the problem's goal may be from the one that the objective weighs drift by
 
 
+@arguments_checked(max_drift=DriftLimit)
 class RoadmapPlanner(ob.Planner):
     """Plans straight runs and turns on the spot over a growing roadmap: near the optimum long before trees are.
 
@@ -55,8 +56,8 @@ class RoadmapPlanner(ob.Planner):
         DriftObjective was made for, which must be in it.
     world : collisions are then tested in bulk, and corners are known; the validity checkers of ``si`` are not asked.
         Without it every motion is put to ``si.checkMotion``. An objective with zones needs its world here.
-    beacons, max_drift, max_detour, redundancy, min_capture, start_fix, estimator : as for `driftplan.plan_route`.
-        Without a ``world`` nothing blocks the sight of beacons.
+    beacons, max_drift, max_detour, start_fix, estimator : as for `driftplan.plan_route`. Without a ``world`` nothing
+        blocks the sight of beacons.
     minimise : {"length", "drift", "worst_drift"}, optional
     noise : needed with beacons and a path length objective, which has none
     max_nodes : of the largest roadmap among beacons, about
@@ -111,11 +112,9 @@ class RoadmapPlanner(ob.Planner):
         world: World | None = None,
         *,
         beacons: Sequence[Beacon] = (),
-        max_drift: float | None = None,
+        max_drift: float | DriftLimit | None = None,
         minimise: Objective | None = None,
         max_detour: float | None = None,
-        redundancy: int = 1,
-        min_capture: float = 0.9,
         start_fix: Fix | None = None,
         estimator: Estimator = "reset",
         noise: OdometryNoise | None = None,
@@ -135,18 +134,13 @@ class RoadmapPlanner(ob.Planner):
         self._world = world
         self._target = None if objective is None else target_of(objective)
         self._seed = whole("seed", seed, least=0)
-        self._counts_on_beacons = bool(beacons) or max_drift is not None or minimise is not None
         if minimise is not None:
             check_objective(minimise)
-        if noise is not None and not isinstance(noise, OdometryNoise):
-            raise ValueError(f"expected an OdometryNoise, got {noise!r}")
         self._minimise, self._noise = minimise, noise
         self._max_nodes = whole("max_nodes", max_nodes, least=10)
         self._length_weight: float = getattr(objective, "length_weight", 0.0)
-        limit = inf if max_drift is None else max_drift
-        self._reliance = Reliance(
-            tuple(beacons), limit, max_detour, redundancy, min_capture, start_fix, estimator=estimator
-        )
+        reliance = self._reliance = Reliance.of(beacons, max_drift, max_detour, start_fix, estimator)
+        self._counts_on_beacons = bool(beacons) or reliance.max_drift < inf or minimise is not None
         self._queries: list[_Query] = []
         self._scale = 1.0
 

@@ -44,17 +44,8 @@ def both(
     """The lowest-drift route and the shortest one that the same search came by, by name."""
     from driftplan import plan_route
 
-    lowest = plan_route(
-        world,
-        start,
-        goal,
-        noise,
-        planner=planner,
-        time_limit=args.time_limit,
-        iterations=args.iterations,
-        seed=args.seed,
-        start_heading=shared.start_heading_from(args),
-    )
+    effort = {"time_limit": args.time_limit, "iterations": args.iterations, "seed": args.seed}
+    lowest = plan_route(world, start, goal, noise, planner=planner, **effort)
     assert lowest.shortest is not None
     return {NAMES["drift"]: lowest, NAMES["length"]: lowest.shortest}
 

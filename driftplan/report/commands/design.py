@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> Answer:
         world,
         trips,
         noise,
-        DriftLimit(args.max_drift, redundancy=args.redundancy),
+        DriftLimit(args.max_drift, redundancy=args.redundancy, min_capture=args.min_capture),
         Sites(
             shared.kind_from(args, cost=args.beacon_price),
             read_path(args.candidates)[:, :2] if args.candidates else None,
@@ -34,7 +34,6 @@ def run(args: argparse.Namespace) -> Answer:
             existing=load_beacons(args.existing) if args.existing else (),
         ),
         price_per_m=args.price_per_m,
-        min_capture=args.min_capture,
         max_detour=args.max_detour,
         estimator=args.estimator,
         start_fix=shared.start_fix_from(args),
@@ -137,7 +136,7 @@ COMMAND = Command(
     groups=(_WANTED, shared.KIND, _SITES, shared.WORLD, *shared.NOISE),
     files={
         "geojson": "write the beacons as GeoJSON points in metres; `driftplan plan --beacons` reads it back",
-        "csv": shared.CSV_TABLE,
+        "csv": shared.LAYOUT_FILES["csv"],
         "picture": "draw the design and the one it is compared with",
     },
     idle=shared.KIND_IDLE,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from math import hypot
 from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
@@ -25,6 +26,8 @@ def run(args: argparse.Namespace) -> Answer:
         return _many(args)
     if args.start is None or args.goal is None:
         raise ValueError("expected both --start and --goal, or --trips")
+    if args.graph:
+        return _on_graph(args)
     from driftplan.report.figures.comparison import plot_comparison
     from driftplan.report.figures.itinerary import plot_itinerary
     from driftplan.report.records import beyond_linear_text, drift_as_json, drift_geojson, drift_table
@@ -72,6 +75,27 @@ def run(args: argparse.Namespace) -> Answer:
     )
 
 
+def _on_graph(args: argparse.Namespace) -> Answer:
+    """The ways between the nodes of a route graph that are nearest to the ends."""
+    from driftplan import load_beacons, load_graph
+    from driftplan.report.commands.graph import ways_on_graph
+
+    if args.geojson is not None:
+        raise ValueError("--geojson would have no effect with --graph: `driftplan graph` writes the graph back")
+    noise, world, graph = shared.noise_from(args), shared.world_from(args), load_graph(args.graph)
+    beacons = load_beacons(args.beacons) if args.beacons else ()
+    ends = graph.node_ids[graph.nearest(args.start)], graph.node_ids[graph.nearest(args.goal)]
+    for name, end, node in zip(("start", "goal"), (args.start, args.goal), ends, strict=True):
+        x, y = graph.xy[graph.node(node)].tolist()
+        talk(f"{name} is node {node} at ({x:g}, {y:g}), {hypot(x - end[0], y - end[1]):.3g} m away")
+    ways = ways_on_graph(graph, ends, noise, beacons, world)
+    return Answer(
+        payload=lambda: {"map": args.map, "graph": args.graph, "noise": shared.noise_as_json(noise), **ways.payload()},
+        text=ways.text,
+        files=ways.files,
+    )
+
+
 def _many(args: argparse.Namespace) -> Answer:
     from driftplan import load_trips, plan_routes
 
@@ -111,7 +135,6 @@ def planned_route(args: argparse.Namespace, world: World, noise: OdometryNoise) 
         *shared.ends_from(args, world),
         noise,
         planner=args.planner,
-        start_heading=shared.start_heading_from(args),
         time_limit=args.time_limit,
         iterations=args.iterations,
         seed=args.seed,
@@ -121,16 +144,14 @@ def planned_route(args: argparse.Namespace, world: World, noise: OdometryNoise) 
 
 def _asked(args: argparse.Namespace) -> dict[str, Any]:
     """What is asked of a route, by the names of `plan_route`."""
-    from driftplan import load_beacons
+    from driftplan import DriftLimit, load_beacons
 
     asked = {
         "beacons": load_beacons(args.beacons) if args.beacons else None,
         "minimise": args.minimise,
-        "max_drift": args.max_drift,
+        "max_drift": DriftLimit(args.max_drift, redundancy=args.redundancy or 1, min_capture=args.min_capture),
         "estimator": args.estimator,
         "max_detour": args.max_detour,
-        "redundancy": args.redundancy,
-        "min_capture": args.min_capture,
         "start_fix": shared.start_fix_from(args),
     }
     return {name: value for name, value in asked.items() if value is not None}
@@ -202,6 +223,8 @@ def itinerary_text(route: Route) -> str:
 # fmt: off
 _TRIPS = Option("trips", "FILE", "many routes instead, in parallel on one graph of the map: start_x, start_y, goal_x, "
                 "goal_y per line, metres, as for `driftplan design`", str)
+_GRAPH = Option("graph", "FILE", "on the edges of a route graph (nav2's GeoJSON, .lif, .building.yaml), from the node "
+                "nearest to the start to that nearest to the goal", str)
 _GOALS = (
     Option("minimise", "", "rms drift at the goal, length, or the greatest rms drift anywhere on the way", str,
            "drift", ("drift", "length", "worst_drift")),
@@ -226,7 +249,7 @@ COMMAND = Command(
     arguments=(shared.MAP,),
     groups=(
         Group("planning", (
-            *shared.ENDS, _TRIPS, shared.SNAP, *_GOALS, shared.START_HEADING, *shared.SEARCH,
+            *shared.ENDS, _TRIPS, _GRAPH, shared.SNAP, *_GOALS, shared.START_HEADING, *shared.SEARCH,
         )),
         shared.WORLD,
         _BEACONS,
@@ -240,6 +263,9 @@ COMMAND = Command(
     idle=(
         Idle(("start", "goal", "snap", "start_heading_deg", "planner", "iterations"), lambda args: bool(args.trips),
              _ONE_ROUTE),
+        Idle(("trips", "snap", "minimise", "max_detour", "start_heading_deg", "planner", "time_limit", "iterations",
+              "seed", "estimator", "max_drift", "redundancy", "min_capture", "start_position_std_m",
+              "start_heading_std_deg"), lambda args: bool(args.graph), "a way on a --graph is found without"),
         Idle(("redundancy", "min_capture", "estimator"), lambda args: not args.beacons,
              "there are no --beacons on the way"),
     ),

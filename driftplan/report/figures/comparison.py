@@ -79,6 +79,10 @@ def _finding(drifts: Mapping[str, Drift]) -> str:
     """Which route drifts least, and by how much less than the one that drifts most."""
     least, *_, most = sorted(drifts, key=lambda label: float(drifts[label].end.rms)) * (2 if len(drifts) == 1 else 1)
     low, high = (float(drifts[label].end.rms) for label in (least, most))
+    if len(drifts) > len(style.ROUTE_STYLES):
+        return (
+            f"of {len(drifts)} routes {most} drifts most, {_metric(high)} m rms at the end; the least {_metric(low)} m"
+        )
     if len(drifts) == 1:
         return f"{least}: rms drift of {_metric(low)} m at the end"
     if not low < 0.995 * high:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from driftplan.report.figures import style
 from driftplan.report.figures.maps import plot_beacons, plot_world
 from driftplan.tables import counted
@@ -26,7 +24,7 @@ def draw_design(world: World, design: Design, *, ax: Axes) -> list[Line2D]:
     Returns
     -------
     list of Line2D
-        The routes, one per trip; the starts; the beacons. All are labelled for a legend.
+        The routes, one per trip; starts and goals; the beacons. All are labelled for a legend.
     """
     plot_world(world, ax=ax)
     everyone = (*design.layout.existing, *design.beacons)
@@ -35,8 +33,8 @@ def draw_design(world: World, design: Design, *, ax: Axes) -> list[Line2D]:
     for k, (path, own) in enumerate(zip(design.paths, cycle(style.ROUTE_STYLES), strict=False)):
         look: dict[str, Any] = {"linewidth": 1.8, "label": f"trip {k}", **own, "markersize": 3.5, "zorder": 2.5}
         lines += ax.plot(*path.T, **look)
-    starts = np.array([path[0] for path in design.paths])
-    lines += ax.plot(*starts.T, linestyle="none", zorder=3, label="start", **style.START)
+        style.arrow_along(ax, path, own["color"])
+    lines += style.mark_ends(ax, design.paths)
     ax.set_title(
         f"{counted(len(design.beacons), 'beacon')}, {sum(design.lengths):.4g} m of routes: cost {design.cost:.5g}",
         fontsize=10,

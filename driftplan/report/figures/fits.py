@@ -32,7 +32,6 @@ def _looks(count: int) -> list[dict[str, str]]:
 
 
 @arguments_checked()
-@arguments_checked()
 def plot_fit(
     fit: NoiseFit, others: Mapping[str, SegmentCheck] | None = None, *, figure: Figure | None = None
 ) -> Figure:
@@ -44,7 +43,7 @@ def plot_fit(
     others : mapping of label to SegmentCheck, optional: checks of the fit on other drives, from `NoiseFit.check_on`
     """
     checks = {FITTED: fit.check, **(others or {})}
-    headed = fit.check.has_heading
+    headed, rows = fit.check.has_heading, fit.check.lengths
     panels = 5 if headed else 4
     figure = style.new_figure(figure, 4.2 * panels, 4.8)
     axes = list(figure.subplots(1, panels))
@@ -54,7 +53,17 @@ def plot_fit(
         plot_growth(fit, others, heading=True, ax=axes[2])
     plot_predicted(checks, ax=axes[-2])
     plot_coverage(checks, ax=axes[-1])
-    titles = ["where it drove", "position", *(["heading"] if headed else []), "as predicted?", "in the regions?"]
+    factor = max(
+        max(row.measured_rms_m / row.predicted_rms_m, row.predicted_rms_m / row.measured_rms_m) for row in rows
+    )
+    held = [100 * row.coverage[1] for row in rows]
+    titles = [
+        "where it drove",
+        "position",
+        *(["heading"] if headed else []),
+        f"as predicted within {100 * (factor - 1):.0f} %",
+        f"the 90 % regions hold {min(held):.0f} to {max(held):.0f} %",
+    ]
     for ax, title in zip(axes, titles, strict=True):
         ax.set_title(title)
     style.legend_below(figure, [*axes[0].get_legend_handles_labels()[0], *axes[1].get_legend_handles_labels()[0]])

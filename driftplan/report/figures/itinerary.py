@@ -68,13 +68,18 @@ def plot_pareto(world: World, routes: Sequence[Route], *, figure: Figure | None 
         label = f"{route.length:.4g} m, worst {route.worst_drift:.3g} m, at the end {route.rms:.3g} m"
         look: dict[str, Any] = {**own, "linewidth": 1.8, "markersize": 4}
         lines += on_map.plot(*route.path.T, label=label + (" (knee)" if k == best else ""), **look)
+        style.arrow_along(on_map, route.path, own["color"])
         on_curve.plot([route.length], [route.worst_drift], own["marker"], color=own["color"], markersize=7)
     curve = np.array([(route.length, route.worst_drift) for route in routes])
     on_curve.plot(*curve.T, color="0.6", linewidth=1, zorder=1)
     on_curve.plot(*curve[best], "o", markersize=15, markerfacecolor="none", markeredgecolor="black", label="knee")
-    on_curve.annotate("knee", curve[best], xytext=(9, 9), textcoords="offset points")
     on_curve.set(xlabel="length (m)", ylabel="worst rms drift on the way (m)")
     style.quiet_grid(on_curve)
-    on_curve.set_ylim(bottom=0.0)
-    style.legend_below(figure, [*lines, *drawn.marks])
+    on_curve.set_ylim(0.0, 1.15 * curve[:, 1].max())
+    on_curve.legend(loc="lower right", fontsize=8)
+    low, high = curve[curve[:, 1].argmin()], curve[curve[:, 1].argmax()]
+    on_map.set_title(
+        f"{low[0] - high[0]:.3g} m farther, worst drift {low[1]:.3g} m instead of {high[1]:.3g} m", fontsize=10
+    )
+    style.legend_below(figure, [*lines, *style.mark_ends(on_map, [routes[0].path]), *drawn.marks])
     return figure

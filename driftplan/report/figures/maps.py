@@ -120,9 +120,7 @@ def plot_route(
         )
     ]
     style.arrow_along(ax, profile.xy, line.get_color())
-    ends: dict[str, Any] = {"linestyle": "none", "zorder": 4}
-    (start,) = ax.plot(*profile.xy[0], **style.START, **ends, label="start")
-    (goal,) = ax.plot(*profile.xy[-1], **style.GOAL, **ends, label="goal")
+    start, goal = style.mark_ends(ax, [profile.xy])
     style.in_metres(ax)
     return RouteArtists(line, ellipses, start, goal)
 

@@ -13,6 +13,7 @@ import numpy as np
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Ellipse
 
 ROUTE_STYLES: tuple[dict[str, Any], ...] = (  # colours of Okabe and Ito, told apart by the colour-blind too
@@ -102,6 +103,14 @@ def arrow_along(ax: Axes, xy: Any, colour: Any) -> None:
     middle, ahead = (xy[leg] + xy[leg + 1]) / 2, (xy[leg + 1] - xy[leg]) / step[leg]
     head: dict[str, Any] = {"arrowstyle": "-|>", "color": colour, "mutation_scale": 16, "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", middle + 1e-3 * step.sum() * ahead, middle, arrowprops=head, zorder=3.5, annotation_clip=True)
+
+
+def mark_ends(ax: Axes, paths: Sequence[Any]) -> list[Line2D]:
+    """Where polylines (n, 2) start and where they end, labelled for a legend."""
+    return [
+        *ax.plot(*np.array([path[0] for path in paths]).T, linestyle="none", zorder=4, label="start", **START),
+        *ax.plot(*np.array([path[-1] for path in paths]).T, linestyle="none", zorder=4, label="goal", **GOAL),
+    ]
 
 
 def quiet_grid(ax: Axes) -> None:
