@@ -111,11 +111,10 @@ def beacon_feature(beacon: Beacon, **more: Any) -> dict[str, Any]:
 
 
 FORMATS = (
-    Format("GeoJSON", (".geojson",), _read_geojson),
     Format("Open-RMF", (".building.yaml",), building_marks, options=("level",)),
     Format("LIF", (".lif", ".lif.json"), lambda path, **level: read_lif(path, **level).beacons, options=("level",)),
+    Format("GeoJSON", (".geojson", ".json"), _read_geojson),
     Format("DXF", (".dxf",), read_dxf_marks),
     Format("apriltag_ros", (".yaml", ".yml"), read_tags_yaml),
     Format("fiducial_slam", (".txt",), read_fiducial_map),
-    Format("GeoJSON", (".json",), _read_geojson),
 )

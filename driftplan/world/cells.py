@@ -140,99 +140,39 @@ def _placed(geometry: Any, cell_size_m: float, origin: tuple[float, float, float
 def _polygons(occupied: Bools) -> Any:
     """Polygons around the occupied cells, in units of cells: one for each group of cells that share sides.
 
-    Follows the sides between occupied and other cells with the occupied one to the left, and turns left where two
-    groups meet in a point. A walk that returns to a vertex has closed a ring: around a group, or around a hole in it.
+    The sides between occupied and other cells, in runs from corner to corner, cut the plane into polygons; the cell in
+    the lower left corner of each tells whether it is occupied.
     """
-    width = occupied.shape[1] + 1  # vertices in a row
-    start, direction = _sides(occupied)
-    if len(start) == 0:
-        return np.array([], dtype=object)
-    if len(start) > MAX_SIDES:
-        raise ValueError(f"the occupied cells have more than {MAX_SIDES} free sides; {_NOISE}")
-    key = 4 * start + direction
-    end = start + np.array([1, width, -1, -width])[direction]
-    following = np.empty(len(key), dtype=np.int64)
-    for turned in (3, 0, 1):  # right, straight on, left: the last that exists counts
-        wanted = 4 * end + (direction + turned) % 4
-        place = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
-        following[key[place] == wanted] = place[key[place] == wanted]
-    rings = _rings(start.tolist(), following.tolist())
-    side = np.concatenate([np.array(ring) for ring in rings])
-    ring = np.repeat(np.arange(len(rings)), [len(sides) for sides in rings])
-    first = np.flatnonzero(np.diff(ring, prepend=-1))
-    before = np.roll(side, 1)
-    before[first] = side[np.append(first[1:], len(side)) - 1]
-    turn = (direction[side] - direction[before] + 1) % 4 - 1  # 1 to the left, -1 to the right
-    hole = np.bincount(ring, turn) < 0
-    ring_of_side = np.empty(len(key), dtype=np.int64)
-    ring_of_side[side] = ring
-    owner = _outer_rings(hole, ring_of_side, start, direction, width)
-
-    # Keep the vertices where a ring turns, each outer ring followed by its holes.
-    order = np.lexsort((np.arange(len(side)), ring, hole[ring], owner[ring]))
-    order = order[turn[order] != 0]
-    begins = np.diff(ring[order], prepend=-1) != 0
-    row, column = np.divmod(start[side[order]], width)
-    outlines = shapely.linearrings(np.stack([column, row], axis=-1), indices=np.cumsum(begins) - 1)
-    group = np.unique(owner[ring[order][begins]], return_inverse=True)[1]
-    return shapely.polygons(outlines, indices=group)
-
-
-def _sides(occupied: Bools) -> tuple[Ints, Ints]:
-    """Sides of occupied cells that face others: the vertex where each starts, counted row by row, and its direction.
-
-    Sorted by both. Directions count from 0 for east, counter-clockwise; the occupied cell is to the left.
-    """
-    width = occupied.shape[1] + 1
     padded = np.pad(occupied, 1)
-    east, north, west, south = padded[1:-1, 2:], padded[2:, 1:-1], padded[1:-1, :-2], padded[:-2, 1:-1]
-    keys = []
-    for number, (beyond, right, up) in enumerate(((south, 0, 0), (east, 1, 0), (north, 1, 1), (west, 0, 1))):
-        row, column = np.nonzero(occupied & ~beyond)
-        keys.append(4 * ((row + up) * width + column + right) + number)
-    start, direction = np.divmod(np.sort(np.concatenate(keys)), 4)
-    return start, direction
+    level, upright = padded[1:, 1:-1] != padded[:-1, 1:-1], padded[1:-1, 1:] != padded[1:-1, :-1]
+    _refuse_noise(occupied, int(level.sum() + upright.sum()))
+    runs = np.concatenate([_runs(level, upright), _runs(upright.T, level.T)[..., ::-1]])  # of row, column
+    parts = shapely.normalize(shapely.get_parts(shapely.polygonize(shapely.linestrings(runs))))
+    corners, part = shapely.get_coordinates(parts, return_index=True)
+    row, column = corners[np.diff(part, prepend=-1) > 0].astype(int).T
+    order = np.lexsort((column, row))
+    return shapely.transform(parts[order[occupied[row, column][order]]], lambda corners: corners[:, ::-1])
 
 
-def _rings(start: list[int], following: list[int]) -> list[list[int]]:
-    """Rings of sides, each visiting a vertex once, that the walks from side to following side fall into."""
-    rings: list[list[int]] = []
-    done = bytearray(len(start))
-    for side in range(len(start)):
-        walk: list[int] = []
-        place: dict[int, int] = {}
-        while True:
-            vertex = start[side]
-            if vertex in place:
-                if len(rings) == MAX_RINGS:
-                    raise ValueError(f"the occupied cells make more than {MAX_RINGS} outlines; {_NOISE}")
-                rings.append(walk[place[vertex] :])
-                del walk[place[vertex] :]
-                for passed in rings[-1]:
-                    del place[start[passed]]
-            if done[side]:
-                break
-            done[side] = True
-            place[vertex] = len(walk)
-            walk.append(side)
-            side = following[side]
-    return rings
+def _runs(sides: Bools, across: Bools) -> Ints:
+    """Runs of sides along rows, (n, 2, 2): as long as no side ``across`` meets them."""
+    beside, meeting = np.pad(sides, ((0, 0), (1, 1))), np.pad(across, ((1, 1), (0, 0)))
+    corner = meeting[1:] | meeting[:-1]
+    start = np.argwhere(sides & (~beside[:, :-2] | corner[:, :-1]))
+    end = np.argwhere(sides & (~beside[:, 2:] | corner[:, 1:]))
+    end[:, 1] += 1
+    return np.stack([start, end], axis=1)
 
 
-def _outer_rings(hole: Bools, ring_of_side: Ints, start: Ints, direction: Ints, width: int) -> Ints:
-    """For each ring the outer ring of its group.
+def _refuse_noise(occupied: Bools, sides: int) -> None:
+    """Refuse what would take minutes to inflate."""
+    if sides > MAX_SIDES:
+        raise ValueError(f"the occupied cells have more than {MAX_SIDES} free sides; {_NOISE}")
+    if sides <= 4 * MAX_RINGS:
+        return
+    from scipy.ndimage import label
 
-    A hole's westernmost wall is a run of occupied cells, and the western end of that run belongs to another ring of the
-    group, farther west: the outer one, or another hole, and so on.
-    """
-    owner = np.arange(len(hole))
-    walls = np.flatnonzero(hole[ring_of_side] & (direction == 1))  # they face a hole in their east
-    walls = walls[np.lexsort((start[walls] % width, ring_of_side[walls]))]
-    walls = walls[np.diff(ring_of_side[walls], prepend=-1) > 0]
-    western = np.flatnonzero(direction == 3)
-    # A wall starts at the lower east corner of its cell, a western side at the upper west corner: in the row above.
-    end = np.searchsorted(start[western], start[walls] + width - 1, side="right") - 1
-    owner[ring_of_side[walls]] = ring_of_side[western[end]]
-    while (owner[owner] != owner).any():
-        owner = owner[owner]
-    return owner
+    # Outlines are around groups by sides, and around holes: groups of other cells by sides or corners, but the outside.
+    outlines = label(occupied)[1] + label(np.pad(~occupied, 1, constant_values=True), np.ones((3, 3)))[1] - 1
+    if outlines > MAX_RINGS:
+        raise ValueError(f"the occupied cells make more than {MAX_RINGS} outlines; {_NOISE}")
