@@ -23,7 +23,7 @@ from driftplan.layouts.study.schema import Place, check, study_schema
 from driftplan.layouts.study.study import Study
 from driftplan.layouts.study.work import Workshop
 
-SAMPLE = Path(__file__).resolve().parents[2] / "examples/data/study.yaml"
+SAMPLE = Path(__file__).resolve().parents[2] / "driftplan/layouts/study/sample.yaml"
 TAG = {"kind": "landmark", "range_m": 2.0, "position_std_m": 0.05, "heading_std_deg": 0.5}
 LINE = {"routes": [[[0, 0], [60, 0]]], "noise": {"heading_deg": 2, "distance_m": 0.05}, "beacon": TAG, "limit_m": 0.7}
 LIMITS = {**LINE, "vary": {"limit_m": [0.5, 0.7, 0.9], "noise.heading_deg": {"from": 1, "to": 2, "count": 2}}}

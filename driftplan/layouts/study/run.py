@@ -113,7 +113,7 @@ def run_study(
     --------
     >>> tag = {"kind": "landmark", "range_m": 2.0, "position_std_m": 0.05, "heading_std_deg": 0.5}
     >>> study = {"routes": [[[0, 0], [60, 0]]], "noise": {"heading_deg": 2, "distance_m": 0.05}, "beacon": tag,
-    ...          "vary": {"limit_m": [0.6, 0.9]}}
+    ...          "vary": {"limit_m": [0.6, 1.5]}}
     >>> [row["beacons"] for row in run_study(study).to_dicts()]
     [2, 1]
     """

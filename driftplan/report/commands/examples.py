@@ -34,8 +34,9 @@ def run(args: argparse.Namespace) -> Answer:
         raise ValueError(f"expected a folder without {present[0]}, which would be overwritten, got {folder}")
     folder.mkdir(parents=True, exist_ok=True)
     package, maps = Path(__file__).parents[2], bundled_map("office").parent
+    kept = {"study.yaml": package / "layouts/study/sample.yaml"}
     files: dict[str | Path, Callable[[], bytes]] = {
-        folder / name: next(place / name for place in (package / "samples", maps) if (place / name).exists()).read_bytes
+        folder / name: kept.get(name, (package / "samples" if name.endswith(".csv") else maps) / name).read_bytes
         for name in _WHAT
     }
     width = max(map(len, _WHAT))

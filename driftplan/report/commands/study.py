@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _TRIED, _TRY_S = 3, 20.0  # cells from which the time is estimated, and no more begun after so many seconds
 _MOST_LINES = 60
-_SAMPLE = "samples/study.yaml"
+_SAMPLE = "layouts/study/sample.yaml"
 
 
 def run(args: argparse.Namespace) -> Answer:
