@@ -17,7 +17,8 @@ export class Calculator {
 
   /** The drift of one route with all beacons that are alive, or an Error that says why there is none. */
   drift(scene, route, estimator = scene.estimator) {
-    const known = this.drifts[estimator].get(route), read = this.read(scene.beacons, route, known);
+    const known = this.drifts[estimator].get(route);
+    const read = known?.beacons === scene.beacons ? known.read : this.read(scene.beacons, route);
     const depends = [scene.noise, scene.zones, scene.start_fix];
     let drift = known?.drift;
     if (!known || depends.some((x, k) => x !== known.depends[k]) || !same(read, known.read)) {
@@ -27,22 +28,14 @@ export class Calculator {
     return drift;
   }
 
-  /** The readings of a route, beacon by beacon; if no beacon that it meets has changed, those that are known. */
-  read(beacons, route, known) {
-    if (known?.beacons === beacons) return known.read;
-    const of = (beacon) => (beacon.dead ? [] : this.readingsOn(route, beacon));
-    const changed = known && this.changes(known.beacons, beacons);
-    if (changed?.every((k) => !of(known.beacons[k]).length && !of(beacons[k]).length)) return known.read;
-    return beacons.map(of).filter((here) => here.length);
-  }
-
-  /** Which beacons of a list differ from those of another, or null where their number does. */
-  changes(before, after) {
-    if (this.compared?.before !== before || this.compared?.after !== after) {
-      const places = before.length === after.length ? [...after.keys()].filter((k) => before[k] !== after[k]) : null;
-      this.compared = { before, after, places };
+  /** The readings of a route, beacon by beacon, of those that are alive and met. */
+  read(beacons, route) {
+    const known = kept(this.readings, route, () => new WeakMap()), found = [];
+    for (const beacon of beacons) {
+      const here = known.get(beacon) ?? this.readingsOn(route, beacon);
+      if (here.length && !beacon.dead) found.push(here);
     }
-    return this.compared.places;
+    return found;
   }
 
   computed(scene, route, readings, estimator) {
@@ -56,10 +49,7 @@ export class Calculator {
     }
   }
 
-  full(noise) {
-    if (!this.noises.has(noise)) this.noises.set(noise, fullNoise(noise));
-    return this.noises.get(noise);
-  }
+  full(noise) { return kept(this.noises, noise, () => fullNoise(noise)); }
 
   floorOf(scene, route) {
     const known = this.floors.get(route);
@@ -70,20 +60,17 @@ export class Calculator {
   }
 
   /** A route as legs. */
-  pathOf(route) {
-    if (!this.paths.has(route)) this.paths.set(route, legsOf(route.points));
-    return this.paths.get(route);
-  }
+  pathOf(route) { return kept(this.paths, route, () => legsOf(route.points)); }
 
   readingsOn(route, beacon) {
-    if (!this.readings.has(route)) this.readings.set(route, new WeakMap());
-    const known = this.readings.get(route);
-    if (!known.has(beacon)) {
-      const path = this.pathOf(route);
-      known.set(beacon, readingsOf(path, beacon, passesOf(path, beacon, this.walls)));
-    }
-    return known.get(beacon);
+    const known = kept(this.readings, route, () => new WeakMap()), path = this.pathOf(route);
+    return kept(known, beacon, () => readingsOf(path, beacon, passesOf(path, beacon, this.walls)));
   }
+}
+
+function kept(known, key, make) {
+  if (!known.has(key)) known.set(key, make());
+  return known.get(key);
 }
 
 function startReadings(fix) {
@@ -93,4 +80,5 @@ function startReadings(fix) {
     headingVar: variance, chance: fix.detection_probability ?? 1, anchor: null, rangeVar: null, bearingVar: null }];
 }
 
-function same(some, others) { return some === others || (some.length === others.length && some.every((x, k) => x === others[k])); }
+/** Whether two lists hold the same things. */
+export function same(some, others) { return some === others || (some.length === others.length && some.every((x, k) => x === others[k])); }

@@ -1,15 +1,16 @@
 // Drift against distance for every route, with the limit; the selected route in front, and a cursor that reads values.
-import { el, metres, sized } from "./dom.js";
+import { same } from "./calculator.js";
+import { el, metres, sized, stroked } from "./dom.js";
 
 const RIGHT = 14, TOP = 12;
 
 export class Chart {
   constructor(studio) {
     this.studio = studio;
-    this.canvas = el("canvas", { "aria-hidden": "true" });
+    [this.still, this.live] = [el("canvas", { "aria-hidden": "true" }), el("canvas", { "aria-hidden": "true" })];
     this.node = el("div", { class: "chart", tabindex: "0", role: "slider", "aria-label": "Drift along the selected route",
       "aria-valuemin": "0", onkeydown: (event) => this.key(event), onpointermove: (event) => this.hover(event),
-      onpointerleave: () => this.studio.setCursor(null) }, this.canvas);
+      onpointerleave: () => this.studio.setCursor(null) }, this.still, this.live);
   }
 
   resize() {
@@ -17,12 +18,13 @@ export class Chart {
     if (!(width > 0 && height > 0)) return;
     [this.width, this.height, this.unit] = [width, height, Math.max(1, Math.sqrt(width / 1500))];
     [this.left, this.bottom] = [52 * this.unit, 34 * this.unit];
-    sized(this.canvas, width, height);
+    for (const canvas of [this.still, this.live]) sized(canvas, width, height);
+    this.drawnStill = [];
   }
 
-  draw({ scene, drifts, others, most }, theme) {
+  draw({ scene, drifts, others, most, stays }, theme) {
     if (!this.width) return;
-    const pen = this.canvas.getContext("2d"), { selected } = this.studio.session;
+    const { selected } = this.studio.session;
     const routes = scene.routes.map((route, k) => ({ route, drift: drifts[k], other: others[k], k }))
       .filter(({ drift }) => !(drift instanceof Error));
     const length = Math.max(1e-9, ...routes.map(({ drift }) => drift.length));
@@ -30,10 +32,23 @@ export class Chart {
     this.x = (s) => this.left + s / length * (this.width - this.left - RIGHT);
     this.y = (rms) => this.height - this.bottom - rms / top * (this.height - TOP - this.bottom);
     this.span = length;
+    const chosen = routes.find(({ k }) => k === selected.route), spacing = Math.max(2 * length / this.width, length / 2000);
+    const key = [spacing, length, top, this.height].join(), still = routes.filter(({ k }) => stays[k]);
+    const state = [theme, key, selected.route, chosen?.route.limit_m, ...still.flatMap(({ drift, other }) => [drift, other])];
+    if (!same(state, this.drawnStill)) this.drawSome(this.drawAxes(this.still, theme, length, top), theme, still, key, spacing);
+    this.drawnStill = state;
+    const pen = this.live.getContext("2d");
     pen.clearRect(0, 0, this.width, this.height);
-    this.drawAxes(pen, theme, length, top);
-    const spacing = Math.max(2 * length / this.width, length / 2000);
-    const key = [spacing, length, top, this.height].join();
+    pen.font = `${12 * this.unit}px system-ui, sans-serif`;
+    this.drawSome(pen, theme, routes.filter(({ k }) => !stays[k]), key, spacing);
+    if (chosen) this.drawCursor(pen, theme, chosen.drift);
+    const broken = drifts[selected.route];
+    pen.fillStyle = theme.text;
+    if (broken instanceof Error) pen.fillText(broken.message, this.left + 8, TOP + 14);
+  }
+
+  /** The curves of some routes, the selected one on top. */
+  drawSome(pen, theme, routes, key, spacing) {
     const line = (drift) => {  // what is drawn is kept with the drift
       if (drift.charted?.key !== key) {
         drift.charted = { key, curve: new Path2D() };
@@ -41,29 +56,25 @@ export class Chart {
       }
       pen.stroke(drift.charted.curve);
     };
+    const chosen = routes.find(({ k }) => k === this.studio.session.selected.route);
     Object.assign(pen, { lineWidth: 1, strokeStyle: theme.route });
-    for (const { drift, k } of routes) if (k !== selected.route) line(drift);
-    const chosen = routes.find(({ k }) => k === selected.route);
-    if (chosen) {
-      this.drawLimit(pen, theme, chosen.route.limit_m);
-      if (chosen.other && !(chosen.other instanceof Error)) {
-        Object.assign(pen, { strokeStyle: theme.other, lineWidth: 2 });
-        pen.setLineDash([7, 5]);
-        line(chosen.other);
-        pen.setLineDash([]);
-      }
-      Object.assign(pen, { strokeStyle: theme.accent, lineWidth: 2.5 * this.unit });
-      line(chosen.drift);
-      this.drawCursor(pen, theme, chosen.drift);
+    for (const one of routes) if (one !== chosen) line(one.drift);
+    if (!chosen) return;
+    this.drawLimit(pen, theme, chosen.route.limit_m);
+    if (chosen.other && !(chosen.other instanceof Error)) {
+      Object.assign(pen, { strokeStyle: theme.other, lineWidth: 2 });
+      pen.setLineDash([7, 5]);
+      line(chosen.other);
+      pen.setLineDash([]);
     }
-    const broken = drifts[selected.route];
-    if (broken instanceof Error) {
-      pen.fillStyle = theme.text;
-      pen.fillText(broken.message, this.left + 8, TOP + 14);
-    }
+    Object.assign(pen, { strokeStyle: theme.accent, lineWidth: 2.5 * this.unit });
+    line(chosen.drift);
   }
 
-  drawAxes(pen, theme, length, top) {
+  /** The empty chart on a canvas, whose pen this returns. */
+  drawAxes(canvas, theme, length, top) {
+    const pen = canvas.getContext("2d");
+    pen.clearRect(0, 0, this.width, this.height);
     pen.font = `${12 * this.unit}px system-ui, sans-serif`;
     Object.assign(pen, { fillStyle: theme.text, strokeStyle: theme.faint, lineWidth: 1 });
     const step = (span, count) => {
@@ -76,25 +87,19 @@ export class Chart {
     pen.textAlign = "right";
     for (let r = 0; r <= top; r += dy) {
       pen.fillText(String(Number(r.toPrecision(4))), this.left - 6, this.y(r) + 4);
-      pen.beginPath();
-      pen.moveTo(this.left, this.y(r));
-      pen.lineTo(this.width - RIGHT, this.y(r));
-      pen.stroke();
+      stroked(pen, [[this.left, this.y(r)], [this.width - RIGHT, this.y(r)]]);
     }
     pen.fillText("metres driven", this.width - RIGHT, this.height - 4);
     pen.textAlign = "left";
     pen.fillText("drift, rms m", 4, this.height - 4);
+    return pen;
   }
 
   drawLimit(pen, theme, limit) {
     if (limit === null) return;
-    pen.strokeStyle = pen.fillStyle = theme.over;
-    pen.lineWidth = 1.5;
+    Object.assign(pen, { strokeStyle: theme.over, fillStyle: theme.over, lineWidth: 1.5 });
     pen.setLineDash([2, 3]);
-    pen.beginPath();
-    pen.moveTo(this.left, this.y(limit));
-    pen.lineTo(this.width - RIGHT, this.y(limit));
-    pen.stroke();
+    stroked(pen, [[this.left, this.y(limit)], [this.width - RIGHT, this.y(limit)]]);
     pen.setLineDash([]);
     pen.fillText(`limit ${limit} m`, this.left + 6, this.y(limit) - 5);
   }
@@ -103,12 +108,8 @@ export class Chart {
     const s = this.studio.cursor;
     if (s === null) return;
     const rms = Math.sqrt(Math.max(drift.at(Math.min(s, drift.length)).N, 0)), x = this.x(s);
-    pen.strokeStyle = pen.fillStyle = theme.text;
-    pen.lineWidth = 1;
-    pen.beginPath();
-    pen.moveTo(x, TOP);
-    pen.lineTo(x, this.height - this.bottom);
-    pen.stroke();
+    Object.assign(pen, { strokeStyle: theme.text, fillStyle: theme.text, lineWidth: 1 });
+    stroked(pen, [[x, TOP], [x, this.height - this.bottom]]);
     pen.textAlign = x > this.width - 160 ? "right" : "left";
     pen.fillText(`${metres(rms)} after ${metres(s, 2)}`, x + (pen.textAlign === "left" ? 6 : -6), TOP + 12 * this.unit);
     pen.textAlign = "left";

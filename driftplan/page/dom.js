@@ -25,6 +25,13 @@ export function save(name, text, type = "text/plain") {
   setTimeout(() => URL.revokeObjectURL(url), 1000);
 }
 
+/** Stroke a line through places of a canvas. */
+export function stroked(pen, places) {
+  pen.beginPath();
+  for (const [x, y] of places) pen.lineTo(x, y);
+  pen.stroke();
+}
+
 /** Give a canvas its size in pixels of the page, and as many of its own as the screen has. */
 export function sized(canvas, width, height) {
   const ratio = window.devicePixelRatio || 1;

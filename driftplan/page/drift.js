@@ -5,9 +5,7 @@ import { legsOf, placeAt, wrap } from "./passes.js";
 const SAME_PLACE_M = 1.5e-6, LOST_SHARE = 1e-9, PARTS = 8, CLOSE = 1e-10;  // of paths.py and worst.py
 
 /** Drift of a robot that follows `points` (with a border at every change of floor) and takes `readings` on its way.
- *
- * noises: one per leg, full. readings: as of passes.js, the more accurate of
- * one place last; those without an `accuracy` are fixes of the start. Returns a Drift. */
+ * noises: one per leg, full. readings: as of passes.js; those without an `accuracy` are fixes of the start. Returns a Drift. */
 export function predict(points, noises, readings, estimator) {
   const path = legsOf(points), { runs, at } = cut(path, noises, readings);
   const engine = engineOf(estimator, [...new Set(noises)]);
@@ -99,10 +97,10 @@ class Drift {
     this.N0 = states.arriving.map((state) => engine.square(state));
     this.N1 = states.leaving.map((state, k) => (state === states.arriving[k] ? this.N0[k] : engine.square(state)));
     this.N2 = states.departing.map((state, k) => (state === states.leaving[k] ? this.N1[k] : engine.square(state)));
+    this.worst = this.greatest();
   }
 
   get length() { return this.path.length; }
-  get end() { return Math.sqrt(Math.max(this.N1[this.N1.length - 1], 0)); }
 
   /** Error moments after s metres, had the path ended there: after the readings there. */
   at(s) {
@@ -129,15 +127,14 @@ class Drift {
       for (let i = 1; i < count; i++) points.push([s + length * i / count, root(at(i / count))]);
       points.push([this.s[k + 1], root(this.N0[k + 1])]);
     });
-    points.push([this.length, this.end]);
+    points.push([this.length, root(this.N1.at(-1))]);
     return points;
   }
 
   /** The greatest rms anywhere, as worst_rms finds it: at borders, after readings and turns, and inside runs. */
-  get worst() {
-    let greatest = [this.N0.slice(1), this.N1, this.N2].flat().reduce((x, y) => Math.max(x, y), 0);
-    this.runs.forEach((run, k) => { greatest = this.worstInside(k, greatest); });
-    return Math.sqrt(greatest);
+  greatest() {
+    const borders = [this.N0.slice(1), this.N1, this.N2].flat().reduce((x, y) => Math.max(x, y), 0);
+    return Math.sqrt(this.runs.reduce((greatest, _, k) => this.worstInside(k, greatest), borders));
   }
 
   worstInside(k, greatest) {
@@ -207,13 +204,10 @@ function greatestOfQuartic(value, length, greatest) {
   const d = y.slice();  // its forward differences
   for (let k = 1; k < 5; k++) for (let i = 4; i >= k; i--) d[i] -= d[i - 1];
   const at = (t) => d[0] + t * (d[1] + (t - 1) / 2 * (d[2] + (t - 2) / 3 * (d[3] + (t - 3) / 4 * d[4])));
-  let best = 0;
-  for (let i = 0; i <= 32; i++) if (at(i / 8) > at(best)) best = i / 8;
-  let low = Math.max(best - 1 / 8, 0), high = Math.min(best + 1 / 8, 4);
-  for (let i = 0; i < 80; i++) {
-    const a = low + (high - low) / 3, b = high - (high - low) / 3;
-    if (at(a) < at(b)) low = a;
-    else high = b;
+  let best = 2;
+  for (let reach = 2; reach > 1e-9; reach /= 8) {
+    const near = Array.from({ length: 33 }, (_, i) => Math.min(Math.max(best + reach * (i - 16) / 16, 0), 4));
+    best = near.reduce((x, t) => (at(t) > at(x) ? t : x));
   }
-  return Math.max(greatest, ...y, at((low + high) / 2));
+  return Math.max(greatest, ...y, at(best));
 }

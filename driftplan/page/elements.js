@@ -39,18 +39,8 @@ function phi(x, y) {
   return [(a * x + b * y) / square, (b * x - a * y) / square];
 }
 
-/** Moments of a run of `length` metres at a `curvature` (1/m). */
-export function runMoments(length, curvature, noise) {
-  const bend = Math.abs(curvature);
-  return stretch(
-    length, curvature, noise.heading_var_per_m + noise.heading_var_per_rad * bend,
-    noise.heading_bias_per_m + noise.heading_bias_per_rad * curvature,
-    noise.distance_var_per_m + noise.distance_var_per_rad * bend, noise.lateral_var_per_m, 1,
-    noise.distance_scale_error, noise.heading_distance_corr);
-}
-
 /** Moments of a turn on the spot (rad, positive to the left). */
-export function turnMoments(turn, noise) {
+function turnMoments(turn, noise) {
   const angle = Math.abs(turn), side = Math.sign(turn);
   if (noise.distance_var_per_rad !== 0 && noise.heading_distance_corr !== 0) {
     return stretch(angle, side, noise.heading_var_per_rad, noise.heading_bias_per_rad * side,
@@ -69,9 +59,10 @@ export function turnMoments(turn, noise) {
   return [Math.cos(turn), Math.sin(turn), 0, 0, ...d1, ...d2, -2 * d1[0], 0, 0, spread, spread * swept[0], spread * swept[1], 0, 0, 0, 0];
 }
 
-/** Moments of a turn on the spot and then a run. */
-export function legMoments(turn, length, curvature, noise) {
-  const run = runMoments(length, curvature, noise);
+/** Moments of a turn on the spot and then a straight run, rad and metres. */
+export function legMoments(turn, length, noise) {
+  const run = stretch(length, 0, noise.heading_var_per_m, noise.heading_bias_per_m, noise.distance_var_per_m,
+    noise.lateral_var_per_m, 1, noise.distance_scale_error, noise.heading_distance_corr);
   return turn === 0 ? run : compose(turnMoments(turn, noise), run);
 }
 

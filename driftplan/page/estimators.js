@@ -20,7 +20,7 @@ class Resets {
       turned[U + 1] = state[U] * s + state[U + 1] * c;
       return turned;
     }
-    return compose(state, legMoments(turn, length, 0, noise));
+    return compose(state, legMoments(turn, length, noise));
   }
 
   read(before, { square, skew, headingVar, chance }) {
@@ -146,7 +146,7 @@ class Fusion {
 
   step(state, turn, length, noise) {
     const n = this.size, { ur, ui } = state;
-    const small = legMoments(turn, length, 0, this.small.get(noise));
+    const small = legMoments(turn, length, this.small.get(noise));
     const mx = ur * small[P] - ui * small[P + 1], my = ur * small[P + 1] + ui * small[P];
     const columns = [[2, -my, mx, 0]];  // what the transition adds to the identity: from a state to (x, y, θ)
     const shift = [0, 0, 0];
@@ -180,9 +180,7 @@ class Fusion {
 
   read(state, reading) {
     const n = this.size, S = state.S.slice(), mean = state.mean && state.mean.slice();
-    if (reading.square !== null) {
-      for (const axis of [0, 1]) readAxis(S, mean, n, axis, reading.square / 2);
-    }
+    if (reading.square !== null) for (const axis of [0, 1]) readAxis(S, mean, n, axis, reading.square / 2);
     if (reading.headingVar !== null) readAxis(S, mean, n, 2, reading.headingVar);
     if (reading.anchor) {
       const dx = reading.anchor[0] - state.x, dy = reading.anchor[1] - state.y, rho = Math.hypot(dx, dy);
@@ -227,7 +225,7 @@ class Fusion {
 
 /** Position and heading error per unit of a systematic error, facing along x: a central difference at tiny errors. */
 function sensitivity(turn, length, name) {
-  const [up, down] = [SMALL, -SMALL].map((value) => legMoments(turn, length, 0, fullNoise({ [name]: value })));
+  const [up, down] = [SMALL, -SMALL].map((value) => legMoments(turn, length, fullNoise({ [name]: value })));
   return [E1, E1 + 1, D1 + 1].map((k) => (up[k] - down[k]) / (2 * SMALL));
 }
 
@@ -256,9 +254,7 @@ function driven(S, n, columns) {
 function readAxis(S, mean, n, axis, variance) {
   const g = S.slice(axis * n, axis * n + n), s = g[axis] + variance, weight = s > 0 ? 1 / s : 0;
   for (let i = 0; i < n; i++) {
-    for (let j = 0; j < n; j++) {
-      if (i !== axis && j !== axis) S[i * n + j] -= g[i] * g[j] * weight;
-    }
+    for (let j = 0; j < n; j++) if (i !== axis && j !== axis) S[i * n + j] -= g[i] * g[j] * weight;
   }
   const kept = variance * weight;
   for (let k = 0; k < n; k++) S[axis * n + k] = S[k * n + axis] = g[k] * kept;
@@ -273,9 +269,7 @@ function readRow(S, mean, n, h, variance) {
   const g = Array.from({ length: n }, (_, k) => h[0] * S[k] + h[1] * S[n + k] + h[2] * S[2 * n + k]);
   const parts = h.reduce((sum, c, i) => sum + c * c * S[i * n + i], 0);
   const s = h[0] * g[0] + h[1] * g[1] + h[2] * g[2] + variance, weight = s > KNOWN_SHARE * parts ? 1 / s : 0;
-  for (let i = 0; i < n; i++) {
-    for (let j = 0; j < n; j++) S[i * n + j] -= g[i] * g[j] * weight;
-  }
+  for (let i = 0; i < n; i++) for (let j = 0; j < n; j++) S[i * n + j] -= g[i] * g[j] * weight;
   if (mean) {
     const measured = (h[0] * mean[0] + h[1] * mean[1] + h[2] * mean[2]) * weight;
     for (let k = 0; k < n; k++) mean[k] -= g[k] * measured;

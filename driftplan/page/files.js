@@ -24,9 +24,7 @@ export function beaconsAsGeojson(beacons) {
 /** Beacons of such a file; an Error says what is wrong with it. */
 export function beaconsFromGeojson(text) {
   const said = JSON.parse(text);
-  if (said?.type !== "FeatureCollection" || !Array.isArray(said.features)) {
-    throw new Error("expected a GeoJSON FeatureCollection of beacons");
-  }
+  if (!Array.isArray(said?.features)) throw new Error("expected a GeoJSON FeatureCollection of beacons");
   if (/CRS84|4326/.test(JSON.stringify(said.crs ?? ""))) throw new Error("coordinates are in degrees; expected metres");
   const found = [];
   said.features.forEach((feature, k) => {
@@ -46,11 +44,8 @@ export function beaconsFromGeojson(text) {
     if (!(fields.range_m > 0) || !MEASURED.some((name) => name in fields)) {
       throw new Error(`${where}: expected a beacon with range_m and what it measures (${MEASURED.join(", ")})`);
     }
-    if (facing_deg !== undefined && facing_deg !== null && !Number.isFinite(facing_deg)) {
-      throw new Error(`${where}: expected facing_deg in degrees, got ${JSON.stringify(facing_deg)}`);
-    }
-    if ((fields.view_angle_deg ?? 360) < 360 && !Number.isFinite(facing_deg)) {
-      throw new Error(`${where}: expected facing_deg with a view_angle_deg`);
+    if ((facing_deg ?? null) === null ? fields.view_angle_deg < 360 : !Number.isFinite(facing_deg)) {
+      throw new Error(`${where}: expected facing_deg in degrees, and with a view_angle_deg, got ${JSON.stringify(facing_deg)}`);
     }
     const name = String(kind ?? "beacon"), { range_m: _, ...common } = usualKind(KIND_NAMES[0]);
     delete common.position_std_m;
@@ -91,16 +86,14 @@ export function routeAsCsv({ points }) { return `x,y\n${points.map((xy) => xy.jo
 export function routeFromCsv(text) {
   const rows = text.split(/\r?\n/).map((line) => line.trim()).filter((line) => line && !line.startsWith("#"));
   const points = rows.map((row) => row.split(/[,;\s]+/).slice(0, 2).map(Number));
-  if (points.length && points[0].some(Number.isNaN)) points.shift();
+  if (/^["']?x["']?\s*[,;\s]\s*["']?y["']?([,;\s]|$)/i.test(rows[0])) points.shift();  // other columns and units are not guessed
   if (points.length < 2 || points.some((xy) => xy.length < 2 || !xy.every(Number.isFinite))) {
     throw new Error("expected waypoints x,y in metres, one per line, two at least");
   }
   return points;
 }
 
-// The state in a link: what may be edited, not the walls.
-
-const EDITED = ["noise", "routes", "beacons", "zones", "estimator"];
+const EDITED = ["noise", "routes", "beacons", "zones", "estimator"];  // all that a link holds: no walls
 
 export function asLink(scene) {
   const state = Object.fromEntries(EDITED.map((key) => [key, scene[key]]));

@@ -1,6 +1,8 @@
-// The map: walls and floors on one canvas, routes and drift on another, and what can be grasped as SVG above them.
+// The map: walls and floors on one canvas, routes that stay on a second, those that change on a third, and what can be
+// grasped as SVG above them.
+import { same } from "./calculator.js";
 import { CLASSES, classOf, symbolOf, themeOf } from "./colours.js";
-import { el, metres, sized, svg } from "./dom.js";
+import { el, metres, sized, stroked, svg } from "./dom.js";
 
 const CURVE_PIXELS = 4;  // between points of a drawn curve
 const ELLIPSE_PIXELS = 90;  // between error ellipses
@@ -10,6 +12,7 @@ export class MapView {
   constructor(studio) {
     this.studio = studio;
     this.base = el("canvas", { "aria-hidden": "true" });
+    this.still = el("canvas", { "aria-hidden": "true" });
     this.live = el("canvas", { "aria-hidden": "true" });
     this.ranges = svg("g");
     this.grips = svg("g");
@@ -17,7 +20,7 @@ export class MapView {
     this.overlay = svg("svg", { tabindex: "0", role: "application", class: "map-overlay",
       "aria-label": "Map. Arrow keys move the cross, Enter acts there, Tab goes to the beacons." },
     this.ranges, this.drawing, this.grips);
-    this.node = el("div", { class: "map" }, this.base, this.live, this.overlay);
+    this.node = el("div", { class: "map" }, this.base, this.still, this.live, this.overlay);
     this.beacons = [];
     this.cross = null;
     this.listen();
@@ -37,7 +40,8 @@ export class MapView {
     const first = !this.width;
     [this.width, this.height] = [width, height];
     this.unit = Math.max(1, Math.sqrt(width / 1500));  // lines, symbols and letters grow with a large screen
-    for (const canvas of [this.base, this.live]) sized(canvas, width, height);
+    for (const canvas of [this.base, this.still, this.live]) sized(canvas, width, height);
+    this.drawnStill = [];
     this.overlay.setAttribute("viewBox", `0 0 ${width} ${height}`);
     if (first) this.fit();
   }
@@ -94,32 +98,48 @@ export class MapView {
     pen.fillText(`${size} m`, x + 4, y - 8);
   }
 
-  drawLive({ scene, drifts, most }) {
-    const pen = this.live.getContext("2d"), { theme } = this, { selected } = this.studio.session;
-    pen.clearRect(0, 0, this.width, this.height);
-    pen.lineCap = pen.lineJoin = "round";
-    scene.routes.forEach((route, k) => {
-      if (drifts[k] instanceof Error) this.strokeLine(pen, route.points, theme.route, 1.5);
-      else if (k !== selected.route) this.strokeDrift(pen, drifts[k], route.limit_m, most, 2.5);
-    });
-    const route = scene.routes[selected.route], drift = drifts[selected.route];
-    if (route) this.strokeLine(pen, route.points, theme.paper, 9 * this.unit);
-    if (route && !(drift instanceof Error)) {
-      this.strokeDrift(pen, drift, route.limit_m, most, 5);
-      this.drawEllipses(pen, drift);
-    }
-    for (const one of scene.routes) this.drawArrow(pen, one, one === route);
+  /** The routes that stay, where they are not drawn yet; above them those that change, highlights and the cursor. */
+  drawRoutes(shown) {
+    const { scene, drifts, most, stays } = shown, { selected } = this.studio.session, all = [...scene.routes.keys()];
+    const still = all.filter((k) => stays[k]), route = scene.routes[selected.route], drift = drifts[selected.route];
+    const state = [this.theme, this.scale, ...this.centre, most, route, ...still.flatMap((k) => [scene.routes[k], drifts[k]])];
+    if (!same(state, this.drawnStill)) this.drawSome(this.cleared(this.still), still, shown);
+    this.drawnStill = state;
+    const pen = this.cleared(this.live);
+    this.drawSome(pen, all.filter((k) => !stays[k]), shown);
     pen.globalAlpha = 0.45;
-    for (const points of this.studio.highlights) this.strokeLine(pen, points, theme.over, 12 * this.unit);
+    for (const points of this.studio.highlights) this.strokeLine(pen, points, this.theme.over, 12 * this.unit);
     pen.globalAlpha = 1;
     if (this.studio.cursor !== null && route && !(drift instanceof Error)) this.drawCursor(pen, drift);
   }
 
+  cleared(canvas) {
+    const pen = canvas.getContext("2d");
+    pen.clearRect(0, 0, this.width, this.height);
+    pen.lineCap = pen.lineJoin = "round";
+    return pen;
+  }
+
+  /** Some of the routes, the selected one on top. */
+  drawSome(pen, which, { scene, drifts, most }) {
+    const chosen = this.studio.session.selected.route, others = which.filter((k) => k !== chosen);
+    const draw = (k, width) => {
+      const { points, limit_m: limit } = scene.routes[k];
+      if (drifts[k] instanceof Error) this.strokeLine(pen, points, this.theme.route, 1.5);
+      else this.strokeDrift(pen, drifts[k], limit, most, width);
+    };
+    for (const k of others) draw(k, 2.5);
+    for (const k of others) this.drawArrow(pen, scene.routes[k], false);
+    if (others.length === which.length) return;
+    this.strokeLine(pen, scene.routes[chosen].points, this.theme.paper, 9 * this.unit);
+    draw(chosen, 5);
+    if (!(drifts[chosen] instanceof Error)) this.drawEllipses(pen, drifts[chosen]);
+    this.drawArrow(pen, scene.routes[chosen], true);
+  }
+
   strokeLine(pen, points, colour, width) {
-    pen.beginPath();
-    for (const xy of points) pen.lineTo(...this.toScreen(xy));
-    [pen.strokeStyle, pen.lineWidth] = [colour, width];
-    pen.stroke();
+    Object.assign(pen, { strokeStyle: colour, lineWidth: width });
+    stroked(pen, points.map((xy) => this.toScreen(xy)));
   }
 
   /** A route in the colours of its drift. What is drawn is kept with the drift, in metres. */
@@ -139,18 +159,18 @@ export class MapView {
 
   piecesOf(drift, spacing, limit, most) {
     const { legs } = drift.path, pieces = [];
-    let k = 0, before = null, last = null;
+    let k = 0, leg = 0, before = [legs[0].x, legs[0].y], last = null;
     for (const [s, rms] of drift.curve(spacing)) {
       while (k + 1 < legs.length && legs[k].begin + legs[k].length < s - 1e-9) k++;
-      const { x, y, ux, uy, begin } = legs[k], here = [x + ux * (s - begin), y + uy * (s - begin)];
-      const now = classOf(rms, limit, most), piece = (pieces[now] ??= new Path2D());
-      if (before) {
-        if (now !== last) piece.moveTo(...before);
-        piece.lineTo(...here);
-        last = now;
+      const now = classOf(rms, limit, most), { x, y, ux, uy, begin } = legs[k];
+      if (now !== last || k !== leg) {  // a line ends only at corners, and where the colour changes
+        pieces[last]?.lineTo(...before);
+        if (now !== last) (pieces[now] ??= new Path2D()).moveTo(...before);
+        [last, leg] = [now, k];
       }
-      before = here;
+      before = [x + ux * (s - begin), y + uy * (s - begin)];
     }
+    pieces[last].lineTo(...before);
     return pieces;
   }
 

@@ -19,6 +19,8 @@ const SLIDERS = [  // standard deviations a person can measure: label, rate, aft
   ["heading, deg per full turn", "heading_var_per_rad", 2 * Math.PI, DEG, 20],
 ];
 
+const OTHERS = ["installers.csv", "beacons.dxf", "tags.yaml", "map.txt", "transforms.sh"];  // as `driftplan place` writes them
+
 export class Panel {
   constructor(studio) {
     Object.assign(this, { studio, session: studio.session });
@@ -116,20 +118,23 @@ export class Panel {
 
   fileSection() {
     const { session, studio } = this;
-    const open = el("input", { type: "file", accept: ".geojson,.json,.yaml,.yml,.csv", onchange: async () => {
+    const open = el("input", { type: "file", onchange: async () => {
       const [file] = open.files;
       if (file) this.load(file.name, await file.text());
       open.value = "";
     } });
+    const other = el("select", { "aria-label": "a file that Python writes" }, OTHERS.map((name) => el("option", { value: name }, name)));
+    const write = () => studio.ask("write", { name: other.value }, ({ text }) => save(other.value, text));
     return this.section("Files", el("div", { class: "row" },
       this.button("Beacons (.geojson)", () => save("beacons.geojson", studio.exported, "application/geo+json")),
       this.button("Route (.csv)", () => session.route && save("route.csv", routeAsCsv(session.route), "text/csv")),
       this.button("Noise (.yaml)", () => save("noise.yaml", noiseAsYaml(session.scene.noise), "application/yaml")),
       this.button("Link to this state", () => studio.link())),
+    studio.host ? el("div", { class: "row" }, other, this.button("Write", write)) : null,
     el("label", {}, "Open beacons, noise or a route ", open));
   }
 
-  /** Take over a file that `driftplan place` reads or writes, by its name. */
+  /** Take over a file that `driftplan place` reads or writes, by its name; Python reads what the page cannot. */
   load(name, text) {
     const { session } = this;
     try {
@@ -139,8 +144,14 @@ export class Panel {
       session.select({ beacon: null, waypoint: null });
       this.studio.say(`read ${name}`);
     } catch (error) {
-      this.studio.say(`${name}: ${error.message}`);
+      if (!this.studio.host) return this.studio.say(`${name}: ${error.message}`);
+      return this.studio.ask("read", { name, text, kind: this.studio.kind }, (found) => {
+        Object.assign(session.selected, { beacon: null, waypoint: null });
+        session.edit(found);
+        this.studio.say(`read ${name}`);
+      });
     }
+    return null;
   }
 
   update(shown) {

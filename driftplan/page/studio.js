@@ -8,6 +8,7 @@ import { Panel } from "./panel.js";
 import { KIND_NAMES, Session, usualKind } from "./session.js";
 
 const TOOLS = [["select", "v"], ["add", "a"], ["kill", "x"], ["measure", "m"], ["floor", "z"], ["trip", "t"]];
+const PANEL_MS = 100;
 const MOVES = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
 /** Put a studio into an element.
@@ -27,7 +28,7 @@ function roundedUp(x) {
 
 class Studio {
   constructor(root, scene, host) {
-    Object.assign(this, { root, host, worsts: new WeakMap(), highlights: [], cursor: null, snap: true });
+    Object.assign(this, { root, host, moving: new Set(), told: 0, highlights: [], cursor: null, snap: true });
     Object.assign(this, { session: new Session(scene), calculator: new Calculator(scene) });
     this.kind = scene.beacons[0]?.kind ?? usualKind(KIND_NAMES[0]);
     [this.tools, this.keys] = [new Tools(this), new Keys(this)];
@@ -53,7 +54,7 @@ class Studio {
     const kind = el("select", { onchange: () => { this.kind = usualKind(kind.value); } }, KIND_NAMES.map((name) => el("option", { value: name }, name)));
     kind.value = KIND_NAMES.includes(this.kind.name) ? this.kind.name : KIND_NAMES[0];
     const snap = el("input", { type: "checkbox", checked: true, onchange: () => { this.snap = snap.checked; } });
-    const asking = this.host ? [button("Fewest", () => this.fewest()), button("Stop", () => this.stopper?.abort())]
+    const asking = this.host ? [button("Fewest", () => this.fewest()), button("Why not?", () => this.fewest("why")), button("Stop", () => this.stopper?.abort())]
       : [el("span", { class: "quiet" }, "Planning and “fewest” need Python: driftplan studio.")];
     if (this.host?.saves) asking.push(button("Save", () => this.ask("save", {}, ({ message }) => this.say(message))));
     return el("header", { class: "toolbar", role: "toolbar", "aria-label": "Tools" }, el("h1", {}, session.scene.title), tools.buttons,
@@ -80,22 +81,20 @@ class Studio {
     const { session, calculator } = this, { scene } = session, other = scene.estimator === "reset" ? "filter" : "reset";
     const drifts = scene.routes.map((route) => calculator.drift(scene, route));
     const compared = this.panel.compared.checked, others = scene.routes.map((route) => (compared ? calculator.drift(scene, route, other) : null));
-    const [worst, otherWorst] = [drifts, others].map((all) => all.map((drift) => this.worst(drift)));
+    const [worst, otherWorst] = [drifts, others].map((all) => all.map((drift) => drift?.worst ?? 0));
     const most = roundedUp(Math.max(1e-6, ...worst, ...otherWorst));
-    this.shown = { scene, drifts, others, worst, otherWorst, most };
+    if (session.merging === null) this.moving.clear();
+    else drifts.forEach((drift, k) => drift !== this.shown?.drifts[k] && this.moving.add(k));
+    const stays = scene.routes.map((_, k) => !this.moving.has(k));  // under what an edit of many frames touches
+    this.shown = { scene, drifts, others, worst, otherWorst, most, stays };
     if (this.baseDue) this.map.drawBase(scene);
     this.baseDue = false;
-    this.map.drawLive(this.shown);
+    this.map.drawRoutes(this.shown);
     this.map.updateOverlay(this.shown);
     this.chart.draw(this.shown, this.map.theme);
-    this.panel.update(this.shown);
+    const now = performance.now();  // numbers that change with every frame cannot be read
+    if (session.merging === null || now - this.told > PANEL_MS) [this.told] = [now, this.panel.update(this.shown)];
     this.estimator.value = scene.estimator;
-  }
-
-  worst(drift) {
-    if (!drift || drift instanceof Error) return 0;
-    if (!this.worsts.has(drift)) this.worsts.set(drift, drift.worst);
-    return this.worsts.get(drift);
   }
 
   setCursor(s) {
@@ -179,11 +178,13 @@ class Studio {
     return null;
   }
 
-  fewest() {
-    this.say("Looking for the fewest beacons …");
+  /** Ask for the fewest beacons, or only why the limits cannot be kept. */
+  fewest(what = "fewest") {
+    this.say("Looking for beacons that keep the limits …");
     const began = performance.now(), seconds = () => ((performance.now() - began) / 1000).toFixed(0);
-    return this.ask("fewest", { kind: this.session.beacon?.kind ?? this.kind }, (answer) => {
+    return this.ask(what, { kind: this.session.beacon?.kind ?? this.kind }, (answer) => {
       if (answer.infeasible) this.showInfeasible(answer);
+      else if (what === "why") this.say(answer.message);
       else {
         this.session.selected.beacon = null;
         this.session.edit({ beacons: answer.beacons });

@@ -45,9 +45,9 @@ def read_recording(file: Path, role: Role, variable: str | None) -> Table:
 
     Raises TrajectoryError if the file cannot be read: the message names it, and what in it.
     """
-    name = file.name.lower().removesuffix(".gz")
-    if name.endswith((".bag", ".db3", ".mcap")) or (file / "metadata.yaml").is_file():
+    if is_bag(file):
         return _bag(file, variable)
+    name = file.name.lower().removesuffix(".gz")
     for suffixes, words, read in FORMATS:
         if name.endswith(suffixes) and file.is_file():
             lines = read_lines(file, TrajectoryError)
@@ -55,6 +55,13 @@ def read_recording(file: Path, role: Role, variable: str | None) -> Table:
                 with naming(file, TrajectoryError):
                     return read(lines, role)
     return read_table(file, variable, recording=True)
+
+
+def is_bag(file: Path) -> bool:
+    """Whether a file or folder is a recording of ROS, by its name."""
+    return (
+        file.name.lower().removesuffix(".gz").endswith((".bag", ".db3", ".mcap")) or (file / "metadata.yaml").is_file()
+    )
 
 
 def _carmen(lines: Sequence[str], role: Role) -> Table:

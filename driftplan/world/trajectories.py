@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from driftplan.arrays import Complexes, Floats, as_plane
 from driftplan.errors import TrajectoryError
-from driftplan.model.calibration.recordings import OdometryLog, Trajectory
-from driftplan.world.log_formats import Role, read_recording
+from driftplan.world.log_formats import Role, is_bag, read_recording
 from driftplan.world.log_tables import Table, named, read_table
 from driftplan.world.odometry_logs import read_odometry, read_truth
 from driftplan.world.route_files import read_ros_path
@@ -23,7 +21,7 @@ _PATH_COLUMNS = {"x": ("x_m",), "y": ("y_m",), "heading": ("heading_rad", "yaw",
 read_trajectory = read_truth  # a trajectory is what the truth of a calibration is
 
 
-def read_path(path: str | os.PathLike[str]) -> Floats:
+def read_path(path: str | os.PathLike[str], *, variable: str | None = None) -> Floats:
     """Waypoints ``(n, 2)``, or poses ``(n, 3)`` with headings in radians, of a path to follow.
 
     Parameters
@@ -33,6 +31,7 @@ def read_path(path: str | os.PathLike[str]) -> Floats:
         ``x [mm]`` or ``heading [deg]``, is converted. Or a recorded drive, in any of the formats of `read_trajectory`
         and `driftplan.read_odometry`: its way, straight where it is within 2 cm of it. Or a ``nav_msgs/Path`` as
         YAML.
+    variable : topic of a ROS bag, or name of the array in a MATLAB file, where there are several
 
     Raises TrajectoryError if the file cannot be read, has other columns or fewer than 2 waypoints: the message names
     it, and the line.
@@ -48,27 +47,29 @@ def read_path(path: str | os.PathLike[str]) -> Floats:
     if file.suffix.lower() in (".yaml", ".yml"):
         return read_ros_path(file)
     try:
-        return _waypoints(file, read_table(file))
+        return _waypoints(file, read_table(file, variable))
     except TrajectoryError:
-        driven = _driven(file)
+        driven = _driven(file, variable)
         if driven is None:
             raise
         return driven
 
 
-def _driven(file: Path) -> Floats | None:
+def _driven(file: Path, variable: str | None) -> Floats | None:
     """Corners of the way of a recorded drive; None if it is none: few nameless columns are a path gone wrong."""
     from shapely import LineString
 
-    readers: tuple[tuple[Role, Callable[[Path], Trajectory | OdometryLog]], ...]
-    readers = (("truth", read_truth), ("odometry", read_odometry))
-    for role, read in readers:
+    roles: tuple[Role, ...] = ("truth", "odometry")
+    for role in roles:
         try:
-            table = read_recording(file, role, None)
+            table = read_recording(file, role, variable)
             if table.names is None and table.values.shape[1] <= len(_PATH_COLUMNS):
                 return None
-            way = as_plane(read(file).positions)
+            read = read_truth if role == "truth" else read_odometry
+            way = as_plane(read(file, variable=variable).positions)
         except TrajectoryError:
+            if is_bag(file):  # nothing else than a bag, so that this is what is wrong
+                raise
             continue
         return np.asarray(LineString(way).simplify(_STRAIGHT_WITHIN_M, preserve_topology=False).coords)
     return None

@@ -2,12 +2,10 @@
 
 import { createInterface } from "node:readline";
 import { Calculator } from "./calculator.js";
-import { fullNoise, runMoments, turnMoments } from "./elements.js";
-import { compose } from "./moments.js";
+import { fullNoise, legMoments } from "./elements.js";
 
 const ANSWERS = {
-  element: ({ turn, length, curvature, noise }) =>
-    compose(turnMoments(turn, fullNoise(noise)), runMoments(length, curvature, fullNoise(noise))),
+  element: ({ turn, length, noise }) => legMoments(turn, length, fullNoise(noise)),
   scene: ({ scene, at, worst }) => {
     const calculator = new Calculator(scene);
     return scene.routes.map((route) => {

@@ -141,6 +141,19 @@ def test_whatever_is_edited_the_numbers_are_pythons(browser, studio, layout, est
     assert worst_on_page(studio) == pytest.approx(worst_by_python(layout, scene), rel=1e-8)
 
 
+@pytest.mark.parametrize(("width", "dark"), [(820, True), (1000, False), (1600, True), (4000, False)])
+def test_nothing_is_wider_than_its_place(browser, studio, width, dark):
+    browser.open(browser.js("window.location.href"), width, 1000, dark)
+    studio("(studio.session.select({ beacon: 0 }), studio.toggle(0, 'dead'), studio.panel.compared.click(), 0)")
+    studio(
+        "(studio.session.edit({ routes: studio.session.scene.routes.map((r) => ({ ...r, name: 'x'.repeat(80) })) }), 0)"
+    )
+    studio("(studio.frame(), 0)")
+    wide = "[...document.querySelectorAll('body, header, aside, aside *')].filter((n) => n.scrollWidth > n.clientWidth)"
+    shown = f"{wide}.filter((n) => getComputedStyle(n).display !== 'inline').map((n) => n.outerHTML.slice(0, 200))"
+    assert browser.js(shown) == []
+
+
 def test_two_fingers_zoom(browser, studio):
     scale, (x, y) = studio("studio.map.scale"), screen(studio, (10.0, 6.0))
     for kind, apart in (("touchStart", 50), ("touchMove", 75), ("touchMove", 100)):

@@ -11,13 +11,16 @@ import urllib.error
 import urllib.request
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from driftplan import BeaconKind, InfeasibleError, load_beacons, place_beacons
+from driftplan import Beacon, BeaconKind, InfeasibleError, load_beacons, place_beacons
+from driftplan.layouts.layout import InstallerRow
 from driftplan.page.document import script
-from driftplan.page.scene import scene_of
+from driftplan.page.scene import beacon_said, scene_of
 from driftplan.report.cli import main
 from driftplan.report.studio.answers import Answers
+from driftplan.report.studio.exchange import WRITTEN
 from driftplan.report.studio.server import StudioServer
 
 STUDIO = "document.getElementById('studio').studio"
@@ -69,6 +72,68 @@ def test_what_is_infeasible_is_said_with_its_stretch(server, scene, layout):
     assert last["answer"]["infeasible"] == str(said.value)
     assert 0 <= last["answer"]["from_m"] < last["answer"]["to_m"]
     assert last["answer"]["route"] in (0, 1)
+
+
+def test_why_not_is_answered_without_a_search(server, scene):
+    (*_, last) = ask(server, "why", {"scene": scene, "kind": TAG})
+    assert "can be kept" in last["answer"]["message"]
+    (*_, last) = ask(server, "why", {"scene": scene, "kind": {**TAG, "position_std_m": 5.0}})
+    assert 0 <= last["answer"]["from_m"] < last["answer"]["to_m"]
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_what_python_writes_is_what_the_layout_writes(server, layout, name):
+    if name == "beacons.dxf":
+        pytest.importorskip("ezdxf")
+    scenario = layout.scenario
+    scene = scene_of(scenario.world, scenario.routes, scenario.noise, beacons=layout.beacons, limits=layout.max_drift)
+    (line,) = ask(server, "write", {"scene": scene, "name": name})
+    if name == "beacons.dxf":  # which has a date in it
+        assert layout.beacons[0].id in line["answer"]["text"]
+    else:
+        assert line["answer"]["text"].encode() == WRITTEN[name](layout)
+
+
+def test_an_installers_table_moves_what_it_knows_and_adds_what_it_names(layout, scene):
+    answers = Answers(world=layout.scenario.world)
+    first = layout.beacons[0]
+    seen = {"name": "landmark", "range_m": 4.0, "position_std_m": 0.05, "heading_std": 0.02}
+    scene = {
+        **scene,
+        "beacons": [{**beacon_said(first), "locked": True}, beacon_said(Beacon(BeaconKind(**seen), 1, 1, "L"))],
+    }
+    rows = [f"{first.id},rfid,2.5,3.5,,True,,,,,,", "new1,landmark,4,5,90,False,,,,,,", "new2,unheard,1,2,,True,,,,,,"]
+    question = {"scene": scene, "name": "as built.csv", "text": "\n".join([",".join(InstallerRow._fields), *rows])}
+    found = answers.answer("read", {**question, "kind": TAG}, print)["answer"]["beacons"]
+    assert [(one["id"], one["x"], one["kind"]["name"], one["existing"]) for one in found] == [
+        (first.id, 2.5, first.kind.name, False),
+        ("new1", 4.0, "landmark", True),
+        ("new2", 1.0, "rfid", False),
+    ]
+    assert (found[0]["locked"], found[1]["facing_deg"]) == (True, 90.0)
+    question["text"] += "\nnew3,rfid,far,2,,True,,,,,,"
+    assert (
+        "line 5: expected a row of an installers' table"
+        in answers.answer("read", {**question, "kind": TAG}, print)["error"]
+    )
+
+
+def test_all_that_place_writes_comes_back(browser, server, layout):
+    browser.open(server.url)
+    scenario = layout.scenario
+    scene = scene_of(scenario.world, scenario.routes, scenario.noise, beacons=layout.beacons, limits=layout.max_drift)
+    browser.js(f"({STUDIO}.session.edit({{ beacons: {json.dumps(scene['beacons'])} }}), 0)")
+    for name in ("installers.csv", "map.txt", "tags.yaml"):
+        text = json.dumps(WRITTEN[name](layout).decode())
+        browser.js(f"{STUDIO}.panel.load({json.dumps(name)}, {text})")
+        assert browser.js(f"{STUDIO}.status.textContent") == f"read {name}"
+        places = browser.js(f"{STUDIO}.session.scene.beacons.map(({{ x, y }}) => [x, y])")
+        expected = [[beacon.x, beacon.y] for beacon in layout.beacons]
+        assert np.array(sorted(places)) == pytest.approx(np.array(sorted(expected)), abs=1e-4)
+    browser.js(f"{STUDIO}.panel.load('poses.csv', 'x [mm],y [mm]\\n1000,2000\\n5000,2000\\n')")
+    assert browser.js(f"{STUDIO}.session.scene.routes.at(-1).points") == [[1, 2], [5, 2]]  # metres, not 1000 of them
+    browser.js(f"{STUDIO}.panel.load('nonsense.csv', 'what,is\\nthis,file')")
+    assert "nonsense.csv" in browser.js(f"{STUDIO}.status.textContent")
 
 
 def test_the_page_asks_and_shows_the_answers(browser, server, layout, tmp_path):

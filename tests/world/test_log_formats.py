@@ -205,6 +205,9 @@ def test_bags_are_read_by_topic(tmp_path, ros):
     assert_recorded(read_odometry(bag, variable="/odom"), read_truth(bag, variable="/mocap"))
     with pytest.raises(TrajectoryError, match=r"say which topic .* holds /mocap \(geometry_msgs/PoseStamped\), /odom"):
         read_odometry(bag)
+    assert np.abs(read_path(bag, variable="/odom")[-1] - [LOG.positions[-1].real, LOG.positions[-1].imag]).max() < 0.05
+    with pytest.raises(TrajectoryError, match="say which topic to read"):
+        read_path(bag)
     if ros == 1:
         return
     assert_recorded(read_odometry(bag, variable="/tf odom>base_link"))

@@ -19,7 +19,7 @@ def run(args: argparse.Namespace) -> Answer:
     noise, heading = shared.noise_from(args), shared.start_heading_from(args)
     given: dict[str, Any] = {"start_heading": heading, "estimator": args.estimator}
     beacons = load_beacons(args.beacons) if args.beacons else None
-    paths = [read_path(file) for file in args.paths]
+    paths = [read_path(file, variable=args.variable) for file in args.paths]
     if beacons is None:
         drifts = [predict_drift(path, noise, **given) for path in paths]
     else:
@@ -58,11 +58,13 @@ COMMAND = Command(
     description="Predict the drift of odometry along paths, at every waypoint or at chosen distances.",
     run=run,
     arguments=(
-        Option("paths", "PATH.csv", "waypoints x,y or poses x,y,heading: metres, radians, one per line; - is "
-               "standard input", input_file, how={"nargs": "+"}),
+        Option("paths", "PATH.csv", "waypoints x,y or poses x,y,heading: metres, radians, one per line; or recorded "
+               "drives, as `driftplan fit` reads them; - is standard input", input_file, how={"nargs": "+"}),
     ),
     groups=(
         Group("", (
+            Option("variable", "NAME", "ROS topic with the drives of bags, or MATLAB variable, where there are several",
+                   str),
             Option("at", "S", "only after S metres; several: S,S,... (default: every waypoint)", metres),
             shared.START_HEADING,
             Option("beacons", "FILE.geojson", "beacons that are read on the way", str),

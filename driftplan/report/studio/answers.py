@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from math import isfinite
+from dataclasses import dataclass, field, replace
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import positive
+from driftplan.arrays import Floats, positive
 from driftplan.beacons.beacon import BeaconKind
 from driftplan.beacons.beacon_files import beacons_geojson
 from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import DriftplanError, InfeasibleError
 from driftplan.files import write_files
+from driftplan.layouts.layout import Layout
 from driftplan.layouts.place import place_beacons
+from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.page.scene import Scene, beacon_of, beacon_said, zones_of
+from driftplan.planning.request import DriftLimit
 from driftplan.planning.routes import plan_route
+from driftplan.planning.status import Status
+from driftplan.report.studio.exchange import WRITTEN, read
 from driftplan.world.world import World
 
 _STRETCH = re.compile(r"route (\d+), from ([\d.]+) m to ([\d.]+) m")
@@ -36,17 +41,29 @@ class Answers:
     world: World | None
     time_limit: float = 60.0
     save: Path | None = None
+    _worlds: list[Any] = field(default_factory=list, init=False, repr=False)  # floors, and the world with them
 
     def __post_init__(self) -> None:
         positive("time_limit", self.time_limit)
 
     def answer(self, what: str, question: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
-        """``{"answer": …}`` to "fewest", "plan" or "save", or ``{"error": text}``; ``tell`` hears of progress."""
+        """``{"answer": …}``, or ``{"error": text}``; ``tell`` hears of progress.
+
+        "fewest": beacons; "why": the stretch that cannot be kept; "plan": routes; "save": the beacons to `save`;
+        "write": the text of a file of a name; "read": what the text of a file changes.
+        """
         try:
             scene, noise = question["scene"], OdometryNoise(**question["scene"]["noise"])
-            world = None if self.world is None else replace(self.world, zones=zones_of(scene))
-            if what == "fewest":
-                return {"answer": self._fewest(scene, world, noise, BeaconKind(**question["kind"]), tell)}
+            world = self._on(scene["zones"])
+            if what in ("fewest", "why"):
+                found = self._fewest(scene, world, noise, BeaconKind(**question["kind"]), tell, why=what == "why")
+                return {"answer": found}
+            if what == "read":
+                kind = BeaconKind(**question["kind"])
+                return {"answer": read(str(question["name"]), str(question["text"]), scene, kind)}
+            if what == "write" and question["name"] in WRITTEN:
+                text = WRITTEN[question["name"]](_layout(scene, world, noise)).decode()
+                return {"answer": {"text": text}}
             if what == "plan" and world is not None:
                 return {"answer": _plan(scene, world, noise, question["start"], question["goal"])}
             if what == "save" and self.save is not None:
@@ -56,28 +73,49 @@ class Answers:
         except (DriftplanError, ValueError, KeyError, TypeError, OSError) as err:
             return {"error": str(err) or type(err).__name__}
 
+    def _on(self, zones: list[dict[str, Any]]) -> World | None:
+        """The world with these floors; the same object for the same floors: a world keeps what was planned on it."""
+        if self.world is not None and (not self._worlds or self._worlds[0] != zones):
+            self._worlds[:] = [zones, replace(self.world, zones=zones_of({"zones": zones}))]
+        return self._worlds[1] if self._worlds else None
+
     def _fewest(
-        self, scene: Scene, world: World | None, noise: OdometryNoise, kind: BeaconKind, tell: Callable[..., None]
+        self,
+        scene: Scene,
+        world: World | None,
+        noise: OdometryNoise,
+        kind: BeaconKind,
+        tell: Callable[..., None],
+        *,
+        why: bool,
     ) -> dict[str, Any]:
-        """What is locked or was there before stays, everything else is placed anew."""
+        """What is locked or was there before stays, everything else is placed anew; of ``why`` only until it is known
+        that the limits can be kept."""
         kept = [one for one in scene["beacons"] if one.get("existing") or one.get("locked")]
         limits = [route["limit_m"] for route in scene["routes"]]
         if None in limits:
             raise ValueError("expected a limit for every route: set the limit of all")
-        routes, start = [np.array(route["points"]) for route in scene["routes"]], scene["start_fix"]
         alive = [beacon_of(one) for one in kept if not one.get("dead")]
+
+        def heard(_: float, cost: float, bound: float) -> None:
+            if why and isfinite(cost):
+                raise _CanBeKept(f"The limits can be kept, at a cost of {cost:g}; at least {bound:g} is needed.")
+            tell({"cost": cost if isfinite(cost) else None, "bound": bound})
+
         try:
             layout = place_beacons(
                 world,
-                routes,
+                _routes(scene),
                 noise,
                 limits,
                 Sites(kind, existing=alive),
                 estimator=scene["estimator"],
-                start_fix=None if start is None else Fix(s_m=0.0, **start),
+                start_fix=_start_fix(scene),
                 time_limit=self.time_limit,
-                progress=lambda _, cost, bound: tell({"cost": cost if isfinite(cost) else None, "bound": bound}),
+                progress=heard,
             )
+        except _CanBeKept as err:
+            return {"message": str(err)}
         except InfeasibleError as err:
             found = _STRETCH.search(str(err))
             where = (-1, 0.0, 0.0) if found is None else (int(found[1]), float(found[2]), float(found[3]))
@@ -87,6 +125,39 @@ class Answers:
             f"{layout.worst_drift:.3g} m. {layout.note}"
         )
         return {"beacons": [*kept, *map(beacon_said, layout.beacons)], "proven": layout.proven, "message": words}
+
+
+class _CanBeKept(Exception):
+    """A search need not go on."""
+
+
+def _layout(scene: Scene, world: World | None, noise: OdometryNoise) -> Layout:
+    """The beacons that are alive, as a layout of which nothing is proven."""
+    scenario = Scenario.of(world, _routes(scene), noise, DriftLimit(), _start_fix(scene), scene["estimator"])
+    said = {old: [one for one in _alive(scene) if bool(one.get("existing")) == old] for old in (False, True)}
+    new, existing = (tuple(map(beacon_of, said[old])) for old in (False, True))
+    return Layout(
+        beacons=new,
+        existing=existing,
+        cost=sum(beacon.kind.cost for beacon in new),
+        lower_bound=0.0,
+        proven=False,
+        status=Status.TIME_LIMIT,
+        max_drift=tuple(route["limit_m"] or inf for route in scene["routes"]),
+        drift_bound=0.0,
+        drifts=tuple(scenario.drift(r, (*existing, *new)) for r in range(len(scenario.routes))),
+        seconds=0.0,
+        scenario=scenario,
+    )
+
+
+def _routes(scene: Scene) -> list[Floats]:
+    return [np.array(route["points"]) for route in scene["routes"]]
+
+
+def _start_fix(scene: Scene) -> Fix | None:
+    start = scene["start_fix"]
+    return None if start is None else Fix(s_m=0.0, **start)
 
 
 def _plan(scene: Scene, world: World, noise: OdometryNoise, start: list[float], goal: list[float]) -> dict[str, Any]:

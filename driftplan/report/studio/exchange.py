@@ -1,0 +1,59 @@
+"""Files that the page leaves to Python: what `driftplan place` writes and reads beside GeoJSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.beacon_files import load_beacons
+from driftplan.beacons.tag_files import fiducial_map, static_transforms, tags_yaml
+from driftplan.layouts.layout import InstallerRow, Layout, layout_csv, layout_dxf
+from driftplan.page.scene import Scene, beacon_of, beacon_said
+from driftplan.world.trajectories import read_path
+
+_TAG_SIZE_M = 0.16  # of a tag in tags.yaml
+WRITTEN: dict[str, Callable[[Layout], bytes]] = {
+    "installers.csv": layout_csv,
+    "beacons.dxf": layout_dxf,
+    "tags.yaml": lambda layout: tags_yaml((*layout.existing, *layout.beacons), size_m=_TAG_SIZE_M),
+    "map.txt": lambda layout: fiducial_map((*layout.existing, *layout.beacons)),
+    "transforms.sh": lambda layout: static_transforms((*layout.existing, *layout.beacons)),
+}
+
+
+def read(name: str, text: str, scene: Scene, kind: BeaconKind) -> dict[str, Any]:
+    """What a file changes in a scene: its beacons, or one more route. ``kind`` is that of beacons that say none."""
+    if text.startswith(",".join(InstallerRow._fields[:4])):
+        return {"beacons": _as_built(text, scene, kind)}
+    with TemporaryDirectory() as folder:
+        file = Path(folder, Path(name).name)
+        file.write_text(text, encoding="utf-8")
+        if file.suffix.lower() in (".geojson", ".json", ".txt") or "tag_bundles" in text:
+            return {"beacons": [*map(beacon_said, load_beacons(file, kind))]}
+        points = read_path(file)[:, :2].tolist()
+    limits = [route["limit_m"] for route in scene["routes"]]
+    return {"routes": [*scene["routes"], {"name": name, "points": points, "limit_m": limits[0] if limits else None}]}
+
+
+def _as_built(text: str, scene: Scene, kind: BeaconKind) -> list[dict[str, Any]]:
+    """Beacons of an installers' table, which says where they are: those that the scene knows, by their ids, keep what
+    they are; others are of a kind of that name in the scene, or of ``kind``."""
+    known = {one["id"]: one for one in scene["beacons"]}
+    kinds = {one["kind"]["name"]: beacon_of(one).kind for one in scene["beacons"]}
+    found = []
+    for line, row in enumerate(csv.DictReader(io.StringIO(text)), start=2):
+        try:
+            own = known.get(row["id"])
+            of_kind = kinds.get(row["kind"], kind) if own is None else beacon_of(own).kind
+            facing = float(row["facing_deg"]) if row["facing_deg"] else None
+            beacon = Beacon(of_kind, float(row["x_m"]), float(row["y_m"]), id=row["id"], facing_deg=facing)
+        except (KeyError, TypeError, ValueError) as err:
+            raise ValueError(f"line {line}: expected a row of an installers' table: {err}") from err
+        kept = {key: own[key] for key in ("locked", "dead") if key in own} if own else {}
+        found.append({**beacon_said(beacon, existing=row.get("new") == "False"), **kept})
+    return found
