@@ -19,6 +19,7 @@ from .errors import MapError as MapError
 from .errors import NoPathError as NoPathError
 from .errors import PlannerError as PlannerError
 from .errors import StartError as StartError
+from .errors import StudyError as StudyError
 from .errors import TrajectoryError as TrajectoryError
 from .layouts.co_design.co_design import co_design as co_design
 from .layouts.co_design.design import CoDesign as CoDesign
@@ -40,6 +41,8 @@ from .layouts.sites import Sites as Sites
 from .layouts.sites import grid_sites as grid_sites
 from .layouts.sites import route_sites as route_sites
 from .layouts.sites import wall_sites as wall_sites
+from .layouts.study.run import StudyResult as StudyResult
+from .layouts.study.run import run_study as run_study
 from .model.calibration.fit import NoiseFit as NoiseFit
 from .model.calibration.fit import fit_noise as fit_noise
 from .model.calibration.noise_check import check_noise as check_noise
@@ -92,6 +95,7 @@ from .report.figures.maps import plot_route as plot_route
 from .report.figures.maps import plot_world as plot_world
 from .report.figures.sheet import layout_pdf as layout_pdf
 from .report.studio.widget import studio_widget as studio_widget
+from .report.study_report import study_html as study_html
 from .world.mapfiles import bundled_map as bundled_map
 from .world.mapfiles import bundled_maps as bundled_maps
 from .world.mapfiles import load_world as load_world

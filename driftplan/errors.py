@@ -21,6 +21,10 @@ class TrajectoryError(DriftplanError, ValueError):
     """A trajectory or path file cannot be read: the message names the file and the line."""
 
 
+class StudyError(DriftplanError, ValueError):
+    """A study cannot be used: the message names the file, the line and the key at fault."""
+
+
 class StartError(DriftplanError):
     """The start is not in free space: the message names the nearest point that is."""
 
@@ -50,7 +54,7 @@ class KeywordError(ArgumentError):
 
 
 @contextmanager
-def naming(place: object, error: type[MapError] | type[TrajectoryError]) -> Iterator[None]:
+def naming(place: object, error: type[MapError] | type[TrajectoryError] | type[StudyError]) -> Iterator[None]:
     """What is refused inside is an ``error`` that names the place: a file, or a part of one."""
     try:
         yield

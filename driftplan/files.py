@@ -15,9 +15,9 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
-from driftplan.errors import MapError, TrajectoryError, naming
+from driftplan.errors import MapError, StudyError, TrajectoryError, naming
 
-FileError = type[MapError] | type[TrajectoryError]
+FileError = type[MapError] | type[TrajectoryError] | type[StudyError]
 
 MAX_BYTES = 256 << 20  # unpacked: a recording of a million steps takes a quarter of it
 MAX_LINES = 2_000_000

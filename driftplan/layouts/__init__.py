@@ -1,5 +1,6 @@
 """Layouts: where to put the fewest beacons, and beacons and routes chosen together. Imports go down this list:
 
+study                           run_study: many scenarios, on all cores or a cluster
 co_design                       beacons and routes chosen together
 place                           place_beacons, beacon_tradeoff: the search for the fewest
 layout                          Layout: what placing answers; as files and side by side

@@ -14,7 +14,7 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from driftplan.errors import DriftplanError, InfeasibleError, MapError, NoPathError, TrajectoryError
+from driftplan.errors import DriftplanError, InfeasibleError, MapError, NoPathError, StudyError, TrajectoryError
 from driftplan.report.commands import COMMANDS
 from driftplan.report.commands.answer import Progress, deliver
 from driftplan.report.commands.option import STANDARD_INPUT, Command, Parser, UsageError
@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _failed(words, name, err, "interrupted; no file was left half written", INTERRUPTED)
     except (NoPathError, InfeasibleError) as err:
         return _failed(words, name, err, in_options(str(err), COMMANDS[name]), NO_ROUTE)
-    except (MapError, TrajectoryError, OSError) as err:  # about a file, in its own words
+    except (MapError, TrajectoryError, StudyError, OSError) as err:  # about a file, in its own words
         _drop_stdout()
         return _failed(words, name, err, str(err), BAD_INPUT)
     except (DriftplanError, ValueError, ImportError) as err:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from reprlib import repr as short
 from typing import Any, NoReturn
@@ -15,7 +16,7 @@ from driftplan.files import FileError, read_bytes
 
 
 def read_yaml(path: Path, error: FileError, *, max_bytes: int) -> Any:
-    """What a YAML file holds. ``1e-4`` is a number, as in YAML 1.2 and for people."""
+    """What a YAML file holds, mappings as `Lined`. ``1e-4`` is a number, as in YAML 1.2 and for people."""
     text = read_bytes(path, error, max_bytes=max_bytes)
     try:
         return yaml.load(text, _PlainLoader)
@@ -52,6 +53,12 @@ def _without_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return known
 
 
+class Lined(dict[Any, Any]):
+    """A mapping of a file, with the line of every key."""
+
+    lines: dict[Any, int]
+
+
 class _PlainLoader(yaml.SafeLoader):
     """The safe loader without aliases, of which a few hundred bytes can stand for more than memory holds, and without
     keys given twice, of which parsers take the one or the other."""
@@ -72,7 +79,14 @@ class _PlainLoader(yaml.SafeLoader):
                 seen.add(key.value)
         return super().construct_mapping(node, deep)
 
+    def construct_lined(self, node: Any) -> Iterator[Lined]:
+        data = Lined()
+        yield data
+        data.update(self.construct_mapping(node))
+        data.lines = {key: n.start_mark.line + 1 for key, (n, _) in zip(data, node.value, strict=False)}
 
+
+_PlainLoader.add_constructor("tag:yaml.org,2002:map", _PlainLoader.construct_lined)
 _PlainLoader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$"), list("-+0123456789.")
 )

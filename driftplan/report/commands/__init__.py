@@ -3,7 +3,7 @@
 option, shared, answer          what an option is; options of several subcommands; what is printed and written
 demo, demo_beacons              the bundled maps planned, compared and drawn; the tags of the demo
 predict, plan, compare, place, design, fit, studio, graph,
-maps, examples, completion
+study, maps, examples, completion
                                 the subcommand of this name
 """
 
@@ -22,10 +22,11 @@ from driftplan.report.commands import (
     plan,
     predict,
     studio,
+    study,
 )
 from driftplan.report.commands.option import Command
 
 COMMANDS: dict[str, Command] = {
     module.COMMAND.name: module.COMMAND
-    for module in (demo, predict, plan, compare, place, design, fit, studio, graph, maps, examples, completion)
+    for module in (demo, predict, plan, compare, place, design, fit, studio, graph, study, maps, examples, completion)
 }

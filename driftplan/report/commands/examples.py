@@ -13,6 +13,7 @@ _WHAT = {
     "route.csv": "a route through the warehouse: predict, place",
     "other.csv": "another: predict, place",
     "trips.csv": "three trips and how often they are driven: design",
+    "study.yaml": "how many tags for which robot, at which accuracy: study",
     "drive1_odometry.csv": "a recorded drive (simulated, with one slip): fit",
     "drive1_truth.csv": "where that drive really went: fit",
     "drive2_odometry.csv": "another drive of the same robot: fit",
@@ -33,8 +34,9 @@ def run(args: argparse.Namespace) -> Answer:
         raise ValueError(f"expected a folder without {present[0]}, which would be overwritten, got {folder}")
     folder.mkdir(parents=True, exist_ok=True)
     package, maps = Path(__file__).parents[2], bundled_map("office").parent
+    kept = {"study.yaml": package / "layouts/study/sample.yaml"}
     files: dict[str | Path, Callable[[], bytes]] = {
-        folder / name: (package / "samples" / name if name.endswith(".csv") else maps / name).read_bytes
+        folder / name: kept.get(name, (package / "samples" if name.endswith(".csv") else maps) / name).read_bytes
         for name in _WHAT
     }
     width = max(map(len, _WHAT))

@@ -1,0 +1,283 @@
+"""What the words of a scenario stand for: files read, noises and kinds made, each once, and told apart by content."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
+from importlib.metadata import version
+from math import radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.beacon_files import load_beacons
+from driftplan.errors import DriftplanError, StudyError
+from driftplan.layouts.co_design.design import load_trips
+from driftplan.layouts.study.study import Cell, Study, Values
+from driftplan.model.noise import OdometryNoise
+from driftplan.model.presets import PRESETS
+from driftplan.model.readings import Fix
+from driftplan.planning.request import DriftLimit
+from driftplan.world.mapfiles import bundled_map, bundled_maps, load_world
+from driftplan.world.noise_files import load_noise
+from driftplan.world.route_graphs import load_graph
+from driftplan.world.trajectories import read_path
+
+_MAP = ("map", "robot_radius_m", "unknown_is_free", "cell_size_m", "level", "keepout", "zones")
+_TRIPS = ("routes", "trips", "graph")
+_SITES = ("beacon", "sites", "existing")
+_SPREAD = ("heading_deg", "distance_m", "after_m", "heading_deg_per_full_turn")  # of `OdometryNoise.from_std`
+_PLAIN: Values = {  # keys whose values a task holds as they are, and what they are unless said
+    "limit_m": None, "confidence": None, "redundancy": 1, "estimator": "reset", "max_beacons": None, "budget": None,
+    "start": None, "minimise": "length", "seed": 0, "time_limit_s": 60.0, "simulated_drives": 0,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Task:
+    """A cell for a worker: small, since what cells share is named by its content and sent on its own.
+
+    Attributes
+    ----------
+    key : a hash of all that determines the cell, contents of files and driftplan's version included
+    world, noise, trips, sites : keys of `Inputs.shared`
+    plain : the other keys of the scenario
+    """
+
+    number: int
+    key: str
+    world: str
+    noise: str
+    trips: str
+    sites: str
+    plain: Values
+
+
+@dataclass(frozen=True)
+class Trips:
+    """Where routes come from: waypoints (n, 2), ends (2, 2) or ids of nodes, or so many made by chance."""
+
+    routes: tuple[Any, ...] = ()
+    ends: tuple[Any, ...] = ()
+    graph: Any = None
+    random: int = 0
+    stops: int = 2
+
+
+@dataclass(frozen=True)
+class SitesAsked:
+    """What `Sites` is to be told, as far as it does not depend on routes."""
+
+    kinds: tuple[BeaconKind, ...]
+    points: Any
+    existing: tuple[Beacon, ...]
+    spacing_m: float | None = None
+    along: str = "grid"
+    min_spacing_m: float = 0.0
+    forbidden: tuple[Any, ...] = ()
+
+    @property
+    def all_kinds(self) -> tuple[BeaconKind, ...]:
+        """The kinds that may be placed, each once."""
+        return tuple(dict.fromkeys(self.kinds or [beacon.kind for beacon in self.points]))
+
+
+class Inputs:
+    """What the cells of a study are made of.
+
+    Attributes
+    ----------
+    shared : mapping of digest to World, OdometryNoise, `Trips` or `SitesAsked`: what workers need to have once
+    """
+
+    def __init__(self, study: Study) -> None:
+        self.study = study
+        self.shared: dict[str, Any] = {}
+        self._folder = study.path.parent if study.path else Path()
+        self._known: dict[str, str] = {}
+        self._version = version("driftplan")
+
+    def task(self, cell: Cell) -> Task:
+        """What a worker is told of a cell.
+
+        Raises
+        ------
+        StudyError : if something named cannot be read or makes no sense
+        """
+        said = cell.scenario
+        parts = (
+            self._digest("map", _MAP, said, self._world),
+            self._digest("noise", ("noise",), said, self._noise),
+            self._digest("trips", _TRIPS, said, self._trips),
+            self._digest("sites", _SITES, said, self._sites),
+        )
+        plain = {key: said.get(key, default) for key, default in _PLAIN.items()}
+        self._check(said, plain)
+        text = json.dumps([self._version, parts, plain], sort_keys=True)
+        return Task(cell.number, hashlib.sha256(text.encode()).hexdigest()[:32], *parts, plain)
+
+    def _digest(self, section: str, keys: tuple[str, ...], said: Values, make: Callable[[Values], Any]) -> str:
+        part = {key: said[key] for key in keys if key in said}
+        text = section + json.dumps(part, sort_keys=True)
+        if text not in self._known:
+            try:
+                value = make(part)
+            except (DriftplanError, ValueError, TypeError, OSError) as err:
+                if isinstance(err, StudyError):
+                    raise
+                self.study.place_of(next(iter(part), section)).refuse(str(err))
+            self._known[text] = digest(value)
+            self.shared[self._known[text]] = value
+        return self._known[text]
+
+    def _check(self, said: Values, plain: Values) -> None:
+        """Combinations that would mean nothing."""
+        refuse = self.study.place_of
+        wanted = [key for key in ("limit_m", "max_beacons", "budget") if plain[key] is not None]
+        if wanted and "beacon" not in said and "file" not in said.get("sites", {}):
+            refuse(wanted[0]).refuse("expected the key beacon: what may be placed")
+        for key in ("beacon", "sites"):
+            if not wanted and key in said:
+                refuse(key).refuse("expected limit_m, max_beacons or budget too: without one nothing is placed")
+        if plain["estimator"] == "filter" and plain["confidence"] is not None:
+            refuse("confidence").refuse(
+                "expected confidence only for estimator reset: with a filter limits are on the rms"
+            )
+        DriftLimit(plain["limit_m"], plain["redundancy"], plain["confidence"])
+
+    # The sections
+
+    def _file(self, name: str) -> Path:
+        return self._folder / name
+
+    def _world(self, said: Values) -> Any:
+        if "map" not in said:
+            if said:
+                raise ValueError("expected the key map too")
+            return None
+        name, options = said["map"], {key: value for key, value in said.items() if key not in ("map", "robot_radius_m")}
+        path = bundled_map(name) if name in bundled_maps() else self._file(name)
+        for key in ("keepout", "zones"):
+            if key in options:
+                options[key] = self._file(options[key])
+        return load_world(path, robot_radius=said.get("robot_radius_m", 0.3), **options)
+
+    def _noise(self, said: Values) -> OdometryNoise:
+        held = said.get("noise")
+        if held is None:
+            raise ValueError(
+                "expected the key noise: a file, a preset, or spreads such as {heading_deg: 2, after_m: 10}"
+            )
+        if isinstance(held, str):
+            held = {"from": held}
+        spread = {key: value for key, value in held.items() if key in _SPREAD}
+        rates = {key: value for key, value in held.items() if key not in (*_SPREAD, "from")}
+        if "from" in held:
+            if spread:
+                raise ValueError(f"expected rates beside from, got {next(iter(spread))}")
+            kept = self._kept_noise(held["from"])
+            return OdometryNoise(**{**{f.name: getattr(kept, f.name) for f in fields(kept)}, **rates})
+        if not spread:
+            return OdometryNoise(**rates)
+        straight = OdometryNoise.from_std(**{"heading_deg": 0.0, "distance_m": 0.0, "after_m": 10.0, **spread})
+        return OdometryNoise(**{**{f.name: getattr(straight, f.name) for f in fields(straight)}, **rates})
+
+    def _kept_noise(self, name: str) -> OdometryNoise:
+        if name in PRESETS:
+            return PRESETS[name].noise
+        if not self._file(name).exists():
+            raise ValueError(f"expected a noise file or a preset, one of {', '.join(PRESETS)}; got {name!r}")
+        return load_noise(self._file(name))
+
+    def _trips(self, said: Values) -> Trips:
+        routes, trips = said.get("routes", []), said.get("trips", [])
+        if ("routes" in said) == ("trips" in said):
+            raise ValueError(f"expected routes or trips, got {'both' if routes else 'neither'}")
+        if routes:
+            if "graph" in said:
+                raise ValueError("expected a graph only with trips, got routes")
+            listed = [routes] if isinstance(routes, str) else routes
+            read = [read_path(self._file(r))[:, :2] if isinstance(r, str) else np.array(r, dtype=float) for r in listed]
+            return Trips(routes=tuple(read))
+        graph = load_graph(self._file(said["graph"])) if "graph" in said else None
+        if isinstance(trips, Mapping):
+            if graph is not None:
+                raise ValueError("expected ids of nodes for a graph, got random trips")
+            return Trips(random=trips["random"], stops=trips.get("stops", 2))
+        if isinstance(trips, str):
+            trips = [(trip.start, trip.goal) for trip in load_trips(self._file(trips))]
+        if {np.ndim(trip) for trip in trips} != {2 if graph is None else 1}:
+            raise ValueError("expected trips from place to place, or with a graph from node to node")
+        return Trips(
+            ends=tuple(tuple(map(tuple, trip)) if graph is None else tuple(trip) for trip in trips), graph=graph
+        )
+
+    def _sites(self, said: Values) -> SitesAsked:
+        beacons, asked = said.get("beacon", []), dict(said.get("sites", {}))
+        kinds = tuple(map(_kind, [beacons] if isinstance(beacons, Mapping) else beacons))
+        existing = load_beacons(self._file(said["existing"])) if "existing" in said else ()
+        points: Any = None
+        if "file" in asked:
+            if {"spacing_m", "along"} & asked.keys():
+                raise ValueError("expected sites from a file, or along and spacing_m to generate them, got both")
+            file = self._file(asked.pop("file"))
+            with_kinds = file.suffix.lower() in (".geojson", ".json")
+            if with_kinds == bool(kinds):
+                raise ValueError("expected beacons with kinds in the file of sites (.geojson), or the key beacon")
+            points = load_beacons(file) if with_kinds else read_path(file)[:, :2]
+        forbidden = tuple(np.array(area, dtype=float) for area in asked.pop("forbidden", ()))
+        return SitesAsked(kinds, points, existing, forbidden=forbidden, **asked)
+
+
+def _kind(said: Values) -> BeaconKind:
+    options = {
+        key.removesuffix("_deg") if key.endswith("_std_deg") else key: radians(v) if key.endswith("_std_deg") else v
+        for key, v in said.items()
+    }
+    made: BeaconKind = getattr(BeaconKind, str(options.pop("kind")))(**options)
+    return made
+
+
+def start_fix(said: Values | None) -> Fix | None:
+    """The uncertainty at the start that a scenario describes."""
+    if said is None:
+        return None
+    heading = radians(said.get("heading_std_deg", 0.0))
+    return Fix.full(0.0, position_std_m=said.get("position_std_m", 0.0), heading_std=heading)
+
+
+def digest(value: Any) -> str:
+    """A hash of the content of a value: equal for equal ones, on every machine."""
+    hasher = hashlib.sha256()
+    _feed(hasher.update, value)
+    return hasher.hexdigest()[:32]
+
+
+def _feed(update: Callable[[bytes], None], value: Any) -> None:
+    """What a value is, piece by piece, lengths first."""
+    tell = partial(_feed, update)
+    if isinstance(value, shapely.Geometry):
+        tell(shapely.to_wkb(value, byte_order=1))
+    elif is_dataclass(value):
+        tell([type(value).__name__, *(getattr(value, f.name) for f in fields(value))])
+    elif isinstance(value, np.ndarray):
+        tell([str(value.dtype.str), list(value.shape), np.ascontiguousarray(value).tobytes()])
+    elif isinstance(value, Mapping):
+        tell(sorted(value.items()))
+    elif isinstance(value, (list, tuple)):
+        update(f"[{len(value)}".encode())
+        for item in value:
+            tell(item)
+    elif isinstance(value, bytes):
+        update(f"b{len(value)}:".encode() + value)
+    elif value is None or isinstance(value, (bool, int, float, str, os.PathLike)):
+        tell(f"{type(value).__name__}{value!r}".encode())
+    else:
+        raise TypeError(f"expected plain values, got {type(value).__name__}")

@@ -1,0 +1,168 @@
+"""run_study: the cells of a study that are not done yet, done anywhere; and the table of all of them."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from driftplan.arrays import whole
+from driftplan.beacons.beacon import Beacon
+from driftplan.layouts.study.executors import Done, here, in_processes, on_cluster
+from driftplan.layouts.study.inputs import Inputs, Task
+from driftplan.layouts.study.results import appending, read_rows
+from driftplan.layouts.study.study import Cell, Study
+from driftplan.layouts.study.work import DONE, FAILED, OUT_OF_TIME, Row, Workshop
+from driftplan.tables import data_frame
+
+if TYPE_CHECKING:
+    import pandas
+
+Progress = Callable[[int, int, float], None]  # cells done, of how many, seconds left
+_NOT_IN_TABLE = ("key", "spent", "layout", "ends")
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResult:
+    """A study and what is known of its cells.
+
+    Attributes
+    ----------
+    study : what was asked
+    cells, tasks : all of them, in the order of the study
+    rows : by key of a task, as far as they are done
+    inputs : what the study names
+    """
+
+    study: Study
+    cells: tuple[Cell, ...]
+    tasks: tuple[Task, ...]
+    rows: Mapping[str, Row]
+    inputs: Inputs
+
+    @property
+    def missing(self) -> int:
+        """Cells that are not done yet."""
+        return sum(task.key not in self.rows for task in self.tasks)
+
+    def to_dicts(self) -> list[dict[str, Any]]:
+        """One row per cell that is done: what was varied, and what came out. It is the same whoever did the cells in
+        whatever order, but for those with ``ended_by_time`` or the outcome "out of time"."""
+        return [
+            {"cell": cell.number, **cell.varied, **{key: row[key] for key in row if key not in _NOT_IN_TABLE}}
+            for cell, task in zip(self.cells, self.tasks, strict=True)
+            if (row := self.rows.get(task.key)) is not None
+        ]  # fmt: skip
+
+    def table(self) -> pandas.DataFrame:
+        """`to_dicts` as a DataFrame; needs pandas."""
+        return data_frame(self.to_dicts())
+
+    def beacons(self, cell: int) -> tuple[Beacon, ...]:
+        """The beacons of a cell that is done: those that were there, and those that were placed."""
+        task = self.tasks[cell]
+        asked, row = self.inputs.shared[task.sites], self.rows.get(task.key, {})
+        if row.get("outcome") != DONE:
+            raise ValueError(f"expected a cell that is done, got cell {cell}: {row.get('why', 'it is missing')}")
+        placed = (Beacon(asked.all_kinds[k], x, y, id=i, facing_deg=f) for i, k, x, y, f in row.get("layout", ()))
+        return (*asked.existing, *placed)
+
+    @cached_property
+    def workshop(self) -> Workshop:
+        """Makes the routes of a cell again, to show them."""
+        return Workshop(self.inputs.shared)
+
+
+def run_study(
+    study: str | os.PathLike[str] | Mapping[str, Any] | Study,
+    executor: Literal["processes"] | Any | None = None,
+    *,
+    workers: int | None = None,
+    results: str | os.PathLike[str] | None = None,
+    retry: bool = False,
+    progress: Progress | None = None,
+) -> StudyResult:
+    """Do the cells of a study that are not done yet.
+
+    Parameters
+    ----------
+    study : a file, or a mapping with the keys of one (`driftplan study init` writes a commented one)
+    executor : None: this process; "processes": all cores; or a ``distributed.Client`` of a Dask cluster
+    workers : how many processes (default: one per core); 1 or more means "processes"
+    results : the file that rows are appended to; default: the study's name with ``.results.jsonl``, beside it. A study
+        that is a mapping has none unless it is named.
+    retry : do failed cells again, and those that ran out of time
+    progress : called after every cell with the cells done, their number, and the seconds that the rest may take
+
+    Returns
+    -------
+    StudyResult
+        ``table()`` has a row per cell. Rows are the same to the last bit wherever and in whatever order cells are done,
+        as long as no search is ended by its time limit; a row says if it was.
+
+    Raises
+    ------
+    StudyError : for a study that makes no sense, results that are no results, or another run of it
+    DriftplanError : if the cluster goes away; what was done is kept
+
+    Examples
+    --------
+    >>> tag = {"kind": "landmark", "range_m": 2.0, "position_std_m": 0.05, "heading_std_deg": 0.5}
+    >>> study = {"routes": [[[0, 0], [60, 0]]], "noise": {"heading_deg": 2, "distance_m": 0.05}, "beacon": tag,
+    ...          "vary": {"limit_m": [0.6, 1.5]}}
+    >>> [row["beacons"] for row in run_study(study).to_dicts()]
+    [2, 1]
+    """
+    asked = planned_study(study, results)
+    path = results_file(asked.study, results)
+    with appending(path) as file:
+        rows = read_rows(path) if path else {}
+        again = (FAILED, OUT_OF_TIME) if retry else ()
+        todo = {t.key: t for t in asked.tasks if t.key not in rows or rows[t.key]["outcome"] in again}
+        done = _executed(executor, workers, asked.inputs.shared, list(todo.values()))
+        began = time.monotonic()
+        for count, (task, row) in enumerate(done, start=1):
+            if file is not None:
+                file.append(row)
+            rows[task.key] = row
+            if progress is not None:
+                left = (time.monotonic() - began) / count * (len(todo) - count)
+                progress(len(asked.tasks) - len(todo) + count, len(asked.tasks), left)
+    return StudyResult(asked.study, asked.cells, asked.tasks, rows, asked.inputs)
+
+
+def planned_study(
+    study: str | os.PathLike[str] | Mapping[str, Any] | Study, results: str | os.PathLike[str] | None = None
+) -> StudyResult:
+    """A study with the rows that there are, and nothing done."""
+    asked = Study.of(study)
+    inputs = Inputs(asked)
+    cells = tuple(asked.cells())
+    path = results_file(asked, results)
+    return StudyResult(asked, cells, tuple(map(inputs.task, cells)), read_rows(path) if path else {}, inputs)
+
+
+def results_file(study: Study, results: str | os.PathLike[str] | None) -> Path | None:
+    """Where the rows of a study are."""
+    if results is not None:
+        return Path(results)
+    return study.path.with_suffix(".results.jsonl") if study.path else None
+
+
+def _executed(executor: Any, workers: int | None, shared: Mapping[str, Any], tasks: list[Task]) -> Done:
+    if not tasks:
+        return iter(())
+    if hasattr(executor, "submit") and hasattr(executor, "register_plugin"):
+        if workers is not None:
+            raise ValueError("expected workers only for processes of this machine, got a Dask client too")
+        return on_cluster(executor, shared, tasks)
+    if executor not in (None, "processes"):
+        raise ValueError(f'expected executor None, "processes" or a distributed.Client, got {executor!r}')
+    if executor is None and workers is None:
+        return here(shared, tasks)
+    count = os.cpu_count() or 1 if workers is None else whole("workers", workers, least=1)
+    return in_processes(shared, tasks, min(count, len(tasks)))
