@@ -41,9 +41,7 @@ class Answers:
     world: World | None
     time_limit: float = 60.0
     save: Path | None = None
-    _worlds: list[tuple[Any, World]] = field(
-        default_factory=list, init=False, repr=False
-    )  # the last floors, and with them
+    _worlds: list[tuple[Any, World]] = field(default_factory=list, init=False, repr=False)  # the last floors' world
 
     def __post_init__(self) -> None:
         positive("time_limit", self.time_limit)
