@@ -346,8 +346,8 @@ export class MapView {
       const { session, tools } = this.studio, screen = this.at(event), world = this.toWorld(screen);
       const before = pinch();
       fingers.set(event.pointerId, screen);
-      if (before) return this.zoom(pinch()[0] / Math.max(before[0], 1), before[1]);
-      if (grasp.pan) {
+      if (before) this.zoom(pinch()[0] / Math.max(before[0], 1), before[1]);
+      else if (grasp.pan) {
         this.pan(screen[0] - grasp.pan[0], screen[1] - grasp.pan[1]);
         grasp.pan = screen;
       } else if (grasp.beacon !== undefined) {
@@ -357,7 +357,6 @@ export class MapView {
         session.changeBeacon(grasp.beacon, { x, y }, "drag");
       } else if (grasp.waypoint !== undefined) session.moveWaypoint(grasp.waypoint, world, "drag");
       else tools.move(this.snapped(world));
-      return null;
     });
     const release = (event) => {
       fingers.delete(event.pointerId);

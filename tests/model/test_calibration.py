@@ -481,7 +481,7 @@ def false_alarms(seeds):
 
 @pytest.mark.slow
 def test_false_alarms_are_as_rare_as_stated():
-    """5 % and 1 %: binomially, at most 5 and 2 of 24 at four standard errors (in a longer run: 2 and none of 30)."""
+    """5 % and 1 %: binomially, at most 5 and 2 of 24 at four standard errors (in a longer run: 14 and 2 of 200)."""
     repetitions = 12
     for rate, found in zip((HEAVY_TAILS_CHANCE, CLEAR_CHANCE), false_alarms(range(repetitions)).values(), strict=True):
         assert found < 2 * repetitions * rate + 4 * np.sqrt(2 * repetitions * rate * (1 - rate))

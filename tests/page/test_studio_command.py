@@ -276,3 +276,50 @@ def test_a_widget_answers_as_the_server_does(layout):
     assert sent[-1]["id"] == 7
     assert sent[-1]["answer"]["proven"]
     assert [line for line in sent if line["id"] != 7] == []
+
+
+WIDGET = """
+from driftplan import OdometryNoise, World, studio_widget
+world = World.from_polygons([[(4, 4), (16, 4), (16, 4.4), (4, 4.4)]], bounds=(0, 0, 20, 12), robot_radius=0.3)
+studio = studio_widget(world, [[(1, 2), (18, 2)]], OdometryNoise(heading_var_per_m=1e-3), max_drift=0.5)
+studio
+"""
+
+
+@pytest.mark.slow
+def test_a_kernel_answers_the_page_of_a_notebook():
+    """A real Jupyter kernel, asked as the page asks through the comm of its widget."""
+    for library in ("anywidget", "nbclient", "ipykernel"):
+        pytest.importorskip(library)
+    import nbformat
+    from jupyter_core.utils import run_sync
+    from nbclient import NotebookClient
+
+    notebook = nbformat.v4.new_notebook(
+        cells=[nbformat.v4.new_code_cell(source) for source in (WIDGET, "studio.beacons")]
+    )
+    client = NotebookClient(notebook, timeout=120)
+    with client.setup_kernel():
+        client.execute_cell(notebook.cells[0], 0)
+        (shown,) = (one.data for one in notebook.cells[0].outputs if "data" in one)
+        model = shown["application/vnd.jupyter.widget-view+json"]["model_id"]
+        state = client.widget_state[model]
+        assert "export default" in state["_esm"]
+
+        def say(data):
+            content = {"comm_id": model, "data": data}
+            client.kc.shell_channel.send(client.kc.session.msg("comm_msg", content))
+
+        tag = {"id": "A", "x": 9.0, "y": 2.0, "facing_deg": None, "existing": False, "kind": TAG}
+        say({"method": "update", "state": {"scene": {**state["scene"], "beacons": [tag]}}, "buffer_paths": []})
+        question = {"scene": state["scene"], "start": [1, 2], "goal": [18, 11]}
+        say({"method": "custom", "content": {"id": 5, "what": "plan", "question": question}})
+        answer = None
+        while answer is None:
+            message = run_sync(client.kc.get_iopub_msg)(timeout=60)
+            said = message["content"].get("data", {}) if message["msg_type"] == "comm_msg" else {}
+            answer = said["content"] if said.get("method") == "custom" else None
+        assert answer["id"] == 5
+        assert [route["name"] for route in answer["answer"]["routes"]] == ["least drift", "shortest"]
+        client.execute_cell(notebook.cells[1], 1)
+        assert "x=9.0" in notebook.cells[1].outputs[0].data["text/plain"]
