@@ -63,6 +63,31 @@ def test_every_public_name_can_be_imported():
     assert [name for name in driftplan.__all__ if not hasattr(driftplan, name)] == []
 
 
+def test_dir_lists_what_is_public_and_nothing_else():
+    import driftplan
+
+    assert dir(driftplan) == sorted(driftplan.__all__)
+
+
+@pytest.mark.slow
+def test_a_users_script_is_typed_strictly(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from driftplan import BeaconKind, OdometryNoise, bundled_map, load_world, place_beacons, plan_route\n"
+        "noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)\n"
+        "world = load_world(bundled_map('warehouse'), robot_radius=0.3)\n"
+        "route = plan_route(world, (51.0, 33.0), (23.5, 18.7), noise)\n"
+        "layout = place_beacons(world, [route], noise, 0.6, BeaconKind.rfid(1.5, 0.1))\n"
+        "length: float = route.length\n"
+        "wrong: str = layout.worst_drift\n"
+    )
+    asked = [sys.executable, "-m", "mypy", "--strict", "--config-file", "/dev/null", "--cache-dir", str(tmp_path)]
+    done = subprocess.run([*asked, str(script)], cwd=PACKAGE.parent, capture_output=True, text=True)
+    of_script = [line for line in done.stdout.splitlines() if line.startswith(str(script))]
+    assert len(of_script) == 1, done.stdout  # what is wrong on purpose, and nothing else
+    assert ":7:" in of_script[0]
+
+
 def test_importing_driftplan_loads_nothing_heavy():
     heavy = ("ompl", "matplotlib", "scipy", "shapely", "numpy")
     code = f"import sys, driftplan; print([m for m in {heavy} if m in sys.modules])"

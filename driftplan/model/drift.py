@@ -19,6 +19,7 @@ from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import Noises, OdometryNoise, drives_to_average, noise_of_legs, spread_of
 from driftplan.model.paths import Runs, read_path, same_place_within
 from driftplan.model.readings import Estimator, Fix, Readings, checked_estimator
+from driftplan.tables import decimals, digits, html_table
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +44,17 @@ class PointDrift:
         if not self.rms.ndim:
             return f"{type(self).__name__}(distance={float(self.distance):.6g} m, rms={float(self.rms):.4g} m)"
         return f"{type(self).__name__}(shape={self.rms.shape}, greatest rms={np.max(self.rms, initial=0.0):.4g} m)"
+
+    def _repr_html_(self) -> str:
+        """In notebooks: the drift along one path, in at most about twenty rows."""
+        if self.rms.ndim != 1:
+            return html_table({}, repr(self))
+        few = slice(None, None, max(len(self.rms) // 20, 1))
+        rms, radius = digits(self.rms[few], self.radius(0.95)[few])
+        xy = self.xy[few].T
+        places = dict(zip(("distance m", "x m", "y m"), (self.distance[few], *xy), strict=True))
+        columns = {name: decimals(values, 2) for name, values in places.items()}
+        return html_table({**columns, "rms m": rms, "95 % radius m": radius}, repr(self))
 
     @property
     def xy(self) -> Floats:

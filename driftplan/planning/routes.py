@@ -127,6 +127,12 @@ class Route:
             f"{len(self.path)} waypoints{counted}, {self.status.name.lower()})"
         )
 
+    def _repr_html_(self) -> str:
+        """In notebooks: beside the shortest route, if that came along."""
+        from driftplan.planning.comparison import compare_routes
+
+        return compare_routes([self, self.shortest] if self.shortest is not None else [self])._repr_html_()
+
 
 @arguments_checked(max_drift=DriftLimit, planner=Planner, start_heading="start=(x, y, heading)")
 def plan_route(

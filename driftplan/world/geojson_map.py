@@ -39,6 +39,7 @@ _PROJECT = (
 )
 _LEAST_EXTENT_M = 0.5  # of a map: no robot drives on less
 _MAX_BYTES = 20_000_000
+_MAX_DEPTH = 4  # of lists, in the coordinates of a MultiPolygon
 # Beyond these, merging the walls and growing them would take minutes; plans of buildings stay far below.
 _MAX_POSITIONS = 50_000
 _MAX_CROSSINGS = 20_000
@@ -151,11 +152,11 @@ def projected(features: list[Any], origin: tuple[float, float]) -> list[Any]:
     east = [-np.sin(along), np.cos(along), 0.0]
     north = [-np.sin(up) * np.cos(along), -np.sin(up) * np.sin(along), np.cos(up)]
 
-    def moved(value: Any) -> Any:
-        if not isinstance(value, list):
+    def moved(value: Any, depth: int = 0) -> Any:
+        if not isinstance(value, list) or depth > _MAX_DEPTH:
             return value
         if not (len(value) >= 2 and all(type(v) in (int, float) for v in value[:2])):
-            return [moved(inner) for inner in value]
+            return [moved(inner, depth + 1) for inner in value]
         if not (abs(value[0]) <= 180 and abs(value[1]) <= 90):
             raise ValueError(f"expected longitudes and latitudes, since an origin is given, got {short(value)}")
         return ((_on_earth(np.array(value[:2])) - here) @ np.transpose([east, north])).tolist()

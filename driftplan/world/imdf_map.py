@@ -76,7 +76,9 @@ def _features(path: Path, origin: tuple[float, float]) -> dict[str, list[dict[st
                 if left < 0:
                     raise MapError(f"{path}: expected at most {_MAX_BYTES} bytes unpacked, got more")
                 found[part] = features_of(path, json_of(path, text), origin=origin)
-    except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError, zlib.error) as err:
+    except MapError:
+        raise
+    except (zipfile.BadZipFile, RuntimeError, ValueError, EOFError, OSError, zlib.error) as err:  # of broken archives
         raise MapError(f"{path}: not a readable archive ({err})") from err
     for part, features in found.items():
         for feature in features:

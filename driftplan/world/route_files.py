@@ -109,7 +109,7 @@ def read_ros_path(file: Path) -> Floats:
                 q = np.array([float(pose["orientation"].get(name, 0.0)) for name in "xyzw"])
             except (AttributeError, KeyError, TypeError):
                 raise ValueError("expected position x, y and orientation x, y, z, w") from None
-            if abs(np.linalg.norm(q) - 1) > 0.01 or np.hypot(q[0], q[1]) > 0.05:
+            if np.abs(q).max() > 2 or abs(np.linalg.norm(q) - 1) > 0.01 or np.hypot(q[0], q[1]) > 0.05:
                 raise ValueError(f"expected a unit quaternion about z, got {q.tolist()}")
             poses[k] = x, y, 2 * np.arctan2(q[2], q[3])
     if not np.isfinite(poses).all():

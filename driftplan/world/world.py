@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -324,6 +325,18 @@ class World:
         return (
             f"World(bounds={self.bounds}, robot_radius={self.robot_radius}, {len(self.obstacles.geoms)} obstacles, "
             f"{len(self.zones)} zones{''.join(f'; {note}' for note in self.notes)})"
+        )
+
+    def _repr_html_(self) -> str:
+        """In notebooks: a small map under the words."""
+        xmin, ymin, xmax, ymax = self.bounds
+        width, height = xmax - xmin, ymax - ymin
+        line = max(width, height) / 400
+        drawn = "".join(zone.polygon.svg(line, "#e69f00") for zone in self.zones) + self.obstacles.svg(line, "#888888")
+        return (
+            f"<p>{escape(repr(self))}</p>"
+            f'<svg viewBox="{xmin} {-ymax} {width} {height}" width="480" height="{480 * height / width:.0f}">'
+            f'<g transform="scale(1, -1)">{drawn}</g></svg>'
         )
 
 

@@ -6,6 +6,7 @@ import gzip
 import json
 from collections.abc import Callable, Mapping
 from io import BytesIO
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -23,6 +24,13 @@ class Seed(NamedTuple):
     content: bytes
     read: Callable[[str], Any]
     beside: Mapping[str, bytes] = MappingProxyType({})
+
+
+def _example(name: str) -> bytes:
+    return (Path(__file__).resolve().parents[2] / "examples/data/formats" / name).read_bytes()
+
+
+_TAG = d.BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
 
 
 def _world(file: str) -> d.World:
@@ -102,6 +110,16 @@ SEEDS = (
     Seed("m.pgm", _PGM, lambda f: _world(f.replace(".pgm", ".yaml")), {"m.yaml": _ROS % b"m.pgm"}),
     Seed("t.pgm", _PLAIN_PGM, lambda f: _world(f.replace(".pgm", ".yaml")), {"t.yaml": _ROS % b"t.pgm"}),
     Seed("m.png", _png(_CELLS), lambda f: _world(f.replace(".png", ".yaml")), {"m.yaml": _ROS % b"m.png"}),
+    Seed("degrees.geojson", _MAP, lambda f: d.load_world(f, robot_radius=0.0, origin=(5.0, 5.0))),
+    Seed("hall.building.yaml", _example("hall.building.yaml"), _world),
+    Seed("lanes.building.yaml", _example("hall.building.yaml"), d.load_graph),
+    Seed("tags.building.yaml", _example("layout.building.yaml"), lambda f: d.load_beacons(f, _TAG)),
+    Seed("hall.imdf", _example("hall.imdf"), lambda f: d.load_world(f, robot_radius=0.1, origin=(11.5, 48.1))),
+    Seed("graph.lif", _example("layout.lif"), d.load_graph),
+    Seed("tags.lif", _example("layout.lif"), lambda f: d.load_beacons(f, _TAG)),
+    Seed("tags.yaml", _example("tags.yaml"), lambda f: d.load_beacons(f, _TAG)),
+    Seed("map.txt", _example("map.txt"), lambda f: d.load_beacons(f, _TAG)),
+    Seed("path.yaml", _example("waypoints.yaml"), read_path),
     Seed("zones.geojson", _MAP, d.load_zones),
     Seed("zones.yaml", _ZONES, d.load_zones, {"m.png": _png(_CELLS)}),
     Seed("noise.yaml", _NOISE, d.load_noise),

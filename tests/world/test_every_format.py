@@ -10,6 +10,7 @@ import pytest
 
 import driftplan as d
 from driftplan.beacons import beacon_files
+from driftplan.report.cli import main
 from driftplan.world import mapfiles, route_graphs, zone_files
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -75,3 +76,22 @@ def test_beacons_of_the_examples_are_the_same_in_every_file():
     for name in ("tags.geojson", "tags.yaml", "map.txt", "layout.lif", "layout.building.yaml"):
         found = d.load_beacons(EXAMPLES / "data/formats" / name, KIND)
         np.testing.assert_allclose([b.xy for b in found[:2]], expected, atol=1e-6)
+
+
+def test_the_command_writes_everything_for_installers_and_fleets(tmp_path, capsys):
+    pytest.importorskip("ezdxf")
+    hall, route = EXAMPLES / "data/formats/hall.building.yaml", tmp_path / "route.csv"
+    route.write_text("x,y\n1,-5\n7,-5\n")
+    files = {"pdf": "a.pdf", "table": "a.html", "lif": "a.lif", "dxf": "a.dxf", "building": "a.building.yaml"}
+    words = [word for option, name in files.items() for word in (f"--{option}", str(tmp_path / name))]
+    assert (
+        main(["place", str(hall), str(route), "--max-drift", "0.3", "--heading-deg", "10", "--spacing-m", "1", *words])
+        == 0
+    )
+    assert "routes served" in capsys.readouterr().out
+    found = [d.load_beacons(tmp_path / name, KIND) for name in ("a.lif", "a.dxf", "a.building.yaml")]
+    assert len(found[0]) > 0
+    for others in found[1:]:
+        np.testing.assert_allclose([b.xy for b in others], [b.xy for b in found[0]], atol=1e-6)
+    assert main(["place", "warehouse", str(EXAMPLES / "data/route.csv"), "--max-drift", "0.9", *words[-2:]]) == 2
+    assert "--building writes the building of an Open-RMF map back, and MAP is warehouse" in capsys.readouterr().err

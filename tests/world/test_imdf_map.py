@@ -161,3 +161,21 @@ def test_an_encrypted_archive_is_refused(tmp_path):
     assert zipfile.ZipFile(io.BytesIO(content)).infolist()[0].flag_bits & 1
     with pytest.raises(MapError, match="not a readable archive"):
         load_world(tmp_path / "b.zip", robot_radius=0.2, origin=ORIGIN)
+
+
+def test_an_archive_whose_index_lies_is_refused(tmp_path):
+    content = bytearray(venue(tmp_path).read_bytes())
+    end = content.rfind(b"PK\x05\x06")
+    content[end + 12 : end + 16] = (10**9).to_bytes(4, "little")  # a directory larger than the file
+    (tmp_path / "b.zip").write_bytes(content)
+    with pytest.raises(MapError, match=r"b\.zip: not a readable archive"):
+        load_world(tmp_path / "b.zip", robot_radius=0.2, origin=ORIGIN)
+
+
+def test_coordinates_in_lists_of_lists_of_lists_are_refused(tmp_path):
+    (tmp_path / "a.geojson").write_text(
+        '{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {"kind": "boundary"}, '
+        '"geometry": {"type": "Polygon", "coordinates": ' + "[" * 700 + "]" * 700 + "}}]}"
+    )
+    with pytest.raises(MapError, match=r"a\.geojson"):
+        load_world(tmp_path / "a.geojson", robot_radius=0.2, origin=ORIGIN)

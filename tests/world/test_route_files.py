@@ -102,6 +102,7 @@ def test_the_drift_of_what_was_written_is_that_of_the_route(tmp_path, capsys):
         ("poses: [1, 2]", "pose 1: expected position x, y"),
         ("poses: [{pose: {position: {x: 1}}}, 2]", "pose 1: expected position x, y"),
         ("poses: [{pose: {position: {x: 1, y: 2}, orientation: {w: 2}}}, 2]", "pose 1: expected a unit quaternion"),
+        ("poses: [{pose: {position: {x: 1, y: 2}, orientation: {w: 1e200}}}, 2]", "pose 1: expected a unit quaternion"),
         ("poses: [{pose: {position: {x: .nan, y: 2}, orientation: {w: 1}}}, "
          "{pose: {position: {x: 1, y: 2}, orientation: {w: 1}}}]", "expected finite poses"),
     ],

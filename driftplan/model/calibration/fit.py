@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from html import escape
 from math import degrees, sqrt
 from typing import Any, NamedTuple
 
@@ -127,6 +128,9 @@ class NoiseFit:
         spread = rms_spread(segments, there, self._replicates, self.confidence, segments.position)
         noise, truth = models(there.names, there.theta)
         return checked(segments, replace(noise, **self.between_drives), truth, spread)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(str(self))}</pre>"
 
     def __str__(self) -> str:
         names, intervals = list(self.intervals), self.intervals.values()
