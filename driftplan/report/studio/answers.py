@@ -41,7 +41,7 @@ class Answers:
     world: World | None
     time_limit: float = 60.0
     save: Path | None = None
-    _worlds: list[Any] = field(default_factory=list, init=False, repr=False)  # floors, and the world with them
+    _worlds: list[tuple[Any, World]] = field(default_factory=list, init=False, repr=False)  # the last floors' world
 
     def __post_init__(self) -> None:
         positive("time_limit", self.time_limit)
@@ -75,9 +75,12 @@ class Answers:
 
     def _on(self, zones: list[dict[str, Any]]) -> World | None:
         """The world with these floors; the same object for the same floors: a world keeps what was planned on it."""
-        if self.world is not None and (not self._worlds or self._worlds[0] != zones):
-            self._worlds[:] = [zones, replace(self.world, zones=zones_of({"zones": zones}))]
-        return self._worlds[1] if self._worlds else None
+        if self.world is None:
+            return None
+        known = self._worlds[:]  # of this question: others may be answered meanwhile
+        if not known or known[0][0] != zones:
+            self._worlds[:] = known = [(zones, replace(self.world, zones=zones_of({"zones": zones})))]
+        return known[0][1]
 
     def _fewest(
         self,
