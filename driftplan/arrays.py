@@ -208,8 +208,11 @@ def arguments_checked(**values: type | str) -> Callable[[_Callable], _Callable]:
     return decorate
 
 
+_OMPL = ("SpaceInformation", "PathGeometric", "PathControl", "OptimizationObjective")
+
+
 class _Object(NamedTuple):
-    """What an annotation asks for: one of some classes of driftplan's, by their names, or a sequence of them."""
+    """What an annotation asks for: one of some classes, by their names, or a sequence of them."""
 
     classes: frozenset[str]
     several: bool
@@ -231,14 +234,14 @@ class _Object(NamedTuple):
 
 
 def _objects_of(signature: inspect.Signature) -> dict[str, _Object]:
-    """The parameters whose annotations name nothing but public classes of driftplan's, and None."""
-    public = sys.modules["driftplan"].__all__
+    """The parameters whose annotations name nothing but public classes of driftplan's, some of OMPL's, and None."""
+    public = {*sys.modules["driftplan"].__all__, *_OMPL, "None"}
     found = {}
     for name, parameter in signature.parameters.items():
-        annotation = str(parameter.annotation)
-        classes = {*annotation.removeprefix("Sequence[").removesuffix("]").split(" | ")}
-        if classes - {"None"} and classes <= {*public, "None"}:
-            found[name] = _Object(frozenset(c.replace("None", "NoneType") for c in classes), "[" in annotation)
+        several, _, annotation = str(parameter.annotation).rpartition("[")
+        classes = {part.rpartition(".")[2] for part in annotation.removesuffix("]").split(" | ")}
+        if classes - {"None"} and classes <= public and several in ("", "Sequence"):
+            found[name] = _Object(frozenset(c.replace("None", "NoneType") for c in classes), bool(several))
     return found
 
 

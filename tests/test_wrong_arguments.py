@@ -30,6 +30,14 @@ WRONG_OBJECTS = {
     "a fix to be": lambda: d.predict_drift(PATH, NOISE, fixes=[3]),
     "obstacles to be": lambda: d.World(obstacles="walls", bounds=(0, 0, 1, 1), robot_radius=1),
     "name of a kind": lambda: d.BeaconKind(name=[5], range_m=1, position_std_m=1),
+    "si to be a SpaceInformation, got 3": lambda: d.use_world(3, WORLD),
+    "si to be a SpaceInformation, got None": lambda: d.DriftObjective(None, NOISE, (1, 1)),
+    "path to be a PathControl or PathGeometric": lambda: d.predict_ompl_path(PATH, 3, NOISE),
+    "path to be a PathGeometric": lambda: d.polish_ompl_path(PATH, 3, WORLD),
+    "noise to be an OdometryNoise, got 'n": lambda: d.ros_covariances("n", rate_hz=1, speed_m_per_s=1),
+    "graph to be a RouteGraph": lambda: d.graph_geojson([1]),
+    "graph to be a RouteGraph, got None": lambda: d.graph_lif(None),
+    "route to be a Drift or Route, got .*5": lambda: d.plot_comparison(None, {"a": PATH}),
     "line_of_sight": lambda: d.BeaconKind.rfid(1.5, 0.1, line_of_sight="no"),
 }
 TOO_MANY = {
@@ -46,6 +54,10 @@ TOO_GREAT = {
     "position_std_m": lambda: d.BeaconKind.rfid(1.5, 1e160),
     "path": lambda: d.predict_drift([(0, 0), (1e200, 0)], NOISE),
     "path to be": lambda: d.predict_drift([(0, 0), (10**400, 0)], NOISE),
+    "start of a trip to be": lambda: d.Trip((10**400, 0), (1, 1)),
+    "parameter to be": lambda: d.RotationNoise("gaussian", "x"),
+    "anchor": lambda: d.Fix.range(1.0, anchor=(1, "x"), range_std_m=0.1),
+    "length_m": lambda: NOISE.heading_std_after("far"),
 }
 
 

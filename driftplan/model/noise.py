@@ -264,6 +264,7 @@ class OdometryNoise:
 
     def heading_std_after(self, length_m: float, turn_rad: float = 0.0) -> float:
         """Standard deviation of the heading error, in rad, after one straight run and turning ``turn_rad`` in all."""
+        length_m, turn_rad = not_negative("length_m", length_m), number("turn_rad", turn_rad)
         variance = self.heading_var_per_m * length_m + self.heading_var_per_rad * abs(turn_rad)
         if self.step_m is not None:
             variance += self.heading_var_per_step * float(steps_in(length_m, self.step_m))

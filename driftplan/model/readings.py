@@ -29,6 +29,7 @@ from driftplan.arrays import (
     Ints,
     as_plane,
     covariance,
+    finite,
     instance,
     not_negative,
     number,
@@ -139,14 +140,20 @@ class Fix:
         array([3., 4.])
         """
         return cls(
-            s_m=s_m, anchor=np.asarray(anchor), range_std_m=range_std_m, detection_probability=detection_probability
+            s_m=s_m,
+            anchor=finite("anchor", anchor),
+            range_std_m=range_std_m,
+            detection_probability=detection_probability,
         )
 
     @classmethod
     def bearing(cls, s_m: float, *, anchor: ArrayLike, bearing_std: float, detection_probability: float = 1.0) -> Fix:
         """Direction (rad, robot's frame) of a landmark that a camera or laser recognises. It needs a filter."""
         return cls(
-            s_m=s_m, anchor=np.asarray(anchor), bearing_std=bearing_std, detection_probability=detection_probability
+            s_m=s_m,
+            anchor=finite("anchor", anchor),
+            bearing_std=bearing_std,
+            detection_probability=detection_probability,
         )
 
 

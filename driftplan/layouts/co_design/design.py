@@ -9,9 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from driftplan.arrays import Floats, positive
+from driftplan.arrays import Floats, finite, positive
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import TrajectoryError
 from driftplan.layouts.layout import Layout
@@ -42,8 +40,8 @@ class Trip:
 
     def __post_init__(self) -> None:
         for end in ("start", "goal"):
-            place = np.asarray(getattr(self, end), dtype=float)
-            if place.shape != (2,) or not np.isfinite(place).all():
+            place = finite(f"{end} of a trip", getattr(self, end), "(x, y) in metres")
+            if place.shape != (2,):
                 raise ValueError(f"expected {end} (x, y) in metres, finite, got {getattr(self, end)!r}")
             object.__setattr__(self, end, (float(place[0]), float(place[1])))
         object.__setattr__(self, "weight", positive("weight", self.weight))

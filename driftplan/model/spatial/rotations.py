@@ -53,7 +53,7 @@ class RotationNoise:
     parameter: Floats
 
     def __post_init__(self) -> None:
-        private = np.array(self.parameter, dtype=float)
+        private = np.array(finite("parameter", self.parameter, most=np.inf))
         private.setflags(write=False)
         object.__setattr__(self, "parameter", private)
 

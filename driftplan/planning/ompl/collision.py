@@ -89,7 +89,7 @@ class CurveMotionValidator(ob.MotionValidator):
 
 
 @arguments_checked()
-def use_world(si: Any, world: World) -> None:
+def use_world(si: ob.SpaceInformation, world: World) -> None:
     """Make an OMPL SpaceInformation check states and motions against ``world``.
 
     Parameters

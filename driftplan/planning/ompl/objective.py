@@ -12,6 +12,7 @@ from typing import Any
 
 from ompl import base as ob
 
+from driftplan.arrays import instance
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.cost import CostRates
@@ -74,6 +75,8 @@ class DriftObjective(ob.OptimizationObjective):
     def __init__(
         self, si: Any, noise: OdometryNoise, goal: Any, world: World | None = None, *, length_weight: float = 0.0
     ) -> None:
+        instance("si", si, ob.SpaceInformation)
+        instance("world", world, World, type(None))
         super().__init__(si)
         space = si.getStateSpace()
         kind = space_kind(space)

@@ -10,8 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from ompl import base as ob
 from ompl import control as oc
+from ompl import geometric as og
 
+from driftplan.arrays import arguments_checked
 from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Runs
@@ -34,7 +37,10 @@ class _Leg(NamedTuple):
     noise: OdometryNoise
 
 
-def predict_ompl_path(path: Any, si: Any, noise: OdometryNoise, world: World | None = None) -> Drift | SpatialDrift:
+@arguments_checked()
+def predict_ompl_path(
+    path: og.PathGeometric | oc.PathControl, si: ob.SpaceInformation, noise: OdometryNoise, world: World | None = None
+) -> Drift | SpatialDrift:
     """The drift along an OMPL path, exact to second order: what decides between paths that a planner ranked.
 
     Parameters

@@ -175,6 +175,7 @@ def _range_of(beacon: Beacon, **look: Any) -> Patch:
     return Wedge(beacon.xy.tolist(), beacon.kind.range_m, beacon.facing_deg - half, beacon.facing_deg + half, **look)
 
 
+@arguments_checked()
 def drift_of(route: Route | Drift) -> Drift:
     return route if isinstance(route, Drift) else route.drift
 
