@@ -72,6 +72,7 @@ class Relaxation:
         rows, row_least = self.rows.active_rows
         caps, _, cap_least = self.caps.matrix
         rows, least = vstack([rows, caps], format="csr"), np.concatenate([row_least, cap_least])
+        rows.indices, rows.indptr = rows.indices.astype(np.int32), rows.indptr.astype(np.int32)  # scipy 1.13's milp
         bounds, seconds = (self.fixed.astype(float), most.astype(float)), max(0.05, time_limit)
 
         def in_whole_numbers() -> Any:
