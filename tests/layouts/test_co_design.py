@@ -55,6 +55,7 @@ def design_of(trips=3, price_per_m=1.0, rounds=10):
 # Laws
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("price", [0.2, 50.0])
 def test_it_is_never_dearer_than_shortest_routes_and_then_beacons(price):
     found = design_of(price_per_m=price)
@@ -82,6 +83,7 @@ def test_the_cheaper_driving_is_the_fewer_beacons_are_worth_their_price():
     assert beacons[0] < beacons[1] == 3
 
 
+@pytest.mark.slow
 def test_every_route_keeps_the_limit_by_the_exact_model_and_is_free():
     found = design_of()
     assert len(found.beacons) < len(found.baseline.beacons)
@@ -94,6 +96,7 @@ def test_every_route_keeps_the_limit_by_the_exact_model_and_is_free():
     assert [drift.length for drift in found.layout.drifts] == pytest.approx(found.lengths)
 
 
+@pytest.mark.slow
 def test_with_any_one_beacon_dead_the_limit_still_holds():
     found = designed(TRIPS[:2], limit=DriftLimit(1.5, redundancy=2))
     for path in found.paths:
@@ -101,6 +104,7 @@ def test_with_any_one_beacon_dead_the_limit_still_holds():
             assert greatest(path, [b for b in found.beacons if b is not dead]) <= 1.5 * (1 + 1e-6)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_design():
     first, second = design_of(2), designed(TRIPS[:2])
     assert [b.id for b in first.beacons] == [b.id for b in second.beacons]

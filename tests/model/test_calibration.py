@@ -87,6 +87,7 @@ def test_a_wrong_model_is_said_not_to_fit(fit):
     assert any("The regions are too small" in note for note in timid.notes)
 
 
+@pytest.mark.slow
 def test_each_drive_is_predicted_from_the_others():
     drives = [recorded(seed=k, length_m=300) for k in (1, 2)]
     odd = recorded(replace(NOISE, distance_scale_error=0.2), seed=3, length_m=300)

@@ -108,6 +108,7 @@ def test_in_the_step_model():
     assert_agrees(path, noise, [Fix.position(s, position_std_m=0.05) for s in (12.0, 20.0, 32.0)])
 
 
+@pytest.mark.slow
 def test_constants_are_estimated_on_the_way():
     noise = replace(EVERYTHING, heading_bias_std_per_m=0.003, heading_bias_std_per_rad=0.01, distance_scale_std=0.02)
     path = [(0, 0), (12, 0), (12, 8), (0, 8), (0, 0), (12, 0), (12, 8)]

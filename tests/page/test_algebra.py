@@ -115,6 +115,7 @@ def expected_of(scene):
     return drift_with_beacons(path, noise, beacons, world, fixes=[start] if start else [], estimator=estimator)
 
 
+@pytest.mark.slow
 @given(scene=scenes())
 @settings(max_examples=80)
 def test_drift_with_beacons_on_random_scenes(javascript, scene):

@@ -259,6 +259,7 @@ def test_the_server_runs_until_it_is_interrupted(tmp_path):
     assert sorted(tmp_path.iterdir()) == [route]
 
 
+@pytest.mark.slow
 def test_a_widget_answers_as_the_server_does(layout):
     pytest.importorskip("anywidget")
     from driftplan import studio_widget

@@ -198,6 +198,7 @@ def test_position_fixes_alone_cannot_hold_a_limit_when_the_heading_is_never_fixe
     assert found.worst_drift <= 0.7
 
 
+@pytest.mark.slow
 def test_an_itinerary_out_of_reach_says_how_near_it_gets():
     with pytest.raises(InfeasibleError, match=r"short of the goal; the beacon nearest to that place, A at .* m away"):
         planned(
@@ -264,6 +265,7 @@ def test_with_any_one_beacon_dead_the_limit_still_holds():
         assert greatest(found.path, rest) <= limit * (1 + 1e-6)
 
 
+@pytest.mark.slow
 def test_one_beacon_that_everything_hangs_on_is_not_enough():
     one, sure = [Beacon(SIGN, 40, 10)], 0.85  # read with 0.888 on the straight way
     asked = {"beacons": one, "max_drift": 2.5, "min_capture": sure}

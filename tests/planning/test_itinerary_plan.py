@@ -127,6 +127,7 @@ def test_ranges_are_for_robots_with_a_filter():
         plan_route(HALL, START, GOAL, NOISE, beacons=SIGNS, estimator="kalman")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("minimise", ["length", "drift", "worst_drift"])
 def test_the_drift_of_a_route_for_a_robot_with_a_filter_is_that_of_its_filter(minimise):
     route = plan_route(HALL, START, GOAL, NOISE, beacons=RADIOS, minimise=minimise, max_drift=2.0, **FUSING)
@@ -137,6 +138,7 @@ def test_the_drift_of_a_route_for_a_robot_with_a_filter_is_that_of_its_filter(mi
     assert route.bound <= {"length": route.length, "drift": route.rms, "worst_drift": route.worst_drift}[minimise]
 
 
+@pytest.mark.slow
 def test_the_least_worst_drift_of_a_robot_with_a_filter_is_found_again_as_a_limit():
     asked = {"beacons": RADIOS, **FUSING}
     steady = plan_route(HALL, START, GOAL, NOISE, minimise="worst_drift", **asked)

@@ -104,6 +104,7 @@ def test_the_least_worst_drift_can_be_kept_and_two_per_cent_less_cannot(seed):
 # Longer searches
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", [{}, {"minimise": "length"}, {"start": (1, 9, 2.0)}], ids=str)
 def test_a_longer_search_is_never_worse_than_a_shorter_one_with_the_same_seed(monkeypatch, asked):
     """By a clock that ticks when it is looked at, so that the machine has no say in where a search is cut short."""

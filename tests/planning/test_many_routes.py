@@ -26,6 +26,7 @@ def warehouse():
     return load_world(bundled_map("warehouse"), robot_radius=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("minimise", ["drift", "length"])
 def test_routes_are_safe_lead_where_they_should_and_are_hardly_worse_than_one_by_one(warehouse, minimise):
     rng = np.random.default_rng(3)

@@ -91,6 +91,7 @@ def test_with_so_many_iterations_a_seed_gives_one_route_no_worse_than_the_shorte
     assert shortest.shortest is None
 
 
+@pytest.mark.slow
 def test_the_same_route_comes_out_of_another_process():
     code = """
 from driftplan.planning.routes import plan_route
@@ -227,6 +228,7 @@ def test_real_maps_with_twenty_thousand_drives(name):
     assert abs(square.mean() - route.rms**2) < 4 * square.std() / len(square) ** 0.5
 
 
+@pytest.mark.slow
 def test_a_detour_is_bounded():
     """Bad floor on the direct way: free to choose, the robot goes round it; told not to, it keeps within the limit."""
     mud = Zone(shapely.box(3, 1, 7, 9), OdometryNoise(heading_var_per_m=0.05))
@@ -388,6 +390,7 @@ def test_unknown_planners_are_refused():
         plan_route(WALL, (2, 2), (8, 2), NOISE, planner="dijkstra")
 
 
+@pytest.mark.slow
 def test_planning_is_silent_and_leaks_nothing():
     """OMPL logs in C++ and nanobind reports leaks at exit: only a process of its own shows either."""
     code = f"""

@@ -41,6 +41,7 @@ def test_poses_are_on_the_route_no_farther_apart_than_asked_and_look_ahead(path,
     assert all(np.hypot(*(poses[:, :2] - corner).T).min() < 1e-9 for corner in path)
 
 
+@pytest.mark.slow
 @given(path=far_apart)
 @settings(max_examples=20, deadline=None)
 def test_what_is_written_is_yaml_and_read_back(path, tmp_path_factory):

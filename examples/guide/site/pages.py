@@ -4,7 +4,8 @@
 
 A page's blocks of `sh` and `python` share a folder, which holds what `driftplan examples` hands out, and its Python
 blocks share their names; blocks inside HTML comments run too, unseen. A block of `text` right after one of these is
-what that one printed. `driftplan studio` without --html would serve for ever: it is interrupted after some seconds.
+what that one printed on standard output. `driftplan studio` without --html would serve for ever: it is interrupted
+after some seconds.
 """
 
 from __future__ import annotations
@@ -80,12 +81,12 @@ class Reader:
             env={**os.environ, **path},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
+            stderr=subprocess.PIPE,
             text=True,
             timeout=600,
         )
         if done.returncode:
-            raise RuntimeError(f"{code.strip()}\nended with exit code {done.returncode}:\n{done.stdout}")
+            raise RuntimeError(f"{code.strip()}\nended with exit code {done.returncode}:\n{done.stderr}")
         self.at = Path(here.read_text().strip())
         return done.stdout
 
