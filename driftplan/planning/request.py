@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from decimal import ROUND_CEILING, Context
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -189,6 +190,7 @@ class PlanRequest:
     time_limit: float | None = None  # seconds
     iterations: int | None = None
     seed: int = 0
+    until: Callable[[], bool] | None = None  # asked often: whether it is enough
     initial_paths: tuple[Any, ...] = field(init=False)  # (n, 2): the planner's, free, to the last digit from ends
     share: float = 1.0  # of the time limit that may be spent
     began: float = field(default_factory=lambda: time.monotonic())  # when the clock of the call began to run
@@ -203,6 +205,8 @@ class PlanRequest:
             raise ValueError(f"expected seed a whole number >= 0 and < {_SEEDS}, got {self.seed!r}")
         if self.time_limit is not None:
             positive("time_limit", self.time_limit)
+        if self.until is not None and not callable(self.until):
+            raise ValueError(f"expected until to be called without arguments, got {self.until!r}")
         if self.minimise == "length" and not self.needs_labels and self.reliance.max_detour is not None:
             raise ValueError(f"expected no max_detour with minimise='length', got {self.reliance.max_detour!r}")
         if self.needs_labels:
@@ -222,17 +226,19 @@ class PlanRequest:
 
     @property
     def until_done(self) -> bool:
-        """Whether to end when more time would bring next to nothing: neither limit nor iterations are given."""
-        return self.time_limit is None and self.iterations is None
+        """Whether to end when more time would bring next to nothing: nothing else is said that ends the search."""
+        return self.time_limit is None and self.iterations is None and self.until is None
 
     @property
     def limit_s(self) -> float:
-        """Seconds that may be spent; huge where iterations are counted and no limit is given."""
-        usual = _USUAL_LIMIT_S if self.iterations is None else _NO_LIMIT_S
+        """Seconds that may be spent; huge where something else ends the search and no limit is given."""
+        usual = _USUAL_LIMIT_S if self.until_done else _NO_LIMIT_S
         return self.share * (usual if self.time_limit is None else self.time_limit)
 
     def left_s(self, share: float = 1.0) -> float:
-        """Seconds left of a share of the time limit; negative when it is over."""
+        """Seconds left of a share of the time limit; negative when it is over, or ``until`` says that it is enough."""
+        if self.until is not None and self.until():
+            return -math.inf
         return share * self.limit_s - (time.monotonic() - self.began)
 
     @property
@@ -285,6 +291,17 @@ def format_point(point: Floats) -> str:
     """A point in metres, to the millimetre."""
     x, y = (f"{round(float(c), 3) + 0.0:.3f}".rstrip("0").rstrip(".") for c in point)
     return f"({x}, {y})"
+
+
+def format_least(metres: float) -> str:
+    """The least drift that can be kept, in metres, rounded up to three digits: as a limit it can be kept too.
+
+    >>> format_least(1.66491), format_least(math.inf)
+    ('1.67 m', 'not known')
+    """
+    if not math.isfinite(metres):
+        return "not known"
+    return f"{Context(prec=3, rounding=ROUND_CEILING).create_decimal(repr(float(metres))):g} m"
 
 
 def _nearest_writable(world: World, point: Floats) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from numpy.typing import ArrayLike
@@ -150,6 +150,7 @@ def plan_route(
     planner: str | Planner = ROADMAP,
     time_limit: float | None = None,
     iterations: int | None = None,
+    until: Callable[[], bool] | None = None,
     seed: int = 0,
 ) -> Route:
     """The collision-free route on which odometry drifts least, or the shortest one that keeps a limit.
@@ -195,6 +196,10 @@ def plan_route(
     iterations : int, optional
         Ends every search without beacons after so many: batches of the roadmap (each has twice as many samples as the
         one before), or iterations of OMPL's planners. The same seed then gives the same route, to the last bit.
+    until : callable, optional
+        Asked over and over, without arguments, whether to stop: a button, a deadline, a termination condition of OMPL.
+        Then neither the five seconds of ``time_limit`` nor its "done" hold. It is asked every few milliseconds while
+        motions are checked, and at the latest after a search of the roadmap; once True, it has to stay so.
     seed : int
         Same seed, same samples; how many are drawn depends on the time, unless ``iterations`` says.
 
@@ -237,7 +242,7 @@ def plan_route(
     (2, True, True)
     """
     reliance = Reliance.of(beacons, max_drift, max_detour, start_fix, estimator)
-    search = Planner.of(planner), time_limit, iterations, seed
+    search = Planner.of(planner), time_limit, iterations, seed, until
     return route_for(PlanRequest(world, (start, goal), noise, reliance, minimise, *search))
 
 

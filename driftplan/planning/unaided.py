@@ -257,6 +257,7 @@ class _OmplPaths:
             time_limit=limit,
             iterations=request.iterations,
             seed=request.seed,
+            until=request.until,
         )
         in_time = request.iterations is not None and time.monotonic() - began < limit
         self._status = Status.ITERATIONS_DONE if in_time else Status.TIME_LIMIT

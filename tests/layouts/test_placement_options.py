@@ -16,7 +16,7 @@ from driftplan.layouts.sites import SiteGroup, Sites, grid_sites, route_sites, w
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.worst import worst_radius, worst_rms
-from driftplan.planning.request import DriftLimit
+from driftplan.planning.request import DriftLimit, format_least
 from driftplan.planning.status import Status
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -255,7 +255,7 @@ def test_an_impossible_stretch_is_named_with_what_can_be_reached_and_who_comes_c
     start, end = (float(part.split(" m")[0]) for part in said.split("from ")[1].split(" to ")[:2])
     assert 7.0 < start < end == pytest.approx(36.0, abs=0.01)
     best = drift_with_beacons([(0, 0), (36.0, 0)], NOISE, [Beacon(SIGN, 5.0, 0.0)]).end.rms
-    assert f"the least that can be reached is {best:.3g} m" in said
+    assert f"the least that can be reached is {format_least(best)}" in said
     assert "closest sites: S2 at (5, 0), S1 at (0, 0)" in said
 
 

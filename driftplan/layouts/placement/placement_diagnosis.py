@@ -15,6 +15,7 @@ from driftplan.layouts.placement.fused_requirements import FusedRequirements
 from driftplan.layouts.placement.fused_routes import fused_routes
 from driftplan.layouts.placement.problem import LeastFactor, LimitSearch, PlacementProblem
 from driftplan.layouts.placement.requirements import DriftRequirements
+from driftplan.planning.request import format_least
 from driftplan.planning.status import Status
 
 _MAX_NEAREST_SITES = 3  # sites that are named
@@ -83,7 +84,7 @@ def _words_about_obstacle(problem: PlacementProblem, found: Obstacle, limit: flo
     score, least = ("drift", "least") if confidence is None else (f"{100 * confidence:g} % radius", "least rms")
     return (
         f"route {found.route}, from {found.start_m:.2f} m to {found.end_m:.2f} m: no sites keep the {score} under "
-        f"{limit:g} m there{spare}, the {least} that can be reached is {found.least_drift:.3g} m{helped}"
+        f"{limit:g} m there{spare}, the {least} that can be reached is {format_least(found.least_drift)}{helped}"
     )
 
 
@@ -104,7 +105,7 @@ def _words_about_nearest(problem: PlacementProblem, limits: Sequence[float], nea
     reached = "the least that can be reached" if nearest.proven else "the best found"
     return (
         f"route {r}, from {where[0]:.2f} m to {where[-1]:.2f} m: no combination of the sites keeps all limits; "
-        f"{reached} is {worst[k]:.3g} m there{lost} against a limit of {limits[r]:g} m{helped}"
+        f"{reached} is {format_least(worst[k])} there{lost} against a limit of {limits[r]:g} m{helped}"
     )
 
 

@@ -182,6 +182,10 @@ class RoadmapPlanner(ob.Planner):
         mean_square, heading_std = least.bound(noises_of(pricing.space, pricing.noise), float(end.heading_std))
         return min(mean_square, search.cost), heading_std
 
+    def bestCost(self) -> Any:
+        """The objective's cost of the best path so far, as ompl.base.Cost; infinite before there is one."""
+        return ob.Cost(self._scale * self._best().search.additive_cost if self._queries else inf)
+
     def route(self) -> Route | None:
         """The best route so far; None before there is one, and for plans without beacons and limits."""
         search = self._best().search if self._queries else None
@@ -209,7 +213,7 @@ class RoadmapPlanner(ob.Planner):
             self._queries = [self._query(target, start, goal) for goal in goals for start in starts]
         while not ptc():
             growing = [query.search for query in self._queries if not query.search.is_optimal]
-            if not growing or objective.isSatisfied(ob.Cost(self._scale * self._best().search.additive_cost)):
+            if not growing or objective.isSatisfied(self.bestCost()):
                 break
             for search in growing:
                 search.grow(ptc)

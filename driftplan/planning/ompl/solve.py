@@ -5,7 +5,7 @@ No OMPL object leaves this module.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -70,12 +70,13 @@ def solve(
     time_limit: float,
     seed: int,
     iterations: int | None = None,
+    until: Callable[[], bool] | None = None,
 ) -> Floats | None:
     """Waypoints (n, 2) of the best path the planner found within ``time_limit`` seconds, or None.
 
     With a noise it minimises `DriftObjective`, without one OMPL's path length. OMPL seeds its random numbers per
     process: the same seed gives the same samples, but how many are drawn depends on the time, unless the number of
-    ``iterations`` ends the search.
+    ``iterations`` ends the search. So does ``until``, once it says True.
     """
     with _quiet():
         ou.RNG.setSeed(seed + 1)  # OMPL refuses 0
@@ -101,9 +102,13 @@ def solve(
         chosen.setProblemDefinition(pdef)
         chosen.setup()
         condition = ob.timedPlannerTerminationCondition(float(time_limit))
-        if iterations is not None:
-            enough = ob.PlannerTerminationCondition(lambda: chosen.numIterations() >= iterations)
-            condition = ob.plannerOrTerminationCondition(condition, enough)
+        if iterations is not None or until is not None:
+
+            def is_enough() -> bool:
+                counted = iterations is not None and chosen.numIterations() >= iterations
+                return counted or (until is not None and bool(until()))
+
+            condition = ob.plannerOrTerminationCondition(condition, ob.PlannerTerminationCondition(is_enough))
         chosen.solve(condition)
         if not pdef.hasExactSolution():
             return None

@@ -10,7 +10,7 @@ import numpy as np
 
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
-from driftplan.planning.request import format_point
+from driftplan.planning.request import format_least, format_point
 
 if TYPE_CHECKING:
     from driftplan.planning.roadmap.beacon_search import BeaconSearch
@@ -63,7 +63,7 @@ def why_infeasible(search: BeaconSearch, limit: float, longest: float) -> str:
             + (f"; {nearest}" if nearest else "")
         )
     if math.isfinite(limit):
-        reasons.append(f"a limit of {search.worst(search.steadiest(longest)):.3g} m can be kept")
+        reasons.append(f"a limit of {format_least(search.worst(search.steadiest(longest)))} can be kept")
     if search.reliance.estimator == "reset" and search.beacons:
         fused = _fusing_would_help(search, limit, longest)
         can, cannot = 'can keep it: estimator="filter"', "was not found to keep it either"
