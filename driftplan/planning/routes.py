@@ -198,8 +198,9 @@ def plan_route(
         one before), or iterations of OMPL's planners. The same seed then gives the same route, to the last bit.
     until : callable, optional
         Asked over and over, without arguments, whether to stop: a button, a deadline, a termination condition of OMPL.
-        Then neither the five seconds of ``time_limit`` nor its "done" hold. It is asked every few milliseconds while
-        motions are checked, and at the latest after a search of the roadmap; once True, it has to stay so.
+        Then neither the five seconds of ``time_limit`` nor its "done" hold. It is asked every 20 to 50 ms while a
+        roadmap grows; a search of the roadmap and the polishing of its path, together 0.1 s and more where it is large,
+        are not cut in two. Once True, it has to stay so.
     seed : int
         Same seed, same samples; how many are drawn depends on the time, unless ``iterations`` says.
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array
 
-from driftplan.layouts.placement.covering import cheapest_cover
+from driftplan.layouts.placement.covering import _CoverSearch, cheapest_cover
 from driftplan.layouts.placement.cut_pool import Cut, CutPool
 from driftplan.layouts.placement.local_search import LocalSearch
 from driftplan.layouts.placement.relaxation import Relaxation
@@ -228,6 +228,26 @@ def test_a_local_search_only_ever_returns_what_satisfies_all_rows_and_costs_no_m
         constraints=LinearConstraint(matrix, lb=least),
     )
     assert whole.fun <= cost @ found <= 1.1 * whole.fun
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_choosing_a_few_sites_anew_at_a_time_leads_to_the_optimum_of_short_rows(seed):
+    oracle, cost = stretches(seed)
+    demands = [oracle.row(i) for i in range(len(oracle.least))]
+    fixed = np.zeros(len(cost), dtype=bool)
+    fixed[0] = True
+    search = _CoverSearch(cost, oracle, CutPool(len(cost), demands), CutPool(len(cost), []), fixed, None, 60.0, None)
+    search._complete(fixed)
+    search._reopen(1.0)
+    assert search.best[0]
+    assert oracle.cuts(search.best) == []
+    whole = milp(
+        cost,
+        integrality=np.ones(len(cost)),
+        bounds=Bounds(fixed, 1),
+        constraints=LinearConstraint(oracle.matrix, lb=1.0),
+    )
+    assert whole.fun <= search.best_cost <= 1.02 * whole.fun
 
 
 def test_a_site_too_dear_for_anything_better_is_left_out_and_the_optimum_stays():

@@ -223,10 +223,14 @@ def test_in_a_goal_region_the_path_leads_to_the_place_of_the_objective():
     assert solve(setup, RoadmapPlanner(si, objective, WORLD))
     np.testing.assert_array_equal(waypoints(setup)[-1], inside)
     setup.clear()
-    setup.setPlanner(RoadmapPlanner(si, DriftObjective(si, NOISE, outside), WORLD))
+    objective = DriftObjective(si, NOISE, outside)
+    setup.setOptimizationObjective(objective)
+    setup.setPlanner(RoadmapPlanner(si, objective, WORLD))
     with pytest.raises(PlannerError, match="which is not in it"):
         setup.solve(20.0)
-    setup.setPlanner(RoadmapPlanner(si, ob.PathLengthOptimizationObjective(si), WORLD))
+    objective = ob.PathLengthOptimizationObjective(si)
+    setup.setOptimizationObjective(objective)
+    setup.setPlanner(RoadmapPlanner(si, objective, WORLD))
     with pytest.raises(PlannerError, match="expected goal states for the shortest path, got a Disc"):
         setup.solve(20.0)
 

@@ -3,13 +3,14 @@
 import itertools
 import time
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from ompl import base as ob
 from ompl import geometric as og
 
-from driftplan.errors import InfeasibleError
+from driftplan.errors import InfeasibleError, PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.ompl import convergence
 from driftplan.planning.ompl.collision import use_world
@@ -94,14 +95,7 @@ def test_options_of_convergence_that_make_no_sense_are_refused():
 
 @pytest.mark.parametrize("which", ["Roadmap", "RRTstar"])
 def test_planners_stop_when_their_cost_has_settled(which):
-    space = ob.RealVectorStateSpace(2)
-    space.setBounds(0, 10)
-    setup = og.SimpleSetup(space)
-    si = setup.getSpaceInformation()
-    use_world(si, WALL)
-    start, goal = si.allocState(), si.allocState()
-    start[0], start[1], goal[0], goal[1] = 2.0, 2.0, 8.0, 2.0
-    setup.setStartAndGoalStates(start, goal)
+    setup, si = problem()
     objective = DriftObjective(si, NOISE, (8.0, 2.0))
     setup.setOptimizationObjective(objective)
     planner = RoadmapPlanner(si, objective, WALL) if which == "Roadmap" else og.RRTstar(si)
@@ -113,6 +107,42 @@ def test_planners_stop_when_their_cost_has_settled(which):
     assert not late()
     cost = setup.getSolutionPath().cost(objective).value()
     assert planner.bestCost().value() == pytest.approx(cost, rel=0.01)
+
+
+def problem():
+    space = ob.RealVectorStateSpace(2)
+    space.setBounds(0, 10)
+    setup = og.SimpleSetup(space)
+    si = setup.getSpaceInformation()
+    use_world(si, WALL)
+    start, goal = si.allocState(), si.allocState()
+    start[0], start[1], goal[0], goal[1] = 2.0, 2.0, 8.0, 2.0
+    setup.setStartAndGoalStates(start, goal)
+    return setup, si
+
+
+def test_an_objective_that_is_not_the_problems_is_refused():
+    setup, si = problem()
+    setup.setPlanner(RoadmapPlanner(si, DriftObjective(si, NOISE, (8.0, 2.0)), WALL))
+    for other in (DriftObjective(si, NOISE.scaled(2.0), (8.0, 2.0)), ob.PathLengthOptimizationObjective(si)):
+        setup.setOptimizationObjective(other)
+        with pytest.raises(PlannerError, match="objective to be that of the problem"):
+            setup.solve(1.0)
+
+
+def test_a_condition_is_asked_again_before_many_nodes_are_added():
+    setup, si = problem()
+    planner = RoadmapPlanner(si, ob.PathLengthOptimizationObjective(si), WALL)
+    setup.setPlanner(planner)
+    nodes = []
+
+    def condition():
+        nodes.append(len(planner.roadmap()[0]))
+        return len(nodes) > 60
+
+    setup.solve(ob.PlannerTerminationCondition(condition))
+    assert max(nodes) > 400
+    assert np.diff(nodes).max() <= 200
 
 
 @given(st.floats(1e-9, 1e9))

@@ -39,6 +39,9 @@ _PATIENCE = 6  # rounds of the linear relaxation that may pass without raising i
 _LOCAL_STEPS = 10000  # of a local search without success, or
 _LOCAL_STEPS_PER_SITE = 30  # if that is less
 _SEPARATION_SHARE = 0.5  # of the time, for cuts that a fractional layout violates
+_ROUNDING_SHARE = 0.05  # of the time left, for layouts made from one fractional layout on the way
+_REOPENED = 5  # sites that are chosen anew at a time
+_FAR = 1.1  # times the bound: from there on a local search pays before the master is asked
 _LOCAL_SHARE = 0.1  # of the time left, for one local search
 _MASTER_SHARE = 0.1  # of the time left, for the master before anything cheaper is tried
 
@@ -151,6 +154,9 @@ class _CoverSearch:
             self._complete(self.fixed)
         if not (self._closed() or self.impossible or (stop_at_first and self.best is not None)):
             self._tighten()
+        if self.core is not None and not self._closed() and self.best_cost > _FAR * self.bound:
+            self._improve_locally(self.core)
+            self._reopen(0.5)
         while not self.impossible and not self._closed():
             if stop_at_first and self.best is not None:
                 return self._result(Status.GOOD_ENOUGH)
@@ -171,7 +177,7 @@ class _CoverSearch:
 
     def _tighten(self) -> None:
         """The linear relaxation with as many rows as it takes, and layouts made from its solution."""
-        best, stale, fruitless, y = 0.0, 0, 0, None
+        best, stale, fruitless, tried, y = 0.0, 0, 0, 0.0, None
         until = time.monotonic() + _SEPARATION_SHARE * self._left()
         while time.monotonic() < self.deadline:
             y, bound, solved, _ = self._relaxed(whole=False)
@@ -182,17 +188,24 @@ class _CoverSearch:
             fruitless = fruitless if stale else 0
             if stale < _PATIENCE and self.rows.activate(y):
                 continue
+            if self.bound > tried:
+                tried = self.bound
+                self._round_up(y, _ROUNDING_SHARE)
             fruitless += 1
-            if fruitless > _PATIENCE or time.monotonic() > until or not self._separated(y):
+            if self._closed() or fruitless > _PATIENCE or time.monotonic() > until or not self._separated(y):
                 break
             stale = 0
         if y is None or self.impossible:
             return
+        self._round_up(y, 0.25)
+        self.core = self.relaxation.core(y, self.best_cost)
+
+    def _round_up(self, y: Floats, share: float) -> None:
+        """Layouts made from a fractional one, in a share of the time left."""
         if not self._closed():
             self._complete(self.fixed | (y > 0.999), lean=y)
         if not self._closed():
-            self._confine(self.fixed | (y > EPS), 0.25)
-        self.core = self.relaxation.core(y, self.best_cost)
+            self._confine(self.fixed | (y > EPS), share)
 
     def _separated(self, y: Floats) -> bool:
         """Take in cuts that a fractional solution violates, if there are any."""
@@ -221,20 +234,38 @@ class _CoverSearch:
             if fruitless and len(self.rows.cuts) == known:
                 return
 
-    def _confine(self, sites: Bools, share: float) -> None:
-        """A layout of these sites only, few enough for the master to choose well, in a share of the time left."""
-        sites = sites if self.best is None else sites | self.best
+    def _confine(self, sites: Bools, share: float, kept: Bools | None = None) -> bool:
+        """A layout of these sites only, few enough for the master to choose well, in a share of the time left, and of
+        those that are ``kept``; whether it is the cheapest so far."""
+        sites, kept = sites if self.best is None else sites | self.best, self.fixed if kept is None else kept
         until, chosen = time.monotonic() + share * self._left(), None
         while time.monotonic() < until and not self.impossible:
-            y = self.relaxation.among(sites, min(self.deadline, until) - time.monotonic())
-            if y is None:
-                break
+            y = self.relaxation.among(sites, kept, min(self.deadline, until) - time.monotonic())
+            if y is None or self.cost @ (y > 0.5) > self.best_cost - EPS:
+                return False
             chosen = y > 0.5
             if not self.rows.activate(chosen) and not self._judge(chosen):
                 self._accept(chosen)
-                return
+                return True
         if chosen is not None and not self._closed():
             self._complete(chosen)
+        return False
+
+    def _reopen(self, share: float) -> None:
+        """Cheaper layouts that keep all but a few sites of the best, in a share of the time left: local branching
+        (Fischetti and Lodi 2003). The few are those that help most in the rows of one of them."""
+        random, until, fruitless = np.random.default_rng(self.rounds), time.monotonic() + share * self._left(), 0
+        while self.best is not None and not self._closed() and time.monotonic() < until:
+            mine = np.flatnonzero(self.best & ~self.fixed)
+            if fruitless == len(mine):
+                return
+            order = random.permutation(mine) if fruitless == 0 else order
+            by_column = self.rows.matrix[1]
+            shared = (by_column[:, mine].T @ by_column[:, [order[fruitless]]]).toarray()[:, 0]
+            kept = self.best.copy()
+            kept[mine[np.argsort(-shared, kind="stable")[:_REOPENED]]] = False
+            everyone = np.ones(self.n, dtype=bool)
+            fruitless = 0 if self._confine(everyone, 1.0, kept) else fruitless + 1
 
     def _round(self) -> bool:
         """Solve the master and ask what is wrong with its layout; False if it took too long."""
@@ -304,13 +335,14 @@ class _CoverSearch:
         chosen = start.copy()
         if not self.caps.satisfied(chosen) and not self.caps.satisfied(chosen := self.fixed.copy()):
             return
+        until = self.deadline if self.best is None else time.monotonic() + _LOCAL_SHARE * self._left()
         for _ in range(4 * self.n + 100):
             if not self._cover_rows(chosen, lean):
                 return
             cuts = self._judge(chosen)
             if not cuts:
                 break
-            if time.monotonic() > self.deadline or self.impossible:
+            if time.monotonic() > until or self.impossible:
                 return
         else:
             return

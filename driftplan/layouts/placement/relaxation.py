@@ -46,7 +46,8 @@ class Relaxation:
     def optimum(self, best_cost: float, time_limit: float, *, whole: bool) -> Solution:
         """With the active rows: nothing that would cost more than ``best_cost`` is looked for."""
         most = self.worth_trying(best_cost)
-        found = self._solved(most, time_limit, whole)
+        bounds = self.fixed.astype(float), most.astype(float)
+        found = _optimum(self.cost, *self._rows, *bounds, time_limit, whole=whole)
         y = None if found.x is None else np.asarray(found.x, dtype=float)
         if found.status == 2:
             nothing_cheaper = not most.all()
@@ -59,39 +60,30 @@ class Relaxation:
             self.dearness = np.maximum(self.dearness, bound + self.reduced)
         return Solution(y, float(bound), found.status == 0)
 
-    def among(self, sites: Bools, time_limit: float) -> Floats | None:
-        """The best layout found of these sites only: no relaxation, hence no bound."""
-        found = self._solved(sites, time_limit, whole=True)
-        return None if found.x is None else np.asarray(found.x, dtype=float)
+    def among(self, sites: Bools, kept: Bools, time_limit: float) -> Floats | None:
+        """The best layout found with all sites that are ``kept`` and some of ``sites``: no relaxation, no bound."""
+        kept = self.fixed | kept
+        rows, least = self._rows
+        free, least = np.flatnonzero(sites & ~kept), least - rows @ kept
+        rows = rows[:, free]
+        open_rows = np.flatnonzero(least - rows.minimum(0).sum(axis=1) > EPS)
+        y = kept.astype(float)
+        if len(open_rows):
+            few = rows[open_rows], least[open_rows]
+            found = _optimum(self.cost[free], *few, np.zeros(len(free)), np.ones(len(free)), time_limit, whole=True)
+            if found.x is None:
+                return None
+            y[free] = found.x
+        return y
 
-    def _solved(self, most: Bools, time_limit: float, whole: bool) -> Any:
-        """scipy's result, of status 0 (optimal), 1 (time limit) or 2 (infeasible)."""
-        from scipy.optimize import Bounds, LinearConstraint, linprog, milp
+    @property
+    def _rows(self) -> tuple[Any, Floats]:
+        """The active rows and the caps."""
         from scipy.sparse import vstack
 
-        rows, row_least = self.rows.active_rows
+        rows, least = self.rows.active_rows
         caps, _, cap_least = self.caps.matrix
-        rows, least = vstack([rows, caps], format="csr"), np.concatenate([row_least, cap_least])
-        rows.indices, rows.indptr = rows.indices.astype(np.int32), rows.indptr.astype(np.int32)  # scipy 1.13's milp
-        bounds, seconds = (self.fixed.astype(float), most.astype(float)), max(0.05, time_limit)
-
-        def in_whole_numbers() -> Any:
-            return milp(
-                self.cost,
-                integrality=np.ones(len(self.cost), dtype=np.intp),
-                bounds=Bounds(*bounds),
-                constraints=LinearConstraint(rows, lb=least) if len(least) else (),
-                options={"time_limit": seconds, "mip_rel_gap": 0.0},
-            )
-
-        def in_fractions() -> Any:
-            limited = {"A_ub": -rows, "b_ub": -least} if len(least) else {}
-            return linprog(self.cost, bounds=np.stack(bounds, axis=1), options={"time_limit": seconds}, **limited)
-
-        found = _interruptible(in_whole_numbers if whole else in_fractions)
-        if found.status not in (0, 1, 2):
-            raise RuntimeError(f"HiGHS could not solve the covering problem: {found.message}")
-        return found
+        return vstack([rows, caps], format="csr"), np.concatenate([least, cap_least])
 
     def worth_trying(self, best_cost: float) -> Bools:
         """The sites that a layout cheaper than the best may have."""
@@ -106,6 +98,34 @@ class Relaxation:
         core = self.fixed | (y > EPS)
         core[np.argsort(np.where(self.worth_trying(best_cost), self.reduced, inf), kind="stable")[:size]] = True
         return np.asarray(core)
+
+
+def _optimum(
+    cost: Floats, rows: Any, least: Floats, low: Floats, high: Floats, time_limit: float, *, whole: bool
+) -> Any:
+    """scipy's result, of status 0 (optimal), 1 (time limit) or 2 (infeasible)."""
+    from scipy.optimize import Bounds, LinearConstraint, linprog, milp
+
+    seconds = max(0.05, time_limit)
+    rows.indices, rows.indptr = rows.indices.astype(np.int32), rows.indptr.astype(np.int32)  # scipy 1.13's milp
+
+    def in_whole_numbers() -> Any:
+        return milp(
+            cost,
+            integrality=np.ones(len(cost), dtype=np.intp),
+            bounds=Bounds(low, high),
+            constraints=LinearConstraint(rows, lb=least) if len(least) else (),
+            options={"time_limit": seconds, "mip_rel_gap": 0.0},
+        )
+
+    def in_fractions() -> Any:
+        limited = {"A_ub": -rows, "b_ub": -least} if len(least) else {}
+        return linprog(cost, bounds=np.stack([low, high], axis=1), options={"time_limit": seconds}, **limited)
+
+    found = _interruptible(in_whole_numbers if whole else in_fractions)
+    if found.status not in (0, 1, 2):
+        raise RuntimeError(f"HiGHS could not solve the covering problem: {found.message}")
+    return found
 
 
 def _interruptible(work: Callable[[], Any]) -> Any:

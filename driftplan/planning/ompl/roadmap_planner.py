@@ -35,8 +35,9 @@ class RoadmapPlanner(ob.Planner):
     """Plans straight runs and turns on the spot over a growing roadmap: near the optimum long before trees are.
 
     An anytime planner: it adds batches of nodes until the termination condition says stop, the objective is satisfied,
-    or nothing better can be left. Calling ``solve`` again goes on; ``clear`` starts afresh, with the same samples for
-    the same seed. Of the paths found it returns the one of least exact drift.
+    or nothing better can be left. A condition of one's own is asked every 20 to 50 ms while the roadmap grows, and
+    before and after every search of it. Calling ``solve`` again goes on; ``clear`` starts afresh, with the same samples
+    for the same seed. Of the paths found it returns the one of least exact drift.
 
     With beacons, a ``max_drift`` or ``minimise`` the routes are those of `driftplan.plan_route` among beacons: every
     batch is a route on a roadmap of twice as many nodes, and the best one of all is the solution. What is minimised is
@@ -205,6 +206,11 @@ class RoadmapPlanner(ob.Planner):
         objective = problem.getOptimizationObjective()
         if not self._queries:
             target = self._target or target_of(objective)
+            if objective is not None and target_of(objective) != target:
+                raise PlannerError(
+                    "expected the planner's objective to be that of the problem, got another one: give it to "
+                    "setOptimizationObjective too, or to the planner none"
+                )
             starts, goals = self._ends(target)
             if not starts or not goals:
                 wrong = ob.PlannerStatus.INVALID_START if not starts else ob.PlannerStatus.INVALID_GOAL
@@ -213,7 +219,7 @@ class RoadmapPlanner(ob.Planner):
             self._queries = [self._query(target, start, goal) for goal in goals for start in starts]
         while not ptc():
             growing = [query.search for query in self._queries if not query.search.is_optimal]
-            if not growing or objective.isSatisfied(self.bestCost()):
+            if not growing or (objective is not None and objective.isSatisfied(self.bestCost())):
                 break
             for search in growing:
                 search.grow(ptc)

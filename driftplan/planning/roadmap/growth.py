@@ -26,7 +26,7 @@ from driftplan.world.world import World
 _FIRST_BATCH = 128  # samples; every later batch has twice as many, and the next two have corners too
 _LARGEST_BATCH = 8192
 _MOST_NODES = 40_000  # then a new roadmap is begun
-_CHUNK = 512  # points joined to the roadmap before the clock is looked at again
+_CHUNK = 192  # points joined to the roadmap before the clock is looked at again: 20 to 50 ms
 _FEW_CORNERS = 200  # no more than these: then all of them at once
 _NEIGHBOURS = 14
 _NEXT_TO_NOTHING = 2e-4  # of the cost, gained by a batch
