@@ -80,8 +80,7 @@ class Reader:
             cwd=folder,
             env={**os.environ, **path},
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            capture_output=True,
             text=True,
             timeout=600,
         )
