@@ -28,7 +28,7 @@ from typing import Protocol
 
 import numpy as np
 
-from driftplan.arrays import Bools, Floats
+from driftplan.arrays import Bools, Floats, Ints
 from driftplan.layouts.placement.cut_pool import EPS, Cut, CutPool
 from driftplan.layouts.placement.local_search import LocalSearch
 from driftplan.layouts.placement.relaxation import LP_ROOM, Relaxation, Solution
@@ -209,9 +209,13 @@ class _CoverSearch:
 
     def _separated(self, y: Floats) -> bool:
         """Take in cuts that a fractional solution violates, if there are any."""
-        fresh = [] if self.separate is None else self.separate(y)
-        self.rows.add(fresh, active=False)
-        return bool(fresh) and (self.rows.activate(y) or self._separated(y))
+        known = -1
+        while self.separate is not None and len(self.rows.cuts) > known:  # cuts known already bring nothing
+            known = len(self.rows.cuts)
+            self.rows.add(self.separate(y), active=False)
+            if self.rows.activate(y):
+                return True
+        return False
 
     def _improve_locally(self, sites: Bools) -> None:
         """Cheaper layouts of these sites and those of the best, by local search, as long as it finds any."""
@@ -255,11 +259,13 @@ class _CoverSearch:
         """Cheaper layouts that keep all but a few sites of the best, in a share of the time left: local branching
         (Fischetti and Lodi 2003). The few are those that help most in the rows of one of them."""
         random, until, fruitless = np.random.default_rng(self.rounds), time.monotonic() + share * self._left(), 0
+        order: Ints = np.zeros(0, dtype=np.intp)
         while self.best is not None and not self._closed() and time.monotonic() < until:
             mine = np.flatnonzero(self.best & ~self.fixed)
             if fruitless == len(mine):
                 return
-            order = random.permutation(mine) if fruitless == 0 else order
+            if fruitless == 0:
+                order = random.permutation(mine)
             by_column = self.rows.matrix[1]
             shared = (by_column[:, mine].T @ by_column[:, [order[fruitless]]]).toarray()[:, 0]
             kept = self.best.copy()
