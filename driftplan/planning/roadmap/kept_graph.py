@@ -3,6 +3,7 @@ depend on the goal, only prices do."""
 
 from __future__ import annotations
 
+import math
 from threading import Lock
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -12,16 +13,18 @@ from scipy.spatial import cKDTree
 
 from driftplan.arrays import Floats, Ints
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.roadmap.channel import channel_route
+from driftplan.planning.roadmap.channel import channel_route, mesh_of
 from driftplan.planning.roadmap.graph import Roadmap
 from driftplan.planning.roadmap.polish import polished
 from driftplan.planning.roadmap.prices import AdditiveCost
-from driftplan.planning.roadmap.sampling import FreeSamples, coarse_corners
+from driftplan.planning.roadmap.sampling import FreeSamples
 from driftplan.world.world import World
 
 _NEIGHBOURS = 10
 _MOST_CORNERS, _FEWEST_SAMPLES, _MOST_SAMPLES = 6000, 300, 3000
 _MAX_DRAWS = 8  # times as many samples as are wanted
+_COARSE_RADII, _COARSE_SIZES = 1 / 4, 4e-4  # of the robot, and of the map: how coarse the corners are
+_ANCHORS = 5  # nearest nodes among which the side of a triangle looks for one in sight
 _CHUNK = 512  # points joined at once: a matter of memory
 _AT_ENDS = 160  # nearest nodes that start and goal are joined to
 
@@ -43,7 +46,9 @@ class KeptGraph(NamedTuple):
 
     @classmethod
     def _made(cls, world: World) -> KeptGraph:
-        corners = coarse_corners(world)
+        xmin, ymin, xmax, ymax = world.bounds
+        size = math.hypot(xmax - xmin, ymax - ymin)
+        corners = world.corners(max(_COARSE_RADII * world.robot_radius, _COARSE_SIZES * size))
         if len(corners) > _MOST_CORNERS:
             corners = corners[np.sort(np.random.default_rng(0).permutation(len(corners))[:_MOST_CORNERS])]
         count = int(np.clip(len(corners), _FEWEST_SAMPLES, _MOST_SAMPLES))
@@ -52,7 +57,9 @@ class KeptGraph(NamedTuple):
         for points, are_corners in ((corners, True), (samples[1:-1], False)):
             for first in range(0, len(points), _CHUNK):
                 graph.add(points[first : first + _CHUNK], _NEIGHBOURS, np.inf, all_round=are_corners)
-        return cls(graph.xy, graph.edges, cKDTree(graph.xy))
+        middles, passages = _passages(world, graph.xy)
+        xy, edges = np.concatenate([graph.xy, middles]), np.concatenate([graph.edges, passages])
+        return cls(xy, np.unique(np.sort(edges, axis=1), axis=0), cKDTree(xy))
 
     def path(self, pricing: AdditiveCost, start: Floats, start_heading: float | None = None) -> Floats | None:
         """The cheapest path (k, 2) of the graph from a place to a pricing's goal, polished. Where the graph has none,
@@ -64,9 +71,34 @@ class KeptGraph(NamedTuple):
         if not len(found.nodes) and isinstance(pricing.space, World):
             way = channel_route(pricing.space, np.stack([start, pricing.goal]))
             if way is not None:
-                roadmap.add(way[1:-1], _NEIGHBOURS, np.inf, chain=True)
+                roadmap.add(way[1:-1], _NEIGHBOURS, np.inf, chain=ENDS)
                 found = roadmap.shortest()
         return polished(pricing, roadmap.xy[found.nodes], start_heading) if len(found.nodes) else None
+
+
+def _passages(world: World, xy: Floats) -> tuple[Floats, Ints]:
+    """Nodes (n, 2) to be added to those at ``xy``, and free edges (m, 2), so that whoever can drive from one triangle
+    of free space to the next can do so on the graph: by way of nodes of ``xy`` where these are near enough."""
+    meshes = [mesh_of(world, part) for part in np.unique(world.free_part(xy)).tolist()]
+    middles = np.concatenate([mesh.middles for mesh in meshes])
+    first = np.cumsum([0, *(len(mesh.middles) for mesh in meshes)])
+    u, v = np.concatenate([k + mesh.distances.nonzero() for k, mesh in zip(first[:-1], meshes, strict=True)], axis=1)
+    near = cKDTree(xy).query(middles, k=min(_ANCHORS, len(xy)))[1].reshape(len(middles), -1)
+    free = world.segments_free(middles[:, None], xy[near])
+    anchor = np.where(free.any(axis=1), near[np.arange(len(near)), free.argmax(axis=1)], -1)
+    short = (anchor[u] >= 0) & (anchor[v] >= 0)
+    short[short] = world.segments_free(xy[anchor[u[short]]], xy[anchor[v[short]]])
+    kept = np.unique(np.concatenate([u[~short], v[~short]]))
+    number = np.zeros(len(middles), dtype=np.int64)
+    number[kept] = len(xy) + np.arange(len(kept))
+    anchored = kept[anchor[kept] >= 0]
+    ends = (
+        (anchor[u[short]], anchor[v[short]]),
+        (number[u[~short]], number[v[~short]]),
+        (number[anchored], anchor[anchored]),
+    )
+    edges = np.concatenate([np.stack(pair, axis=1) for pair in ends])
+    return middles[kept], edges[edges[:, 0] != edges[:, 1]]
 
 
 _GRAPHS: WeakKeyDictionary[World, KeptGraph] = WeakKeyDictionary()
