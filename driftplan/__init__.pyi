@@ -27,9 +27,12 @@ from .layouts.co_design.design import load_trips as load_trips
 from .layouts.layout import Layout as Layout
 from .layouts.layout import compare_layouts as compare_layouts
 from .layouts.layout import installer_table as installer_table
+from .layouts.layout import layout_building as layout_building
 from .layouts.layout import layout_csv as layout_csv
 from .layouts.layout import layout_dxf as layout_dxf
 from .layouts.layout import layout_geojson as layout_geojson
+from .layouts.layout import layout_html as layout_html
+from .layouts.layout import layout_lif as layout_lif
 from .layouts.place import beacon_tradeoff as beacon_tradeoff
 from .layouts.place import place_beacons as place_beacons
 from .layouts.sites import SiteGroup as SiteGroup
@@ -87,6 +90,7 @@ from .report.figures.layouts import plot_sawtooth as plot_sawtooth
 from .report.figures.layouts import plot_tradeoff as plot_tradeoff
 from .report.figures.maps import plot_route as plot_route
 from .report.figures.maps import plot_world as plot_world
+from .report.figures.sheet import layout_pdf as layout_pdf
 from .report.studio.widget import studio_widget as studio_widget
 from .world.mapfiles import bundled_map as bundled_map
 from .world.mapfiles import bundled_maps as bundled_maps
@@ -98,10 +102,12 @@ from .world.odometry_logs import read_odometry as read_odometry
 from .world.odometry_logs import read_truth as read_truth
 from .world.ros_covariances import ros_covariances as ros_covariances
 from .world.route_files import poses_csv as poses_csv
+from .world.route_files import poses_yaml as poses_yaml
 from .world.route_files import ros_path_yaml as ros_path_yaml
 from .world.route_files import waypoints_yaml as waypoints_yaml
 from .world.route_graphs import RouteGraph as RouteGraph
 from .world.route_graphs import graph_geojson as graph_geojson
+from .world.route_graphs import graph_lif as graph_lif
 from .world.route_graphs import load_graph as load_graph
 from .world.trajectories import read_path as read_path
 from .world.trajectories import read_trajectory as read_trajectory

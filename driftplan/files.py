@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import Any
 
 from driftplan.errors import MapError, TrajectoryError, naming
 
@@ -20,6 +21,7 @@ FileError = type[MapError] | type[TrajectoryError]
 
 MAX_BYTES = 256 << 20  # unpacked: a recording of a million steps takes a quarter of it
 MAX_LINES = 2_000_000
+_ROUNDING = 1e-15  # relative: of a few operations
 _DESCRIPTOR = re.compile(r"/dev/(?:fd/(\d+)|std(in|out|err))")
 
 
@@ -95,6 +97,23 @@ def write_files(files: Mapping[Path, bytes]) -> None:
                 stream.write(files[targets[target]])
         for part, target in parts.items():
             part.replace(target)
+
+
+def plain_numbers(value: Any) -> Any:
+    """The same lists and objects for JSON, with 9.600000000000001 as people write it: numbers that rounding made of
+    one with twelve digits are that one again.
+
+    >>> plain_numbers({"x": [0.1 + 0.2, 1 / 3]})
+    {'x': [0.3, 0.3333333333333333]}
+    """
+    if isinstance(value, Mapping):
+        return {key: plain_numbers(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain_numbers(inner) for inner in value]
+    if isinstance(value, float):
+        few = float(f"{value:.12g}")
+        return few if abs(few - value) <= _ROUNDING * abs(value) else value
+    return value
 
 
 def _without_waiting(path: str, flags: int) -> int:

@@ -1,7 +1,7 @@
 """Beacons as the detectors of ROS know them: ``tags.yaml``, the map of fiducial_slam, static transforms.
 
-All three have places and directions, none has what a beacon measures: reading them takes a kind. Numbers of tags are
-the digits of the beacons' ids, or else their places in the list. A frame's x axis is where its beacon faces.
+Numbers of tags are the digits of the beacons' ids, or else their places in the list. A frame's x axis is where its
+beacon faces.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from driftplan.arrays import arguments_checked, number, positive
-from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.beacon import Beacon
 from driftplan.errors import MapError, naming
 from driftplan.files import read_lines
+from driftplan.world.formats import Mark
 from driftplan.world.plain_data import read_yaml
 
 _MAX_BYTES = 5_000_000
@@ -25,6 +26,7 @@ _MAX_BYTES = 5_000_000
 def tags_yaml(beacons: Sequence[Beacon], *, size_m: float, frame: str = "map") -> bytes:
     """Beacons as one bundle of tags for apriltag_ros, ``size_m`` wide each; `load_beacons` reads it back.
 
+    >>> from driftplan import BeaconKind
     >>> tag = Beacon(BeaconKind.rfid(range_m=1.5, position_std_m=0.1), x=3.0, y=4.0, id="A7")
     >>> print(tags_yaml([tag], size_m=0.2).decode().splitlines()[-1])
         - {id: 7, size: 0.2, x: 3.0, y: 4.0, z: 0.0, qw: 1.0, qx: 0.0, qy: 0.0, qz: 0.0}
@@ -69,18 +71,8 @@ def tag_numbers(beacons: Sequence[Beacon]) -> list[int]:
     return numbers if len({*numbers}) == len(beacons) else list(range(len(beacons)))
 
 
-def read_tags(path: Path, kind: BeaconKind) -> tuple[Beacon, ...]:
-    """Beacons of this kind at the tags of a ``tags.yaml`` with bundles or a ``map.txt``."""
-    facing = kind.view_angle_deg < 360
-    found = []
-    for number_, x, y, yaw_deg in (_yaml_tags if path.suffix.lower() in (".yaml", ".yml") else _text_tags)(path):
-        found.append(Beacon(kind, x, y, id=str(number_), facing_deg=yaw_deg if facing else None))
-    if not found:
-        raise MapError(f"{path}: expected tags with places, got none")
-    return tuple(found)
-
-
-def _yaml_tags(path: Path) -> list[tuple[int, float, float, float]]:
+def read_tags_yaml(path: Path) -> list[Mark]:
+    """The tags of all bundles."""
     held = read_yaml(path, MapError, max_bytes=_MAX_BYTES)
     bundles = held.get("tag_bundles") if isinstance(held, dict) else None
     if not isinstance(bundles, list) or not all(
@@ -93,11 +85,12 @@ def _yaml_tags(path: Path) -> list[tuple[int, float, float, float]]:
             raise MapError(f"{path}: expected a tag with an id, a whole number, got {tag!r:.80}")
         with naming(f"{path}, tag {tag['id']}", MapError):
             x, y, w, z = (number(name, tag.get(name, 1.0 if name == "qw" else 0.0)) for name in ("x", "y", "qw", "qz"))
-            tags.append((tag["id"], x, y, degrees(2 * atan2(z, w))))
+            tags.append(Mark(str(tag["id"]), x, y, degrees(2 * atan2(z, w))))
     return tags
 
 
-def _text_tags(path: Path) -> list[tuple[int, float, float, float]]:
+def read_fiducial_map(path: Path) -> list[Mark]:
+    """The fiducials of a ``map.txt``."""
     tags = []
     for line, text in enumerate(read_lines(path, MapError, max_bytes=_MAX_BYTES), start=1):
         cells: list[Any] = text.split()
@@ -107,7 +100,7 @@ def _text_tags(path: Path) -> list[tuple[int, float, float, float]]:
             if len(cells) < 9:
                 raise ValueError(f"expected id, x, y, z, roll, pitch, yaw, variance, observations, got {text[:60]!r}")
             x, y, yaw = (number(name, float(cells[k])) for name, k in (("x", 1), ("y", 2), ("yaw", 6)))
-            tags.append((int(cells[0]), x, y, yaw))
+            tags.append(Mark(str(int(cells[0])), x, y, yaw))
     return tags
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import hypot, isfinite, nan
+from math import atan2, hypot, isfinite, nan, pi
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ import shapely
 
 from driftplan.arrays import arguments_checked
 from driftplan.beacons.beacon import Beacon
-from driftplan.beacons.beacon_files import beacon_feature
+from driftplan.beacons.beacon_files import beacon_feature, marks_of
 from driftplan.files import write_files
 from driftplan.layouts.placement.drives import worst_drifts
 from driftplan.layouts.scenario import Scenario
@@ -25,11 +25,15 @@ from driftplan.model.drift import Drift
 from driftplan.page.document import page
 from driftplan.page.scene import scene_of
 from driftplan.planning.status import Status
-from driftplan.tables import Rows, Tabular, decimals, digits, yes_no
-from driftplan.world.dxf_map import Mark, drawing_of
+from driftplan.tables import NONE, Rows, Tabular, decimals, digits, html_table, numbers, yes_no
+from driftplan.world.building_map import building_with_marks
+from driftplan.world.dxf_map import drawing_of
 from driftplan.world.geojson_map import feature_collection
+from driftplan.world.route_graphs import RouteGraph, graph_lif
 
 _MAX_HTML_ROWS = 60
+_MAX_NUMBERS = 6  # of routes that a beacon serves, for people
+_NEAR_M = 1e-3  # what is no farther from a wall is on it
 
 
 class Importance(NamedTuple):
@@ -85,7 +89,7 @@ class Layout(Tabular):
         return [row._asdict() for row in _rows(self)]
 
     def columns(self) -> dict[str, list[str]]:
-        shown = (*self.existing, *self.beacons)[:_MAX_HTML_ROWS]
+        shown = self.everyone[:_MAX_HTML_ROWS]
         return {
             "id": [b.id for b in shown],
             "kind": [b.kind.name if b in self.beacons else f"{b.kind.name} (existing)" for b in shown],
@@ -94,8 +98,13 @@ class Layout(Tabular):
         }
 
     def words(self) -> str:
-        left_out = len(self.existing) + len(self.beacons) - _MAX_HTML_ROWS
+        left_out = len(self.everyone) - _MAX_HTML_ROWS
         return f"{self!r}{f'; {left_out} beacons not shown' if left_out > 0 else ''}"
+
+    @property
+    def everyone(self) -> tuple[Beacon, ...]:
+        """All beacons, old ones first."""
+        return (*self.existing, *self.beacons)
 
     @property
     def gap(self) -> float:
@@ -115,7 +124,7 @@ class Layout(Tabular):
     @cached_property
     def worst_drift_if_fused(self) -> float:
         """Greatest drift on any route of a robot that fuses the readings of these beacons, metres."""
-        scenario, everyone = replace(self.scenario, estimator="filter"), (*self.existing, *self.beacons)
+        scenario, everyone = replace(self.scenario, estimator="filter"), self.everyone
         return max(scenario.worst(scenario.drift(r, everyone)) for r in range(len(self.drifts)))
 
     @property
@@ -156,7 +165,7 @@ class Layout(Tabular):
     @cached_property
     def importance(self) -> tuple[Importance, ...]:
         """For every beacon, old and new: the routes that come within its range and the worst drift without it."""
-        everyone = (*self.existing, *self.beacons)
+        everyone = self.everyone
         cases = [(r, (k,)) for r in range(len(self.drifts)) for k in self.scenario.beacons_in_range(r, everyone)]
         without: list[dict[int, float]] = [{} for _ in everyone]
         for (r, (k,)), worst in zip(cases, worst_drifts(self.scenario, everyone, cases).tolist(), strict=True):
@@ -189,6 +198,47 @@ class InstallerRow(NamedTuple):
 def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
     """All beacons of a layout, the ones whose failure hurts most first."""
     return tuple(sorted(_rows(layout), key=lambda row: -row.worst_drift_if_dead_m if row.routes else 0.0))
+
+
+def installer_columns(rows: Sequence[InstallerRow], what: str = "drift") -> dict[str, list[str]]:
+    """The table as people read it: headings and cells."""
+    return {
+        "id": [row.id for row in rows],
+        "kind": [row.kind if row.new else f"{row.kind} (existing)" for row in rows],
+        **numbers([row._asdict() for row in rows], 2, "x_m", "y_m", "nearest_wall_m"),
+        "mounted": [_mounted(row) for row in rows],
+        "routes served": [_numbers(row.routes) for row in rows],
+        f"{what} if dead m": decimals([row.worst_drift_if_dead_m for row in rows], 3),
+        "on route": [NONE if row.worst_route_if_dead < 0 else str(row.worst_route_if_dead) for row in rows],
+    }
+
+
+def _mounted(row: InstallerRow) -> str:
+    """Which way it looks, or on which side of its wall it is, seen from above."""
+    if isfinite(row.facing_deg):
+        return f"faces {row.facing_deg:.0f}°"
+    if not isfinite(row.nearest_wall_m):
+        return NONE
+    if row.nearest_wall_m <= _NEAR_M:
+        return "on the wall"
+    ahead = atan2(row.y_m - row.wall_y_m, row.x_m - row.wall_x_m)
+    return f"{('right of', 'above', 'left of', 'below')[round(ahead / (pi / 2)) % 4]} wall"
+
+
+def _numbers(routes: tuple[int, ...]) -> str:
+    """Numbers of routes, the first few of many."""
+    text = ", ".join(map(str, routes[:_MAX_NUMBERS]))
+    return f"{text}, … ({len(routes)})" if len(routes) > _MAX_NUMBERS else text or NONE
+
+
+@arguments_checked()
+def layout_html(layout: Layout) -> bytes:
+    """The installers' table as a page of HTML, which spreadsheets open too."""
+    columns = installer_columns(installer_table(layout))
+    body = html_table(columns, f"{layout!r}. Metres in the frame map; directions counter-clockwise from +x.")
+    look = "table{border-collapse:collapse;font:14px sans-serif}td,th{border:1px solid #999;padding:2px 8px}"
+    head = f'<meta charset="utf-8"><title>Beacon layout</title><style>{look}</style>'
+    return f"<!DOCTYPE html>\n<html><head>{head}</head><body>{body}</body></html>\n".encode()
 
 
 def _rows(layout: Layout) -> list[InstallerRow]:
@@ -238,17 +288,30 @@ def layout_geojson(layout: Layout) -> bytes:
     ]
     summary = {name: getattr(layout, name) for name in ("cost", "lower_bound", "proven")}
     worst_m = round(layout.worst_drift, 6)
-    return feature_collection(features, driftplan={"version": 1, **summary, "worst_drift_m": worst_m})
+    return feature_collection(features, **summary, worst_drift_m=worst_m)
 
 
 @arguments_checked()
 def layout_dxf(layout: Layout) -> bytes:
-    """A DXF drawing for installers, in metres: walls, routes, beacons with ids, coordinates, ranges and directions."""
-    marks = [
-        Mark(beacon.id, beacon.x, beacon.y, beacon.facing_deg, beacon.kind.range_m)
-        for beacon in (*layout.existing, *layout.beacons)
-    ]
-    return drawing_of(layout.scenario.world, layout.scenario.routes, marks)
+    """A DXF drawing for installers, in metres: walls, routes, beacons with ids, coordinates, ranges and directions, and
+    dimensions to the nearest walls; `load_beacons` reads it back."""
+    beacons = layout.everyone
+    rows = (row for row in _rows(layout) if row.nearest_wall_m > _NEAR_M)
+    walls = [((row.wall_x_m, row.wall_y_m), (row.x_m, row.y_m)) for row in rows]
+    ranges = [(beacon.x, beacon.y, beacon.kind.range_m) for beacon in beacons]
+    return drawing_of(layout.scenario.world, layout.scenario.routes, marks_of(beacons), ranges, walls)
+
+
+@arguments_checked()
+def layout_lif(layout: Layout) -> bytes:
+    """A layout in LIF for fleets: the routes as nodes and edges, beacons as stations; `load_beacons` reads it back."""
+    return graph_lif(RouteGraph.of_routes(layout.scenario.routes), marks=marks_of(layout.everyone))
+
+
+@arguments_checked()
+def layout_building(layout: Layout, building: str | os.PathLike[str], *, level: str | None = None) -> bytes:
+    """An Open-RMF ``.building.yaml`` with the beacons as vertices of a level; `load_beacons` reads it back."""
+    return building_with_marks(Path(building), marks_of(layout.everyone), level)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,15 +32,15 @@ class GraphRoute:
     drift : along the way
     """
 
-    nodes: tuple[int, ...]
+    nodes: tuple[int | str, ...]
     drift: Drift
 
 
 @arguments_checked()
 def graph_routes(
     graph: RouteGraph,
-    start: int,
-    goal: int,
+    start: int | str,
+    goal: int | str,
     noise: OdometryNoise,
     beacons: Sequence[Beacon] = (),
     world: World | None = None,

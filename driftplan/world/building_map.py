@@ -6,41 +6,44 @@ obstacle, walls are 0.1 m thick as RMF builds them, doors are open.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from reprlib import repr as short
 from typing import Any
 
 import numpy as np
 import shapely
+import yaml
 
-from driftplan.arrays import Floats, finite, positive
+from driftplan.arrays import Floats, finite, number, positive
 from driftplan.errors import MapError, naming
+from driftplan.files import plain_numbers, read_bytes
+from driftplan.world.formats import Mark
 from driftplan.world.plain_data import read_yaml
 from driftplan.world.world import World
 
 _MAX_BYTES = 5_000_000
 _MAX_THINGS = 20_000  # vertices, walls, lanes
 _WALL_M = 0.1
+_BEACON, _FACING = "driftplan_beacon", "driftplan_facing_deg"  # parameters of vertices that are beacons
 
 
 def read_building_map(path: Path, *, robot_radius: float, level: str | None = None) -> World:
     """World of one level; it must be named where there are several."""
-    held, xy = _level(path, level)
+    held, xy = _metres(path, level)
     walls = [shapely.LineString(xy[pair]) for pair in _pairs(path, held, "walls", len(xy))]
     with naming(path, MapError):
         floors = [_floor(floor, xy) for floor in held.get("floors") or []]
         if not floors:
             raise ValueError("expected floors, outside of which nothing drives, got none")
-        ground = shapely.union_all(floors)
-        outside = shapely.box(*ground.bounds).difference(ground)
-        obstacles = [*shapely.buffer(walls, _WALL_M / 2, cap_style="square"), *([] if outside.is_empty else [outside])]
-        return World.from_polygons(obstacles, bounds=ground.bounds, robot_radius=robot_radius)
+        thick = shapely.buffer(walls, _WALL_M / 2, cap_style="square")
+        return World.within(shapely.union_all(floors), list(thick), robot_radius=robot_radius)
 
 
 def building_lanes(path: Path, level: str | None = None) -> tuple[Floats, list[tuple[int, int]]]:
     """The vertices of a level, (n, 2) in metres, and its lanes between them; one that leads both ways is two."""
-    held, xy = _level(path, level)
+    held, xy = _metres(path, level)
     lanes = []
     for lane, (a, b) in zip(held.get("lanes") or [], _pairs(path, held, "lanes", len(xy)), strict=True):
         both = lane[2].get("bidirectional") if len(lane) > 2 and isinstance(lane[2], dict) else None
@@ -48,8 +51,53 @@ def building_lanes(path: Path, level: str | None = None) -> tuple[Floats, list[t
     return xy, lanes
 
 
-def _level(path: Path, name: str | None) -> tuple[dict[str, Any], Floats]:
+def building_marks(path: Path, level: str | None = None) -> list[Mark]:
+    """The vertices of a level that are beacons, as `building_with_marks` adds them."""
+    held, xy = _metres(path, level)
+    marks = []
+    for vertex, (x, y) in zip(held.get("vertices") or [], xy.round(6).tolist(), strict=True):
+        said = vertex[4] if len(vertex) > 4 and isinstance(vertex[4], dict) else {}
+        if _BEACON in said:
+            facing = said.get(_FACING)
+            with naming(path, MapError):
+                turned = number(_FACING, facing[-1]) if isinstance(facing, list) and facing else None
+            marks.append(Mark(str(vertex[3]), x, y, turned))
+    return marks
+
+
+def building_with_marks(path: Path, marks: Sequence[Mark], level: str | None = None) -> bytes:
+    """The file as it is, and a vertex for every mark after the other ones, which keep their numbers."""
+    name, _, _, scale = _level(path, level)
+    text = read_bytes(path, MapError, max_bytes=_MAX_BYTES).decode("utf-8-sig")
+    lines = []
+    for mark in marks:
+        x, y = (np.array([mark.x, mark.y]) / scale).round(9).tolist()
+        facing = {} if mark.facing_deg is None else {_FACING: [3, float(mark.facing_deg)]}
+        vertex = [x, y, 0, mark.name, {_BEACON: [4, True], **facing}]
+        lines.append(json.dumps(plain_numbers(vertex), ensure_ascii=False))
+    listed = _inside(_inside(_inside(yaml.compose(text, yaml.SafeLoader), "levels"), name), "vertices")
+    start, end = listed.start_mark.index, listed.end_mark.index
+    if listed.flow_style:
+        between = ", " if listed.value else ""
+        return f"{text[: end - 1]}{between}{', '.join(lines)}{text[end - 1 :]}".encode()
+    indent = " " * listed.start_mark.column
+    end = start + len(text[start:end].rstrip())
+    return f"{text[:end]}{''.join(f'{chr(10)}{indent}- {line}' for line in lines)}{text[end:]}".encode()
+
+
+def _inside(node: Any, key: str) -> Any:
+    """The value of a key of a mapping in a YAML text."""
+    return next(value for name, value in node.value if name.value == key)
+
+
+def _metres(path: Path, level: str | None) -> tuple[dict[str, Any], Floats]:
     """What is said about a level, and its vertices in metres."""
+    _, held, pixels, scale = _level(path, level)
+    return held, pixels * scale
+
+
+def _level(path: Path, name: str | None) -> tuple[str, dict[str, Any], Floats, Floats]:
+    """The name of a level, what is said about it, its vertices as they are, and what turns them into metres."""
     held = read_yaml(path, MapError, max_bytes=_MAX_BYTES)
     levels = held.get("levels") if isinstance(held, dict) else None
     if not (isinstance(levels, dict) and levels and all(isinstance(level, dict) for level in levels.values())):
@@ -58,12 +106,13 @@ def _level(path: Path, name: str | None) -> tuple[dict[str, Any], Floats]:
         raise MapError(f"{path}: expected coordinates of a reference_image or cartesian_meters: export it so")
     if (name is None and len(levels) > 1) or (name is not None and name not in levels):
         raise MapError(f"{path}: expected level to be one of {', '.join(map(str, levels))}, got {name!r}")
-    level = levels[next(iter(levels)) if name is None else name]
+    name = next(iter(levels)) if name is None else name
+    level = levels[name]
     with naming(path, MapError):
         vertices = [vertex[:2] for vertex in _listed(level, "vertices")]
         xy = finite("vertices", vertices, "positions x, y").reshape(-1, 2)
         if held.get("coordinate_system") == "cartesian_meters":
-            return level, xy
+            return str(name), level, xy, np.ones(2)
         scales = []
         pairs = list(_pairs(path, level, "measurements", len(xy)))
         for measured, (a, b) in zip(level.get("measurements") or [], pairs, strict=True):
@@ -72,7 +121,7 @@ def _level(path: Path, name: str | None) -> tuple[dict[str, Any], Floats]:
             scales.append(length / positive("pixels of a measurement", float(np.hypot(*(xy[b] - xy[a])))))
         if not scales:
             raise ValueError("expected measurements, which say how many metres a pixel has, got none")
-        return level, xy * (np.mean(scales) * np.array([1.0, -1.0]))
+        return str(name), level, xy, np.mean(scales) * np.array([1.0, -1.0])
 
 
 def _listed(level: dict[str, Any], name: str) -> list[Any]:

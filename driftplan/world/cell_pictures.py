@@ -21,7 +21,7 @@ from PIL import Image
 from driftplan.arrays import number
 from driftplan.errors import MapError, naming
 from driftplan.files import read_bytes
-from driftplan.world.cells import MAX_CELLS
+from driftplan.world.cells import MAX_CELLS, refuse_too_many
 from driftplan.world.plain_data import read_yaml
 
 _MAX_YAML_BYTES = 8192
@@ -49,11 +49,11 @@ class CellPicture:
     notes: tuple[str, ...] = ()
 
 
-def read_header(path: Path, required: Sequence[str], *, lenient: bool) -> CellPicture:
+def read_header(path: Path, required: Sequence[str], allowed: Sequence[str] | None = None) -> CellPicture:
     """What a YAML file says about its picture.
 
-    ``lenient``, as map_server is: keys that are not ``required`` are passed over, and a picture that is not where it
-    was is looked for beside the file.
+    Other keys than those ``required`` and ``allowed`` are refused. With none ``allowed`` it is lenient, as map_server
+    is: they are passed over, and a picture that is not where it was is looked for beside the file.
     """
     values = read_yaml(path, MapError, max_bytes=_MAX_YAML_BYTES)
     required = (*_PLACED, *required)
@@ -62,9 +62,9 @@ def read_header(path: Path, required: Sequence[str], *, lenient: bool) -> CellPi
     for key in required:
         if key not in values:
             raise MapError(f"{path}: the key {key!r} is missing")
-    for key in values:
-        if not lenient and key not in required:
-            raise MapError(f"{path}: unknown key {short(key)}; known are {', '.join(required)}")
+    known = (*required, *(values if allowed is None else allowed))
+    if unknown := [key for key in values if key not in known]:
+        raise MapError(f"{path}: unknown key {short(unknown[0])}; known are {', '.join(known)}")
     origin = values["origin"]
     if not (isinstance(origin, list) and len(origin) == 3):
         raise MapError(f"{path}: expected origin to be [x, y, yaw], got {short(origin)}")
@@ -73,21 +73,21 @@ def read_header(path: Path, required: Sequence[str], *, lenient: bool) -> CellPi
         if resolution < _MIN_RESOLUTION_M:
             raise ValueError(f"expected resolution > 0 m per cell, {_MIN_RESOLUTION_M:g} at least, got {resolution!r}")
         x, y, yaw = (number("origin", value) for value in origin)
-        image, notes = _picture_beside(path, values["image"], lenient)
+        image, notes = _picture_beside(path, values["image"], lenient=allowed is None)
     return CellPicture(image, resolution, (x, y, yaw), values, notes)
 
 
-def read_pixels(image: Path, named_by: Path, *, colour: bool) -> NDArray[Any]:
-    """Pixels of a picture, row 0 at the top: (rows, columns) of grey, with ``colour`` also (rows, columns, 3 or 4)."""
+def read_pixels(image: Path, named_by: Path, *, colour: bool, coarsen: int | None = None) -> NDArray[Any]:
+    """Pixels of a picture, row 0 at the top: (rows, columns) of grey, with ``colour`` also (rows, columns, 3 or 4).
+    There may be more of them if they are to be coarsened."""
     content = read_bytes(image, MapError)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # our own limit is lower
             picture: Image.Image = Image.open(BytesIO(content), formats=("PPM", "PNG", "BMP"))
         with picture:
-            width, height = picture.size
-            if not 0 < width * height <= MAX_CELLS:
-                raise MapError(f"{image}: expected at most {MAX_CELLS} pixels, got {width} x {height}")
+            with naming(image, MapError):
+                refuse_too_many(*picture.size, coarsen)
             if not colour and picture.mode not in ("1", "L", "I", "I;16"):
                 raise MapError(f"{image}: expected a picture of greys, got one of mode {picture.mode}")
             picture.load()
@@ -108,7 +108,7 @@ def read_pixels(image: Path, named_by: Path, *, colour: bool) -> NDArray[Any]:
         ) from err
 
 
-def _picture_beside(path: Path, name: Any, lenient: bool) -> tuple[Path, tuple[str, ...]]:
+def _picture_beside(path: Path, name: Any, *, lenient: bool) -> tuple[Path, tuple[str, ...]]:
     """The picture that a map names, if it is a file in the map's folder or below; and what is to be said about it."""
     if not isinstance(name, str) or not name:
         raise ValueError(f"expected image to be a file name, got {short(name)}")

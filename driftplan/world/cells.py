@@ -2,21 +2,65 @@
 
 from __future__ import annotations
 
-from math import ceil, cos, sin
+from math import ceil, cos, sin, sqrt
 from typing import Any
 
 import numpy as np
 import shapely
 from shapely import MultiPolygon
 
-from driftplan.arrays import Bools, Ints
+from driftplan.arrays import Bools, Ints, positive, whole
 from driftplan.world.prepared_area import PreparedArea
 
 MAX_CELLS = 25_000_000  # 5000 x 5000: a map of 250 m at 0.05 m
 MAX_SIDES = 2_000_000  # between occupied and other cells
 MAX_RINGS = 20_000  # walls need hundreds; more is noise, and would take minutes to inflate
 _NO_TURN = 1e-6  # cells: a yaw that moves no corner farther is none
-_NOISE = "this looks like noise, not walls"
+MAX_COARSENED = 150_000_000  # of which memory holds a few bytes each
+_NOISE = (
+    "this looks like noise, not walls: despeckle_m=0.1 (--despeckle-m) drops groups of cells no wider, coarsen=2 "
+    "(--coarsen) takes 2 x 2 cells for one"
+)
+
+
+def refuse_too_many(width: int, height: int, coarsen: int | None = None) -> None:
+    """Refuse more cells than can be worked with, saying how to take fewer."""
+    whole("coarsen", coarsen or 1, least=1)
+    if width * height > MAX_COARSENED:
+        raise ValueError(f"expected at most {MAX_COARSENED} cells, got {width} x {height}")
+    if width * height > MAX_CELLS * (coarsen or 1) ** 2:
+        enough = ceil(sqrt(width * height / MAX_CELLS))
+        raise ValueError(
+            f"expected at most {MAX_CELLS} cells, got {width} x {height}: coarsen={enough} (--coarsen {enough}) takes "
+            f"{enough} x {enough} of them for one"
+        )
+
+
+def fewer_cells(
+    occupied: Bools, cell_size_m: float, *, coarsen: int | None = None, despeckle_m: float | None = None
+) -> tuple[Bools, float, tuple[str, ...]]:
+    """Cells without specks, then so many by so many taken for one: the cells, their size, and what is to be said.
+
+    A speck is a group of occupied cells, by sides or corners, no wider and no higher than ``despeckle_m``. A coarse
+    cell is occupied if one of its cells is, or if it reaches beyond the map.
+    """
+    notes: tuple[str, ...] = ()
+    if despeckle_m is not None:
+        most = positive("despeckle_m", despeckle_m) / cell_size_m * (1 + 1e-9)
+        from scipy.ndimage import find_objects, label
+
+        groups, count = label(occupied, np.ones((3, 3), dtype=bool))
+        sizes = [max(rows.stop - rows.start, columns.stop - columns.start) for rows, columns in find_objects(groups)]
+        speck = np.array([False, *(size <= most for size in sizes)])
+        occupied = occupied & ~speck[groups]
+        notes = (f"{speck.sum()} of {count} groups of occupied cells are no larger than {despeckle_m:g} m: dropped",)
+    if coarsen is not None and whole("coarsen", coarsen, least=1) > 1:
+        height, width = (ceil(n / coarsen) for n in occupied.shape)
+        spare = [(0, n * coarsen - had) for n, had in zip((height, width), occupied.shape, strict=True)]
+        blocks = np.pad(occupied, spare, constant_values=True).reshape(height, coarsen, width, coarsen)
+        occupied, cell_size_m = np.asarray(blocks.any(axis=(1, 3))), coarsen * cell_size_m
+        notes += (f"{coarsen} x {coarsen} cells are taken for one of {cell_size_m:g} m, free if all of them are",)
+    return occupied, cell_size_m, notes
 
 
 def outline_of_cells(

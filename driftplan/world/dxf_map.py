@@ -6,11 +6,11 @@ Units come from the header ($INSUNITS); closed polylines are solid, lines are 5 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from math import cos, radians, sin
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import shapely
@@ -18,6 +18,7 @@ import shapely
 from driftplan.arrays import Floats, finite
 from driftplan.errors import MapError, naming
 from driftplan.files import read_bytes
+from driftplan.world.formats import Mark
 from driftplan.world.world import World
 
 _MAX_BYTES = 50_000_000
@@ -26,27 +27,14 @@ _WALL_M = 0.05
 _MARGIN_M = 0.5  # of the map around what is drawn
 _UNITS_M = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0, 14: 0.1}
 _METRES = 6
-
-
-class Mark(NamedTuple):
-    """A thing to install: where, which way it faces (degrees), how far it is read."""
-
-    name: str
-    x: float
-    y: float
-    facing_deg: float | None
-    range_m: float
+_APP = "DRIFTPLAN"  # whose data points carry
 
 
 def read_dxf_map(path: Path, *, robot_radius: float) -> World:
     """World of the lines and polylines in a drawing's model space, on layers that are not off or frozen; everything
     else is passed over, and said."""
     drawing = _drawing(path)
-    unit = drawing.header.get("$INSUNITS", 0)
-    if unit not in _UNITS_M:
-        raise MapError(
-            f"{path}: expected a drawing in metres, cm, mm, dm, inches or feet, got $INSUNITS {unit}: set its units"
-        )
+    unit = _unit(path, drawing)
     hidden = {layer.dxf.name for layer in drawing.layers if layer.is_off() or layer.is_frozen()}
     walls: list[Any] = []
     passed: set[str] = set()
@@ -58,7 +46,7 @@ def read_dxf_map(path: Path, *, robot_radius: float) -> World:
                 passed.add(entity.dxftype())
                 continue
             corners, closed = _corners(entity)
-            corners = finite("corners", corners).reshape(-1, 2) * _UNITS_M[unit]
+            corners = finite("corners", corners).reshape(-1, 2) * unit
             solid = closed and len(corners) > 2
             line = shapely.LineString([*corners, *corners[:1]] if closed else corners)
             wall = shapely.buffer(line, _WALL_M / 2, cap_style="square", join_style="mitre")
@@ -74,10 +62,30 @@ def read_dxf_map(path: Path, *, robot_radius: float) -> World:
         return replace(world, notes=(note,) if passed else ())
 
 
-def drawing_of(world: World | None, routes: Sequence[Floats] = (), marks: Sequence[Mark] = ()) -> bytes:
-    """A drawing in metres: layers WALLS, ROUTES, and BEACONS with ids and ranges, and a line for the way they face."""
-    drawing = _ezdxf().new("R2010", setup=False, units=_METRES)
-    for name, colour in (("WALLS", 7), ("ROUTES", 5), ("BEACONS", 1)):
+def read_dxf_marks(path: Path) -> list[Mark]:
+    """The points of the layer BEACONS, with their ids and directions if `drawing_of` drew them."""
+    drawing = _drawing(path)
+    unit, marks = _unit(path, drawing), list[Mark]()
+    for point in drawing.modelspace().query('POINT[layer=="BEACONS"]'):
+        tags = point.get_xdata(_APP) if point.has_xdata(_APP) else []
+        said = {tag.code: tag.value for tag in tags}
+        x, y = (point.dxf.location.vec2 * unit).round(9)
+        marks.append(Mark(said.get(1000, str(len(marks))), x, y, said.get(1040)))
+    return marks
+
+
+def drawing_of(
+    world: World | None,
+    routes: Sequence[Floats] = (),
+    marks: Sequence[Mark] = (),
+    ranges: Iterable[tuple[float, float, float]] = (),
+    distances: Iterable[tuple[Sequence[float], Sequence[float]]] = (),
+) -> bytes:
+    """A drawing in metres: layers WALLS, ROUTES, BEACONS with ids, circles (x, y, radius) for their ranges and lines
+    for the ways they face, and DISTANCES with dimensions from one point to another."""
+    drawing = _ezdxf().new("R2010", setup=["dimstyles"], units=_METRES)
+    drawing.appids.add(_APP)
+    for name, colour in (("WALLS", 7), ("ROUTES", 5), ("BEACONS", 1), ("DISTANCES", 3)):
         drawing.layers.add(name, color=colour)
     model = drawing.modelspace()
     for ring in shapely.get_rings(shapely.get_parts(world.obstacles)) if world is not None else ():
@@ -86,13 +94,19 @@ def drawing_of(world: World | None, routes: Sequence[Floats] = (), marks: Sequen
         model.add_lwpolyline(route.tolist(), dxfattribs={"layer": "ROUTES"})
     on_top = {"layer": "BEACONS"}
     for mark in marks:
-        model.add_point((mark.x, mark.y), dxfattribs=on_top)
-        model.add_circle((mark.x, mark.y), mark.range_m, dxfattribs=on_top)
+        point = model.add_point((mark.x, mark.y), dxfattribs=on_top)
+        facing = [] if mark.facing_deg is None else [(1040, mark.facing_deg)]
+        point.set_xdata(_APP, [(1000, mark.name), *facing])
         text = f"{mark.name} ({mark.x:.2f}, {mark.y:.2f})"
         model.add_text(text, height=0.2, dxfattribs=on_top).set_placement((mark.x + 0.1, mark.y + 0.1))
         if mark.facing_deg is not None:
             ahead = radians(mark.facing_deg)
             model.add_line((mark.x, mark.y), (mark.x + cos(ahead), mark.y + sin(ahead)), dxfattribs=on_top)
+    for x, y, range_m in ranges:
+        model.add_circle((x, y), range_m, dxfattribs=on_top)
+    for start, end in distances:
+        dimension = model.add_aligned_dim(start, end, 0.0, "EZ_M_100_H25_CM", dxfattribs={"layer": "DISTANCES"})
+        dimension.render()
     written = io.StringIO()
     drawing.write(written)
     return written.getvalue().encode()
@@ -104,6 +118,16 @@ def _corners(entity: Any) -> tuple[Any, bool]:
     if entity.dxftype() == "LWPOLYLINE":
         return np.array(entity.get_points("xy")), bool(entity.closed)
     return [vertex.dxf.location.vec2 for vertex in entity.vertices], bool(entity.is_closed)
+
+
+def _unit(path: Path, drawing: Any) -> float:
+    """Metres."""
+    unit = drawing.header.get("$INSUNITS", 0)
+    if unit not in _UNITS_M:
+        raise MapError(
+            f"{path}: expected a drawing in metres, cm, mm, dm, inches or feet, got $INSUNITS {unit}: set its units"
+        )
+    return _UNITS_M[unit]
 
 
 def _drawing(path: Path) -> Any:
@@ -119,5 +143,5 @@ def _ezdxf() -> Any:
     try:
         import ezdxf
     except ImportError as err:
-        raise ImportError("DXF drawings need ezdxf: pip install ezdxf") from err
+        raise ImportError("DXF drawings need ezdxf: pip install driftplan[dxf]") from err
     return ezdxf

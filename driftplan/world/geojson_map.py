@@ -19,8 +19,9 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from driftplan.arrays import MAX_NUMBER
+from driftplan.arrays import MAX_NUMBER, Floats, point_of
 from driftplan.errors import MapError, naming
+from driftplan.files import plain_numbers
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.plain_data import read_json
 from driftplan.world.world import World
@@ -32,6 +33,10 @@ _LOCAL_METRES = {"type": "name", "properties": {"name": 'LOCAL_CS["map frame",UN
 _NOT_METRES = re.compile(
     r"CRS:?:?8[34]|EPSG:+(?:4326|4258|4269|3857|3395|900913)\b|WGS ?84\b(?! / UTM)|[Mm]ercator|GEOGCS"
 )
+_STRETCHED = re.compile("3857|3395|900913|ercator")
+_PROJECT = (
+    "project the map first, say to UTM (ogr2ogr -t_srs EPSG:32632), or give degrees an origin=(lon, lat) (--origin)"
+)
 _LEAST_EXTENT_M = 0.5  # of a map: no robot drives on less
 _MAX_BYTES = 20_000_000
 # Beyond these, merging the walls and growing them would take minutes; plans of buildings stay far below.
@@ -40,12 +45,12 @@ _MAX_CROSSINGS = 20_000
 _MAX_NEAR = 2_000_000  # pairs of edges that might cross
 
 
-def read_geojson_map(path: Path, *, robot_radius: float) -> World:
-    """World of a GeoJSON file."""
+def read_geojson_map(path: Path, *, robot_radius: float, origin: tuple[float, float] | None = None) -> World:
+    """World of a GeoJSON file; coordinates in degrees take the ``origin`` (longitude, latitude) of the map."""
     boundary: list[Polygon | MultiPolygon] = []
     obstacles: list[Polygon | MultiPolygon] = []
     zones: list[Zone] = []
-    for number, feature in enumerate(read_features(path), start=1):
+    for number, feature in enumerate(read_features(path, origin=origin), start=1):
         where = f"{path}, feature {number}"
         if not (isinstance(feature, dict) and feature.get("type") == "Feature"):
             raise MapError(f"{where}: expected a Feature, got {short(feature)}")
@@ -54,7 +59,7 @@ def read_geojson_map(path: Path, *, robot_radius: float) -> World:
         kind = properties.get("kind")
         if kind not in _KINDS:
             raise MapError(f'{where}: expected a property "kind" out of {", ".join(_KINDS)}, got {short(kind)}')
-        area = _area(where, feature.get("geometry"))
+        area = area_of(where, feature.get("geometry"))
         if kind == "zone":
             noise = {key: value for key, value in properties.items() if key not in ("kind", "name")}
             zones.append(Zone(area, zone_noise(where, noise)))
@@ -65,10 +70,8 @@ def read_geojson_map(path: Path, *, robot_radius: float) -> World:
         (boundary if kind == "boundary" else obstacles).append(area)
     if len(boundary) != 1:
         raise MapError(f'{path}: expected one feature of "kind": "boundary", the area of the map, got {len(boundary)}')
-    _refuse_tangles(path, [*boundary, *obstacles])
-    outside = shapely.box(*boundary[0].bounds).difference(boundary[0])
-    walls = obstacles if outside.is_empty else [*obstacles, outside]
-    return World.from_polygons(walls, bounds=boundary[0].bounds, robot_radius=robot_radius, zones=zones)
+    refuse_tangles(path, [*boundary, *obstacles])
+    return World.within(boundary[0], obstacles, robot_radius=robot_radius, zones=zones)
 
 
 def geojson_map_files(world: World, path: Path) -> dict[Path, bytes]:
@@ -84,13 +87,15 @@ def geojson_map_files(world: World, path: Path) -> dict[Path, bytes]:
 
 
 def feature_collection(features: Sequence[dict[str, Any]], **members: Any) -> bytes:
-    """A GeoJSON FeatureCollection, a feature per line, that says that its coordinates are metres of a local frame.
+    """A GeoJSON FeatureCollection, a feature per line, that says that its coordinates are metres of a local frame, and
+    in its member ``driftplan`` the version, the frame and what else there is to say.
 
     RFC 7946 has longitudes and latitudes only. GDAL, and so QGIS and geopandas, reads the member ``crs`` of the older
     standard and takes this one for an engineering frame: nothing is drawn off the coast of Africa.
     """
-    head = json.dumps({"type": "FeatureCollection", "crs": _LOCAL_METRES, **members}, allow_nan=False)
-    lines = ",\n".join(json.dumps(feature, allow_nan=False) for feature in features)
+    about = {"version": 1, "frame": "map", **members}
+    head = json.dumps({"type": "FeatureCollection", "crs": _LOCAL_METRES, "driftplan": about}, allow_nan=False)
+    lines = ",\n".join(json.dumps(plain_numbers(feature), allow_nan=False) for feature in features)
     return f'{head[:-1]}, "features": [\n{lines}\n]}}\n'.encode()
 
 
@@ -98,25 +103,78 @@ def _feature(area: Any, **properties: Any) -> dict[str, Any]:
     return {"type": "Feature", "properties": properties, "geometry": json.loads(shapely.to_geojson(area))}
 
 
-def read_features(path: Path, *, metres_whatever_crs: bool = False) -> list[Any]:
+def read_features(
+    path: Path, *, metres_whatever_crs: bool = False, origin: tuple[float, float] | None = None
+) -> list[Any]:
     """The features of a GeoJSON FeatureCollection in metres, not looked into; a file that is none is a `MapError`."""
-    held = read_json(path, max_bytes=_MAX_BYTES)
+    return features_of(path, read_json(path, max_bytes=_MAX_BYTES), metres_whatever_crs, origin)
+
+
+def features_of(
+    path: Path, held: Any, metres_whatever_crs: bool = False, origin: tuple[float, float] | None = None
+) -> list[Any]:
+    """The features of a FeatureCollection that was read; degrees become metres about the ``origin``."""
     if not (
         isinstance(held, dict) and held.get("type") == "FeatureCollection" and isinstance(held.get("features"), list)
     ):
         raise MapError(f"{path}: expected a GeoJSON FeatureCollection with a list of features")
-    declared = json.dumps(held.get("crs"))
-    if not metres_whatever_crs and (name := _NOT_METRES.search(declared)):
+    declared, features = json.dumps(held.get("crs")), list(held["features"])
+    if metres_whatever_crs or "LOCAL_CS" in declared:
+        return features
+    name = _NOT_METRES.search(declared)
+    if origin is not None and (name is None or not _STRETCHED.search(name[0])):
+        with naming(path, MapError):
+            return projected(features, origin)
+    if name:
         raise MapError(
             f"{path}: coordinates are in degrees, or in metres that the latitude stretches (crs {name[0]}); expected "
-            "metres: project the map first, say to UTM (ogr2ogr -t_srs EPSG:32632)"
+            f"metres: {_PROJECT}"
         )
-    if not metres_whatever_crs and "LOCAL_CS" not in declared and _looks_like_degrees(held["features"]):
+    if _looks_like_degrees(features):
         raise MapError(
             f"{path}: less than {_LEAST_EXTENT_M} m wide, these look like longitudes and latitudes; expected metres: "
-            "project the map first"
+            f"{_PROJECT}"
         )
-    return list(held["features"])
+    return features
+
+
+def projected(features: list[Any], origin: tuple[float, float]) -> list[Any]:
+    """Features in degrees of longitude and latitude, in metres east and north of the ``origin``.
+
+    On the plane that touches the ellipsoid of WGS 84 there: a kilometre away distances are right to 0.1 mm.
+    """
+    longitude, latitude = point_of("origin", origin)
+    if not (abs(longitude) <= 180 and abs(latitude) < 90):
+        raise ValueError(f"expected origin to be a longitude and a latitude in degrees, got {tuple(origin)}")
+    here = _on_earth(np.array([longitude, latitude]))
+    along, up = np.radians([longitude, latitude])
+    east = [-np.sin(along), np.cos(along), 0.0]
+    north = [-np.sin(up) * np.cos(along), -np.sin(up) * np.sin(along), np.cos(up)]
+
+    def moved(value: Any) -> Any:
+        if not isinstance(value, list):
+            return value
+        if not (len(value) >= 2 and all(type(v) in (int, float) for v in value[:2])):
+            return [moved(inner) for inner in value]
+        if not (abs(value[0]) <= 180 and abs(value[1]) <= 90):
+            raise ValueError(f"expected longitudes and latitudes, since an origin is given, got {short(value)}")
+        return ((_on_earth(np.array(value[:2])) - here) @ np.transpose([east, north])).tolist()
+
+    shapes = [feature.get("geometry") if isinstance(feature, dict) else None for feature in features]
+    return [
+        feature | {"geometry": shape | {"coordinates": moved(shape.get("coordinates"))}}
+        if isinstance(shape, dict)
+        else feature
+        for feature, shape in zip(features, shapes, strict=True)
+    ]
+
+
+def _on_earth(degrees: Floats) -> Floats:
+    """Where a longitude and latitude are, in metres from the middle of the Earth."""
+    (along, up), flat = np.radians(degrees), 0.00669437999014
+    radius = 6378137.0 / np.sqrt(1 - flat * np.sin(up) ** 2)
+    across = radius * np.cos(up)
+    return np.array([across * np.cos(along), across * np.sin(along), (1 - flat) * radius * np.sin(up)])
 
 
 def _looks_like_degrees(features: list[Any]) -> bool:
@@ -143,7 +201,7 @@ def _positions(value: Any) -> Iterator[list[Any]]:
             waiting += inner
 
 
-def _area(where: str, geometry: Any) -> Polygon | MultiPolygon:
+def area_of(where: str, geometry: Any) -> Polygon | MultiPolygon:
     kind = geometry.get("type") if isinstance(geometry, dict) else None
     if kind not in ("Polygon", "MultiPolygon"):
         raise MapError(f"{where}: expected a Polygon or MultiPolygon, got {short(kind)}")
@@ -157,7 +215,7 @@ def _area(where: str, geometry: Any) -> Polygon | MultiPolygon:
     return area
 
 
-def _refuse_tangles(path: Path, areas: list[Polygon | MultiPolygon]) -> None:
+def refuse_tangles(path: Path, areas: list[Polygon | MultiPolygon]) -> None:
     """Raise MapError for so many positions, or crossings of edges, that they cannot be merged in bounded time."""
     count = int(np.sum(shapely.get_num_coordinates(areas)))
     if count > _MAX_POSITIONS:

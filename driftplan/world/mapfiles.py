@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import shapely
 
@@ -15,35 +13,23 @@ from driftplan.errors import MapError
 from driftplan.files import write_files
 from driftplan.world.building_map import read_building_map
 from driftplan.world.dxf_map import read_dxf_map
+from driftplan.world.formats import Format, format_of, own_options
 from driftplan.world.geojson_map import geojson_map_files, read_geojson_map
+from driftplan.world.imdf_map import read_imdf_map
 from driftplan.world.movingai_map import movingai_map_files, read_movingai_map
 from driftplan.world.ros_map import read_ros_map, ros_map_files
 from driftplan.world.world import World
 from driftplan.world.zone_files import load_zones
 
-
-class MapFormat(NamedTuple):
-    """One format of maps: a reader, and a writer if there is one."""
-
-    name: str
-    suffixes: tuple[str, ...]
-    read: Callable[..., World]
-    write: Callable[..., dict[Path, bytes]] | None = None
-    cell_size_m: float | None = None  # of what is written, unless given; None: not made of cells
-
-
+_CELLS = ("coarsen", "despeckle_m")
 FORMATS = (
-    MapFormat("Open-RMF", (".building.yaml",), read_building_map),  # before those whose suffix is a part of it
-    MapFormat("ROS", (".yaml", ".yml"), read_ros_map, ros_map_files, 0.05),
-    MapFormat("MovingAI", (".map",), read_movingai_map, movingai_map_files, 1.0),
-    MapFormat("DXF", (".dxf",), read_dxf_map),
-    MapFormat("GeoJSON", (".geojson", ".json"), read_geojson_map, geojson_map_files),
+    Format("Open-RMF", (".building.yaml",), read_building_map, options=("level",)),  # before those that it ends like
+    Format("ROS", (".yaml", ".yml"), read_ros_map, ros_map_files, ("unknown_is_free", *_CELLS), 0.05),
+    Format("MovingAI", (".map",), read_movingai_map, movingai_map_files, ("cell_size_m", *_CELLS), 1.0),
+    Format("DXF", (".dxf",), read_dxf_map),
+    Format("GeoJSON", (".geojson", ".json"), read_geojson_map, geojson_map_files, ("origin",)),
+    Format("IMDF", (".imdf", ".zip"), read_imdf_map, options=("origin", "level")),
 )
-_OPTIONS = {  # of one format only, and what they have instead
-    "unknown_is_free": ("ROS", "have no unknown cells"),
-    "cell_size_m": ("MovingAI", "say it themselves"),
-    "level": ("Open-RMF", "have no levels"),
-}
 _BUNDLED = Path(__file__).parents[1] / "maps"
 _BUNDLED_SUFFIXES = (".yaml", ".geojson")
 
@@ -55,6 +41,9 @@ def load_world(
     unknown_is_free: bool = False,
     cell_size_m: float | None = None,
     level: str | None = None,
+    origin: tuple[float, float] | None = None,
+    coarsen: int | None = None,
+    despeckle_m: float | None = None,
     keepout: str | os.PathLike[str] | None = None,
     zones: str | os.PathLike[str] | None = None,
 ) -> World:
@@ -62,11 +51,16 @@ def load_world(
 
     Parameters
     ----------
-    path : path of a ``.yaml``, ``.building.yaml``, ``.map`` or ``.geojson`` file
+    path : path of a ``.yaml``, ``.building.yaml``, ``.map``, ``.dxf``, ``.geojson`` or ``.imdf`` file
     robot_radius : metres, >= 0
     unknown_is_free : take unknown cells of a ROS map for free ones; they are obstacles otherwise
     cell_size_m : size of a cell of a MovingAI map (default 1 m), which does not say; the other formats do
-    level : which level of an Open-RMF building that has several
+    level : which level of an Open-RMF building or an IMDF venue that has several
+    origin : (longitude, latitude) in degrees, for GeoJSON and IMDF in degrees
+        Where x = y = 0 is to be: coordinates become metres east and north of it, in the plane that touches the Earth
+        (WGS 84) there. Degrees are refused without.
+    coarsen : take so many by so many cells of a large map for one, which is an obstacle if one of them is
+    despeckle_m : groups of occupied cells that are no wider and no higher are taken for noise of the sensor, not walls
     keepout : path of a keepout mask of nav2's, a ROS map: what it marks is an obstacle too, also to sight
     zones : path of a zone file, optional
         Floors of other noise, for maps of any format (`driftplan.world.zone_files`); they cover the map's own.
@@ -82,16 +76,11 @@ def load_world(
     >>> len(world.zones)
     1
     """
-    path, form = _path_and_format(path)
-    given = {"unknown_is_free": unknown_is_free or None, "cell_size_m": cell_size_m, "level": level}
-    for name, value in given.items():
-        owner, instead = _OPTIONS[name]
-        if value is not None and form.name != owner:
-            raise ValueError(f"{name} is for {owner} maps: {form.name} maps {instead}")
-    cell_size_m = positive("cell_size_m", 1.0 if cell_size_m is None else cell_size_m)
-    options = {"unknown_is_free": unknown_is_free, "cell_size_m": cell_size_m, "level": level}
-    own = {name: value for name, value in options.items() if _OPTIONS[name][0] == form.name}
-    world = form.read(path, robot_radius=robot_radius, **own)
+    path = Path(path)
+    form = format_of(path, FORMATS, "a map")
+    cells = {"cell_size_m": cell_size_m, "coarsen": coarsen, "despeckle_m": despeckle_m}
+    given = {"unknown_is_free": unknown_is_free or None, "level": level, "origin": origin, **cells}
+    world: World = form.read(path, robot_radius=robot_radius, **own_options(path, form, FORMATS, given))
     if keepout is not None:
         mask = read_ros_map(Path(keepout), robot_radius=robot_radius, unknown_is_free=True)
         if not mask.obstacles.intersects(shapely.box(*world.bounds)):
@@ -99,7 +88,7 @@ def load_world(
         walls = shapely.get_parts(shapely.union(world.obstacles, mask.obstacles))
         world = replace(world, obstacles=shapely.MultiPolygon([part for part in walls if part.area > 0]))
     if zones is not None:
-        added = load_zones(zones)
+        added = load_zones(zones, origin=origin)
         if not any(zone.polygon.intersects(shapely.box(*world.bounds)) for zone in added):
             raise MapError(f"{zones}: no zone touches the map, whose bounds are {world.bounds}: is the origin right?")
         world = replace(world, zones=(*world.zones, *added))
@@ -122,7 +111,8 @@ def save_world(world: World, path: str | os.PathLike[str], *, cell_size_m: float
     ValueError : if the format cannot hold the world's zones or origin, or an argument is out of range. Nothing is
         written.
     """
-    path, form = _path_and_format(path)
+    path = Path(path)
+    form = format_of(path, FORMATS, "a map")
     if form.write is None:
         raise ValueError(f"{form.name} maps are read only: save it as .geojson")
     if form.cell_size_m is None:
@@ -158,12 +148,3 @@ def bundled_map(name: str) -> Path:
         if path.suffix in _BUNDLED_SUFFIXES and path.stem == name:
             return path
     raise ValueError(f"expected one of the maps {', '.join(bundled_maps())}, got {name!r}")
-
-
-def _path_and_format(path: str | os.PathLike[str]) -> tuple[Path, MapFormat]:
-    path = Path(path)
-    for form in FORMATS:
-        if path.name.lower().endswith(form.suffixes):
-            return path, form
-    known = ", ".join(f"{' or '.join(form.suffixes)} ({form.name})" for form in FORMATS[1:])
-    raise MapError(f"{path}: expected a map called {known}, got {path.suffix or 'no suffix'}")

@@ -12,20 +12,29 @@ from reprlib import repr as short
 
 import numpy as np
 
+from driftplan.arrays import positive
 from driftplan.errors import MapError, naming
 from driftplan.files import read_bytes
-from driftplan.world.cells import MAX_CELLS, cells_of_outline, outline_of_cells
+from driftplan.world.cells import MAX_COARSENED, cells_of_outline, fewer_cells, outline_of_cells, refuse_too_many
 from driftplan.world.world import World
 
 _PASSABLE = b".GS"
 _BLOCKED = b"@OTW"
-_MAX_BYTES = 2 * MAX_CELLS
+_MAX_BYTES = MAX_COARSENED + (1 << 20)
 
 
-def read_movingai_map(path: Path, *, robot_radius: float, cell_size_m: float) -> World:
+def read_movingai_map(
+    path: Path,
+    *,
+    robot_radius: float,
+    cell_size_m: float = 1.0,
+    coarsen: int | None = None,
+    despeckle_m: float | None = None,
+) -> World:
     """World of a `.map` file, its lower left corner at the origin."""
+    size = positive("cell_size_m", cell_size_m)
     lines = read_bytes(path, MapError, max_bytes=_MAX_BYTES).rstrip().replace(b"\r", b"").split(b"\n")
-    height, width = _read_header(path, lines[:4])
+    height, width = _read_header(path, lines[:4], coarsen)
     rows = lines[4:]
     if len(rows) != height:
         raise MapError(f"{path}: expected {height} rows of cells after the header, got {len(rows)}")
@@ -41,9 +50,11 @@ def read_movingai_map(path: Path, *, robot_radius: float, cell_size_m: float) ->
             f"got {bytes([cells[row, column]])!r}"
         )
     passable = np.isin(cells, np.frombuffer(_PASSABLE, dtype=np.uint8))
+    occupied, size, said = fewer_cells(~passable[::-1], size, coarsen=coarsen, despeckle_m=despeckle_m)
     with naming(path, MapError):
-        obstacles, bounds = outline_of_cells(~passable[::-1], cell_size_m=cell_size_m, origin=(0.0, 0.0, 0.0))
-    return World(obstacles=obstacles, bounds=bounds, robot_radius=robot_radius)
+        obstacles, bounds = outline_of_cells(occupied, cell_size_m=size, origin=(0.0, 0.0, 0.0))
+    notes = tuple(f"{path}: {note}" for note in said)
+    return World(obstacles=obstacles, bounds=bounds, robot_radius=robot_radius, notes=notes)
 
 
 def movingai_map_files(world: World, path: Path, *, cell_size_m: float) -> dict[Path, bytes]:
@@ -56,7 +67,7 @@ def movingai_map_files(world: World, path: Path, *, cell_size_m: float) -> dict[
     return {path: header + b"\n".join(rows) + b"\n"}
 
 
-def _read_header(path: Path, lines: list[bytes]) -> tuple[int, int]:
+def _read_header(path: Path, lines: list[bytes], coarsen: int | None) -> tuple[int, int]:
     """Height and width."""
     words = [line.split() for line in lines] + [[]] * (4 - len(lines))
     expected = {
@@ -70,8 +81,8 @@ def _read_header(path: Path, lines: list[bytes]) -> tuple[int, int]:
             got = short(lines[number - 1]) if lines[number - 1 : number] > [b""] else "nothing"
             raise MapError(f"{path}, line {number}: expected {wanted!r}, got {got}")
     height, width = int(words[1][1]), int(words[2][1])
-    if height * width > MAX_CELLS:
-        raise MapError(f"{path}: expected at most {MAX_CELLS} cells, got {width} x {height}")
+    with naming(path, MapError):
+        refuse_too_many(width, height, coarsen)
     return height, width
 
 

@@ -28,7 +28,11 @@ def read_yaml(path: Path, error: FileError, *, max_bytes: int) -> Any:
 
 def read_json(path: Path, *, max_bytes: int) -> Any:
     """What a JSON file holds."""
-    text = read_bytes(path, MapError, max_bytes=max_bytes)
+    return json_of(path, read_bytes(path, MapError, max_bytes=max_bytes))
+
+
+def json_of(path: Path, text: bytes) -> Any:
+    """What JSON text from the file holds."""
     try:
         return json.loads(text.removeprefix(b"\xef\xbb\xbf"), parse_constant=_refuse, object_pairs_hook=_without_twice)
     except json.JSONDecodeError as err:

@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from driftplan.arrays import number
 from driftplan.errors import MapError, naming
 from driftplan.world.cell_pictures import read_header, read_pixels
-from driftplan.world.cells import cells_of_outline, outline_of_cells
+from driftplan.world.cells import cells_of_outline, fewer_cells, outline_of_cells
 from driftplan.world.world import World
 
+RULE_KEYS = ("negate", "occupied_thresh", "free_thresh", "mode", "map_type")  # that say what pixels are
 _MODES = ("trinary", "scale", "raw")
 _FREE, _UNKNOWN, _OCCUPIED = 0, 1, 2
 _SAVED_UNKNOWN = 205
@@ -40,11 +41,18 @@ class _Rule:
     mode: str
 
 
-def read_ros_map(path: Path, *, robot_radius: float, unknown_is_free: bool) -> World:
+def read_ros_map(
+    path: Path,
+    *,
+    robot_radius: float,
+    unknown_is_free: bool = False,
+    coarsen: int | None = None,
+    despeckle_m: float | None = None,
+) -> World:
     """World of a YAML map and its picture; unknown cells are obstacles unless told otherwise."""
-    picture = read_header(path, ("negate", "occupied_thresh", "free_thresh"), lenient=True)
+    picture = read_header(path, RULE_KEYS[:3])
     rule = _rule(path, picture.values)
-    pixels = read_pixels(picture.image, path, colour=True)
+    pixels = read_pixels(picture.image, path, colour=True, coarsen=coarsen)
     states = np.empty(pixels.shape[:2], dtype=np.uint8)
     for top in range(0, len(pixels), _ROWS_AT_ONCE):
         states[top : top + _ROWS_AT_ONCE] = _states(pixels[top : top + _ROWS_AT_ONCE], rule)
@@ -57,8 +65,10 @@ def read_ros_map(path: Path, *, robot_radius: float, unknown_is_free: bool) -> W
             "0.196 keeps it unknown",
         )
     occupied = (states == _OCCUPIED if unknown_is_free else states != _FREE)[::-1]  # row 0 at the bottom
+    occupied, size, said = fewer_cells(occupied, picture.resolution, coarsen=coarsen, despeckle_m=despeckle_m)
     with naming(picture.image, MapError):
-        obstacles, bounds = outline_of_cells(occupied, cell_size_m=picture.resolution, origin=picture.origin)
+        obstacles, bounds = outline_of_cells(occupied, cell_size_m=size, origin=picture.origin)
+    notes += tuple(f"{path}: {note}" for note in said)
     return World(obstacles=obstacles, bounds=bounds, robot_radius=robot_radius, notes=notes)
 
 

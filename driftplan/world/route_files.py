@@ -6,6 +6,7 @@ their leg; frames are right-handed with z upwards, quaternions have x, y, z, w b
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,20 @@ def poses_csv(drift: Drift, *, spacing_m: float = 0.25) -> bytes:
     return "\n".join([",".join(columns), *lines, ""]).encode()
 
 
+@arguments_checked()
+def poses_yaml(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> bytes:
+    """The same as messages ``geometry_msgs/PoseWithCovarianceStamped``, which a ``nav_msgs/Path`` has no room for;
+    `read_path` reads the poses back. Of the covariances those of x, y and of the yaw are known."""
+    poses, driven = poses_along(drift.xy, spacing_m)
+    at = drift.at(np.minimum(driven, float(drift.length)))
+    covariance = np.zeros((len(poses), 6, 6))
+    covariance[:, :2, :2] = at.cov
+    covariance[:, 5, 5] = at.heading_std**2
+    rows = covariance.reshape(-1, 36).tolist()  # with a point, without which YAML 1.1 takes 1e-05 for a text
+    told = [f"[{', '.join(f'{value:.8e}' if value else '0.0' for value in row)}]" for row in rows]
+    return _stamped(poses, frame, told).encode()
+
+
 def read_ros_path(file: Path) -> Floats:
     """Poses (n, 3) of a ``nav_msgs/Path`` or of waypoints, as written above or echoed by ROS."""
     held = read_yaml(file, TrajectoryError, max_bytes=_MAX_BYTES)
@@ -89,6 +104,7 @@ def read_ros_path(file: Path) -> Floats:
         with naming(f"{file}, pose {k + 1}", TrajectoryError):
             try:
                 pose = stamped.get("pose", stamped)
+                pose = pose.get("pose", pose)  # with a covariance
                 x, y = (float(pose["position"][name]) for name in "xy")
                 q = np.array([float(pose["orientation"].get(name, 0.0)) for name in "xyzw"])
             except (AttributeError, KeyError, TypeError):
@@ -104,12 +120,14 @@ def read_ros_path(file: Path) -> Floats:
     return poses
 
 
-def _stamped(poses: Floats, frame: str) -> str:
+def _stamped(poses: Floats, frame: str, covariances: Sequence[str] = ()) -> str:
     lines = []
-    for x, y, heading in poses.tolist():
+    for k, (x, y, heading) in enumerate(poses.tolist()):
         position = f"{{x: {_number(x)}, y: {_number(y)}, z: 0.0}}"
         turned = f"{{x: 0.0, y: 0.0, z: {_number(np.sin(heading / 2))}, w: {_number(np.cos(heading / 2))}}}"
-        lines.append(f"- header: {{frame_id: {frame}}}\n  pose: {{position: {position}, orientation: {turned}}}")
+        pose = f"{{position: {position}, orientation: {turned}}}"
+        pose = f"{{pose: {pose}, covariance: {covariances[k]}}}" if covariances else pose
+        lines.append(f"- header: {{frame_id: {frame}}}\n  pose: {pose}")
     return "\n".join(["poses:", *lines, ""])
 
 

@@ -1,8 +1,8 @@
-"""Route graphs of nav2's route server: nodes, directed edges and what is known of them, as GeoJSON.
+"""Route graphs: nodes, directed edges and what is known of them, of nav2's route server and of fleets.
 
-Coordinates are metres of the map's frame, whatever ``crs`` the file names (nav2's own tools write EPSG:3857). An edge
-is straight from its start to its end node, as nav2 drives it, whatever its geometry says. A file is written back as it
-was read but for the metadata that were added to edges: ids, order, spaces and digits stay.
+In nav2's GeoJSON coordinates are metres of the map's frame, whatever ``crs`` the file names (nav2's own tools write
+EPSG:3857). An edge is straight from its start to its end node, as nav2 drives it, whatever its geometry says. A file is
+written back as it was read but for the metadata that were added to edges: ids, order, spaces and digits stay.
 """
 
 from __future__ import annotations
@@ -16,12 +16,15 @@ from reprlib import repr as short
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, Ints
+from driftplan.arrays import Floats, Ints, point_of
 from driftplan.errors import MapError, naming
-from driftplan.files import read_bytes
+from driftplan.files import plain_numbers, read_bytes
 from driftplan.world.building_map import building_lanes
+from driftplan.world.formats import Format, Mark, format_of, own_options
 from driftplan.world.geojson_map import position_of, read_features
+from driftplan.world.lif import lif_bytes, read_lif
 
 _MAX_BYTES = 20_000_000
 _SPACE = " \t\r\n"
@@ -34,26 +37,41 @@ class RouteGraph:
 
     Attributes
     ----------
-    node_ids : of the nodes, in the order of the file
+    node_ids : of the nodes, in the order of the file: numbers, in LIF texts
     xy : (n, 2), where the nodes are, metres
     edge_ids : of the edges
     edges : (m, 2), for every edge its start and end as indices of nodes
     metadata : of every edge, by name
-    text : of the file that it was read from
+    notes : what a person might not expect of the file
+    text : of the file that it was read from, if that is nav2's
     """
 
-    node_ids: tuple[int, ...]
+    node_ids: tuple[int, ...] | tuple[str, ...]
     xy: Floats
-    edge_ids: tuple[int, ...]
+    edge_ids: tuple[int, ...] | tuple[str, ...]
     edges: Ints
     metadata: tuple[Mapping[str, Any], ...] = ()
+    notes: tuple[str, ...] = ()
     text: str = field(default="", repr=False)
 
-    def node(self, number: int) -> int:
+    @classmethod
+    def of_routes(cls, routes: Sequence[Floats]) -> RouteGraph:
+        """The corners of routes, and their legs."""
+        legs = np.concatenate([np.stack([route[:-1], route[1:]], axis=1) for route in routes])
+        xy, ends = np.unique(legs.reshape(-1, 2), axis=0, return_inverse=True)
+        edges = np.unique(ends.reshape(-1, 2), axis=0)
+        return cls(tuple(range(len(xy))), xy, tuple(range(len(edges))), edges)
+
+    def node(self, name: int | str) -> int:
         """The index of the node of this id."""
-        if number not in self.node_ids:
-            raise ValueError(f"expected the id of a node, {min(self.node_ids)} to {max(self.node_ids)}, got {number}")
-        return self.node_ids.index(number)
+        known = [*map(str, self.node_ids)]
+        if str(name) not in known:
+            raise ValueError(f"expected the id of a node, {min(self.node_ids)} to {max(self.node_ids)}, got {name}")
+        return known.index(str(name))
+
+    def nearest(self, xy: ArrayLike) -> int:
+        """The index of the node nearest to a point (2,)."""
+        return int(np.hypot(*(self.xy - point_of("xy", xy)).T).argmin())
 
     def routes(self) -> list[Floats]:
         """Every edge as a path (2, 2), for `predict_drift` and `place_beacons`."""
@@ -61,7 +79,7 @@ class RouteGraph:
 
 
 def load_graph(path: str | os.PathLike[str], *, level: str | None = None) -> RouteGraph:
-    """The route graph of a file: GeoJSON of nav2's, or the lanes of an Open-RMF building (of a ``level``).
+    """The route graph of a file: GeoJSON of nav2's, LIF, or the lanes of an Open-RMF building (of a ``level``).
 
     Raises
     ------
@@ -78,11 +96,26 @@ def load_graph(path: str | os.PathLike[str], *, level: str | None = None) -> Rou
     [[0.0, 0.0], [5.0, 0.0]]
     """
     file = Path(path)
-    if file.name.lower().endswith(".building.yaml"):
-        vertices, lanes = building_lanes(file, level)
-        if not lanes:
-            raise MapError(f"{file}: expected lanes, got none")
-        return RouteGraph(tuple(range(len(vertices))), vertices, tuple(range(len(lanes))), np.array(lanes))
+    form = format_of(file, FORMATS, "a route graph")
+    graph: RouteGraph = form.read(file, **own_options(file, form, FORMATS, {"level": level}))
+    if not len(graph.edges):
+        raise MapError(f"{file}: expected a graph of nodes and edges, got {len(graph.xy)} nodes and no edges")
+    return graph
+
+
+def _read_building(file: Path, level: str | None = None) -> RouteGraph:
+    vertices, lanes = building_lanes(file, level)
+    if not lanes:
+        raise MapError(f"{file}: expected lanes, got none")
+    return RouteGraph(tuple(range(len(vertices))), vertices, tuple(range(len(lanes))), np.array(lanes))
+
+
+def _read_lif(file: Path, level: str | None = None) -> RouteGraph:
+    layout = read_lif(file, level)
+    return RouteGraph(layout.nodes, layout.xy, layout.edges, layout.ends, notes=layout.notes)
+
+
+def _read_nav2(file: Path) -> RouteGraph:
     nodes: dict[int, tuple[float, float]] = {}
     edges: list[tuple[int, int, int]] = []  # id, from, to: ids may occur twice, as in nav2's own files
     metadata = []
@@ -107,13 +140,17 @@ def load_graph(path: str | os.PathLike[str], *, level: str | None = None) -> Rou
     for number, *pair in edges:
         if lost := [end for end in pair if end not in index]:
             raise MapError(f"{file}: edge {number} leads to node {lost[0]}, which is not there")
-    if not edges:
-        raise MapError(f"{file}: expected a graph of nodes and edges, got {len(nodes)} nodes and no edges")
-    ends = np.array([[index[start], index[end]] for _, start, end in edges])
+    ends = np.array([[index[start], index[end]] for _, start, end in edges], dtype=int).reshape(-1, 2)
     with naming(file, MapError):
         text = read_bytes(file, MapError, max_bytes=_MAX_BYTES).decode()
-    edge_ids, xy = tuple(number for number, *_ in edges), np.array([*nodes.values()])
-    return RouteGraph(tuple(nodes), xy, edge_ids, ends, tuple(metadata), text)
+    edge_ids, xy = tuple(number for number, *_ in edges), np.array([*nodes.values()]).reshape(-1, 2)
+    return RouteGraph(tuple(nodes), xy, edge_ids, ends, tuple(metadata), text=text)
+
+
+def graph_lif(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = (), marks: Sequence[Mark] = ()) -> bytes:
+    """A graph as a layout in LIF, with metadata ``added`` to the descriptions of edges and beacons as stations."""
+    _one_each(graph, added)
+    return lif_bytes(graph.xy, graph.edges, graph.node_ids, graph.edge_ids, added, marks)
 
 
 def graph_geojson(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = ()) -> bytes:
@@ -121,8 +158,7 @@ def graph_geojson(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = ()) ->
 
     What a scorer of nav2 reads are metadata: ``penalty``, say, by its PenaltyScorer.
     """
-    if added and len(added) != len(graph.edges):
-        raise ValueError(f"expected metadata for {len(graph.edges)} edges, got {len(added)}")
+    _one_each(graph, added)
     text = graph.text or _written(graph)
     parts, done = [], 0
     edge = iter(added)
@@ -142,18 +178,28 @@ def graph_geojson(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = ()) ->
     return "".join([*parts, text[done:]]).encode()
 
 
+def _one_each(graph: RouteGraph, added: Sequence[Mapping[str, Any]]) -> None:
+    if added and len(added) != len(graph.edges):
+        raise ValueError(f"expected metadata for {len(graph.edges)} edges, got {len(added)}")
+
+
 def _written(graph: RouteGraph) -> str:
+    """Ids that are texts become numbers from 0: nav2 knows no others."""
     crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3857"}}  # what nav2's own files say
+    nodes, edges = (
+        ids if all(type(number) is int for number in ids) else range(len(ids))
+        for ids in (graph.node_ids, graph.edge_ids)
+    )
     features: list[dict[str, Any]] = [
         {"properties": {"id": number, "frame": "map"}, "geometry": {"type": "Point", "coordinates": xy}}
-        for number, xy in zip(graph.node_ids, graph.xy.tolist(), strict=True)
+        for number, xy in zip(nodes, graph.xy.tolist(), strict=True)
     ]
-    for k, (number, (a, b)) in enumerate(zip(graph.edge_ids, graph.edges.tolist(), strict=True)):
-        held = {"id": number, "startid": graph.node_ids[a], "endid": graph.node_ids[b]}
+    for k, (number, (a, b)) in enumerate(zip(edges, graph.edges.tolist(), strict=True)):
+        held = {"id": number, "startid": nodes[a], "endid": nodes[b]}
         known = {"metadata": graph.metadata[k]} if graph.metadata and graph.metadata[k] else {}
         line = {"type": "LineString", "coordinates": graph.xy[[a, b]].tolist()}
         features.append({"properties": held | known, "geometry": line})
-    lines = ",\n".join(json.dumps({"type": "Feature", **feature}) for feature in features)
+    lines = ",\n".join(json.dumps(plain_numbers({"type": "Feature", **feature})) for feature in features)
     return f'{{"type": "FeatureCollection", "name": "graph", "crs": {json.dumps(crs)}, "features": [\n{lines}\n]}}\n'
 
 
@@ -185,3 +231,10 @@ def _after(text: str, at: int) -> int:
     while text[at] in _SPACE:
         at += 1
     return at
+
+
+FORMATS = (
+    Format("Open-RMF", (".building.yaml",), _read_building, options=("level",)),
+    Format("LIF", (".lif", ".lif.json"), _read_lif, options=("level",)),
+    Format("nav2", (".geojson", ".json"), _read_nav2),
+)

@@ -97,6 +97,20 @@ class World:
         merged = MultiPolygon(list(shapely.get_parts(shapely.union_all(drawn)))) if drawn else MultiPolygon()
         return cls(obstacles=merged, bounds=bounds_of(bounds), robot_radius=robot_radius, zones=tuple(zones))
 
+    @classmethod
+    def within(
+        cls,
+        ground: Polygon | MultiPolygon,
+        obstacles: Sequence[Polygon | MultiPolygon],
+        *,
+        robot_radius: float,
+        zones: Iterable[Zone] = (),
+    ) -> World:
+        """A world whose bounds are those of the ``ground``, outside of which everything is an obstacle."""
+        outside = shapely.box(*ground.bounds).difference(ground)
+        walls = [*obstacles, *([] if outside.is_empty else [outside])]
+        return cls.from_polygons(walls, bounds=ground.bounds, robot_radius=robot_radius, zones=zones)
+
     # Driving
 
     @cached_property

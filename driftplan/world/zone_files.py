@@ -10,7 +10,8 @@ placed like a ROS map, which says what the greys of its picture mean::
       100: {heading_var_per_m: 1.0e-3}                             # pixels of the value 100: a wet floor
       200: {heading_var_per_m: 2.0e-4, distance_var_per_m: 1.0e-3}
 
-Pixels of other values are no zone.
+Pixels of other values are no zone. What map_server says of a picture (negate, mode, thresholds) may stand beside: a
+speed mask of nav2's, with the key zones added, is a zone file.
 """
 
 from __future__ import annotations
@@ -19,21 +20,26 @@ import os
 from pathlib import Path
 from reprlib import repr as short
 
+import numpy as np
+
 from driftplan.errors import MapError, naming
 from driftplan.world.cell_pictures import read_header, read_pixels
 from driftplan.world.cells import area_of_cells
+from driftplan.world.formats import Format, format_of
 from driftplan.world.geojson_map import read_geojson_map, zone_noise
+from driftplan.world.ros_map import RULE_KEYS
 from driftplan.world.zones import Zone
 
 _MOST_ZONES = 64  # each is cut out of every path
 
 
-def load_zones(path: str | os.PathLike[str]) -> tuple[Zone, ...]:
+def load_zones(path: str | os.PathLike[str], *, origin: tuple[float, float] | None = None) -> tuple[Zone, ...]:
     """The zones of a GeoJSON map or of a raster, for `World`; `load_world` takes the file's name too.
 
     Parameters
     ----------
     path : path of a ``.geojson``, ``.json``, ``.yaml`` or ``.yml`` file, as the module's docstring says
+    origin : (longitude, latitude), of GeoJSON in degrees, as for `load_world`
 
     Raises
     ------
@@ -46,24 +52,27 @@ def load_zones(path: str | os.PathLike[str]) -> tuple[Zone, ...]:
     [True]
     """
     path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix in (".geojson", ".json"):
-        zones = read_geojson_map(path, robot_radius=0.0).zones
-    elif suffix in (".yaml", ".yml"):
-        zones = _read_raster(path)
-    else:
-        raise MapError(f"{path}: expected zones in a .geojson, .json, .yaml or .yml file, got {suffix or 'no suffix'}")
+    form = format_of(path, FORMATS, "zones")
+    zones: tuple[Zone, ...] = form.read(path, **({"origin": origin} if "origin" in form.options else {}))
     if not zones:
         raise MapError(f"{path}: expected at least one zone, got none")
     return zones
 
 
+def _read_geojson(path: Path, origin: tuple[float, float] | None) -> tuple[Zone, ...]:
+    return read_geojson_map(path, robot_radius=0.0, origin=origin).zones
+
+
 def _read_raster(path: Path) -> tuple[Zone, ...]:
-    picture = read_header(path, ("zones",), lenient=False)
-    listed = picture.values["zones"]
-    if not (isinstance(listed, dict) and 0 < len(listed) <= _MOST_ZONES):
-        raise MapError(f"{path}: expected zones to give 1 to {_MOST_ZONES} greys a noise, got {short(listed)}")
+    picture = read_header(path, (), ("zones", *RULE_KEYS))
     pixels = read_pixels(picture.image, path, colour=False)[::-1]  # row 0 at the bottom
+    listed = picture.values.get("zones")
+    if not (isinstance(listed, dict) and 0 < len(listed) <= _MOST_ZONES):
+        greys = f"the greys of {picture.image.name} are {short(np.unique(pixels).tolist())}"
+        raise MapError(
+            f"{path}: expected zones to give 1 to {_MOST_ZONES} greys a noise, got {short(listed)}: add, say, zones: "
+            f"{{100: {{heading_var_per_m: 1e-3}}}}; {greys}"
+        )
     zones = []
     for grey, noise in listed.items():
         where = f"{path}, zone {short(grey)}"
@@ -78,3 +87,9 @@ def _read_raster(path: Path) -> tuple[Zone, ...]:
             area = area_of_cells(chosen, cell_size_m=picture.resolution, origin=picture.origin)
         zones.append(Zone(area, zone_noise(where, noise)))
     return tuple(zones)
+
+
+FORMATS = (
+    Format("GeoJSON", (".geojson", ".json"), _read_geojson, options=("origin",)),
+    Format("raster", (".yaml", ".yml"), _read_raster),
+)

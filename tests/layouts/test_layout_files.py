@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,11 +13,22 @@ import shapely
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.beacon_files import beacons_geojson, load_beacons
 from driftplan.beacons.readings import beacon_passes, drift_with_beacons
+from driftplan.beacons.tag_files import fiducial_map, tags_yaml
 from driftplan.errors import MapError
-from driftplan.layouts.layout import installer_table, layout_csv, layout_geojson
+from driftplan.layouts.layout import (
+    installer_columns,
+    installer_table,
+    layout_building,
+    layout_csv,
+    layout_dxf,
+    layout_geojson,
+    layout_html,
+    layout_lif,
+)
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
+from driftplan.report.figures.sheet import layout_pdf, layout_sheet
 from driftplan.world.world import World
 
 NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
@@ -151,3 +163,98 @@ def test_files_print_numbers_as_people_write_them_and_say_that_they_are_local_me
     assert all(x == round(x, 9) for x in coordinates)
     assert json.loads(text)["crs"]["properties"]["name"].startswith("LOCAL_CS[")
     assert "longitude" not in text
+
+
+BUILDING = """\
+name: hall
+levels:
+  L1:
+    measurements:
+      - [0, 1, {distance: [3, 40]}]
+    vertices:
+      - [0, 0, 0, ""]
+      - [400, 0, 0, ""]
+    walls: []
+"""
+
+
+def test_a_layout_reads_back_the_same_from_every_file_that_has_places(tmp_path):
+    """Places to a nanometre, ids and directions; what beacons measure is asked for."""
+    pytest.importorskip("ezdxf")
+    front = replace(SIGN, view_angle_deg=150.0)
+    layout = place_beacons(WORLD, ROUTES, NOISE, 0.9, Sites(front, spacing_m=2.0))
+    assert layout.beacons
+    (tmp_path / "hall.building.yaml").write_text(BUILDING)
+    files = {
+        "a.dxf": layout_dxf(layout),
+        "a.lif": layout_lif(layout),
+        "a.building.yaml": layout_building(layout, tmp_path / "hall.building.yaml"),
+        "tags.yaml": tags_yaml(layout.beacons, size_m=0.2),
+        "map.txt": fiducial_map(layout.beacons),
+    }
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+        again = load_beacons(tmp_path / name, front)
+        if name.startswith("a."):
+            assert [beacon.id for beacon in again] == [beacon.id for beacon in layout.beacons]
+        np.testing.assert_allclose([b.xy for b in again], [b.xy for b in layout.beacons], atol=1e-6)
+        turned = np.radians([a.facing_deg - b.facing_deg for a, b in zip(again, layout.beacons, strict=True)])
+        np.testing.assert_allclose(np.cos(turned), 1)
+        with pytest.raises(MapError, match="says nothing of what beacons measure: load them with a kind"):
+            load_beacons(tmp_path / name)
+
+
+def test_installers_measure_from_the_nearest_wall(layout):
+    ezdxf = pytest.importorskip("ezdxf")
+    drawing = ezdxf.read(io.StringIO(layout_dxf(layout).decode()))
+    assert drawing.audit().errors == []
+    measured = [dimension.get_measurement() for dimension in drawing.modelspace().query("DIMENSION")]
+    rows = [row.nearest_wall_m for row in installer_table(layout) if row.nearest_wall_m > 1e-3]
+    assert sorted(measured) == pytest.approx(sorted(rows))
+
+
+def test_the_table_as_a_page_says_what_the_csv_says(layout):
+    page = layout_html(layout).decode()
+    rows = [re.findall(r"<td[^>]*>([^<]*)</td>", line) for line in page.split("<tr>")[2:]]
+    said = list(csv.DictReader(io.StringIO(layout_csv(layout).decode())))
+    assert [row[0] for row in rows] == [line["id"] for line in said]
+    assert [float(row[2]) for row in rows] == pytest.approx([float(line["x_m"]) for line in said], abs=0.006)
+    assert page.startswith("<!DOCTYPE html>")
+    assert "Metres in the frame map" in page
+
+
+def test_installers_learn_the_side_of_the_wall(layout):
+    row = installer_table(layout)[0]._replace(x_m=1.0, y_m=1.0, nearest_wall_m=1.0, wall_x_m=1.0, wall_y_m=1.0)
+    cases = {
+        "above wall": row._replace(wall_y_m=0.0),
+        "below wall": row._replace(wall_y_m=2.0),
+        "right of wall": row._replace(wall_x_m=0.1),
+        "left of wall": row._replace(wall_x_m=2.0),
+        "on the wall": row._replace(nearest_wall_m=0.0),
+        "faces 90°": row._replace(facing_deg=90.0),
+        "-": row._replace(nearest_wall_m=np.nan),
+    }
+    assert installer_columns([*cases.values()])["mounted"] == [*cases]
+
+
+@pytest.mark.parametrize("count", [1, 120])
+def test_the_sheet_is_one_page_a3_to_a_round_scale(count):
+    tags = tuple(Beacon(BeaconKind.rfid(1.5, 0.1), 0.3 * k, 1.5 + k % 3, f"T{k}", facing_deg=k) for k in range(count))
+    layout = place_beacons(WORLD, ROUTES, NOISE, 9.0, Sites(SIGN, spacing_m=2.0, existing=tags))
+    page = layout_pdf(layout)
+    (box,) = re.findall(rb"/MediaBox \[ ?([\d. ]+)\]", page)
+    assert [float(v) / 72 * 25.4 for v in box.split()] == pytest.approx([0, 0, 420, 297], abs=0.5)
+    assert page == layout_pdf(layout)
+    figure = layout_sheet(layout)
+    plan, table, bar = figure.axes
+    width_m, width_mm = np.diff(plan.get_xlim())[0], plan.get_position().width * 420
+    (scale,) = (int(text.get_text().split()[3]) for text in figure.texts if text.get_text().startswith("scale"))
+    assert width_m / (width_mm / 1000) == pytest.approx(scale)
+    assert plan.get_position().height * 297 / 1000 * scale == pytest.approx(np.diff(plan.get_ylim())[0])
+    bar_m = float(next(text.get_text() for text in figure.texts if text.get_text().endswith(" m")).split()[0])
+    assert bar.get_position().width * 420 / 1000 * scale == pytest.approx(bar_m)
+    listed = {text.get_text() for text in table.texts}
+    shown = listed & {tag.id for tag in tags}
+    assert len(shown) == count or f"and {count - len(shown)} more, in the CSV table" in listed
+    drawn = {text.get_text() for text in plan.texts}
+    assert {tag.id for tag in tags} <= drawn

@@ -361,8 +361,11 @@ def test_plan_writes_geojson_and_a_picture(run, map_file, tmp_path):
     (feature,) = json.loads(files[0].read_text())["features"]
     waypoints = json.loads(out)["route"]["waypoints"]
     assert code == 0
-    assert feature["geometry"]["coordinates"] == [[p["x_m"], p["y_m"]] for p in waypoints]
-    assert feature["properties"]["rms_m"] == [p["rms_m"] for p in waypoints]
+    expected = [
+        [p["x_m"], p["y_m"]] for p in waypoints
+    ]  # in the file as people write them: 2.0, not 2.0000000000000004
+    np.testing.assert_allclose(feature["geometry"]["coordinates"], expected, rtol=1e-14)
+    np.testing.assert_allclose(feature["properties"]["rms_m"], [p["rms_m"] for p in waypoints], rtol=1e-14)
     assert feature["properties"]["planner"] == "roadmap"
     assert files[1].read_bytes().startswith(b"\x89PNG")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["route.geojson", "route.png"]
@@ -399,8 +402,8 @@ def test_maps_that_come_along_go_by_name(run):
         (["--start", "-3,-3", "--goal", "2,-3", "--planner", "prm"], "planner 'prm' cannot minimise drift: .*roadmap"),
         (["--start", "-3,-3", "--goal", "2,-3", "--planner", "best"], "unknown planner 'best'.*roadmap"),
         (["--start", "-3,-3", "--goal", "2,-3", "--minimise", "fun"], "invalid choice: 'fun'"),
-        (["--start", "-3,-3", "--goal", "2,-3", "--unknown-is-free"], "--unknown-is-free is for ROS maps"),
-        (["--start", "-3,-3", "--goal", "2,-3", "--cell-size-m", "2"], "--cell-size-m is for MovingAI maps"),
+        (["--start", "-3,-3", "--goal", "2,-3", "--unknown-is-free"], "--unknown-is-free is for ROS files"),
+        (["--start", "-3,-3", "--goal", "2,-3", "--cell-size-m", "2"], "--cell-size-m is for MovingAI files"),
     ],
 )
 def test_what_cannot_be_planned_is_refused_in_one_line(refused, map_file, options, match):

@@ -8,7 +8,18 @@ import numpy as np
 import pytest
 import yaml
 
-from driftplan import MapError, OdometryNoise, graph_routes, load_graph, load_world, save_world
+from driftplan import (
+    BeaconKind,
+    MapError,
+    OdometryNoise,
+    graph_routes,
+    load_beacons,
+    load_graph,
+    load_world,
+    save_world,
+)
+from driftplan.world.building_map import building_marks, building_with_marks
+from driftplan.world.formats import Mark
 
 OFFICE = Path(__file__).resolve().parents[3] / "shared/data/open_rmf/office.building.yaml"
 # 20 x 10 m, 10 pixels a metre, y downwards; a wall from the top to the middle; two lanes
@@ -95,7 +106,7 @@ def test_buildings_are_read_only_and_have_options_of_their_own(small, tmp_path):
     with pytest.raises(ValueError, match=r"Open-RMF maps are read only: save it as \.geojson"):
         save_world(world, tmp_path / "new.building.yaml")
     save_world(world, tmp_path / "new.geojson")
-    with pytest.raises(ValueError, match="level is for Open-RMF maps: GeoJSON maps have no levels"):
+    with pytest.raises(ValueError, match="level is for Open-RMF and IMDF files: new\\.geojson is one of GeoJSON"):
         load_world(tmp_path / "new.geojson", robot_radius=0.3, level="L1")
 
 
@@ -117,3 +128,36 @@ def test_lanes_that_lead_one_way_do(small):
     with pytest.raises(MapError, match="expected lanes, got none"):
         load_graph(small(lambda level: level.update(lanes=[])))
     assert np.isfinite(load_graph(small()).xy).all()
+
+
+@pytest.mark.parametrize("flow", [False, True])
+def test_beacons_become_vertices_and_nothing_else_changes(small, flow):
+    file = small()
+    if flow:
+        file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()), default_flow_style=True))
+    before = file.read_text()
+    content = building_with_marks(file, [Mark("A7", 2.0, -3.0, 90.0), Mark('"quoted" ü', 9.6, -8.1)]).decode()
+    added = yaml.safe_load(content)
+    vertices = added["levels"]["L1"]["vertices"]
+    assert vertices[-2] == [20.0, 30.0, 0, "A7", {"driftplan_beacon": [4, True], "driftplan_facing_deg": [3, 90.0]}]
+    assert vertices[-1] == [96.0, 81.0, 0, '"quoted" ü', {"driftplan_beacon": [4, True]}]
+    del vertices[-2:]
+    assert added == yaml.safe_load(before)
+    if not flow:  # lines were added, none was touched
+        assert [line for line in content.splitlines() if "driftplan" not in line] == before.splitlines()
+    file.write_text(content)
+    kind = BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    assert [(b.id, b.x, b.y) for b in load_beacons(file, kind)] == [("A7", 2, -3), ('"quoted" ü', 9.6, -8.1)]
+    assert len(load_graph(file).edges) == 3
+
+
+def test_the_office_keeps_every_byte_but_the_new_vertices(tmp_path):
+    if not OFFICE.exists():
+        pytest.skip("needs open_rmf in shared/data, made by others and not shipped")
+    content = building_with_marks(OFFICE, [Mark("A7", 2.0, -3.0)])
+    old, new = OFFICE.read_bytes().splitlines(), content.splitlines()
+    (added,) = [line for line in new if b"driftplan" in line]
+    assert [line for line in new if line != added] == old
+    (tmp_path / "a.building.yaml").write_bytes(content)
+    (mark,) = building_marks(tmp_path / "a.building.yaml")
+    assert (mark.name, mark.x, mark.y) == ("A7", pytest.approx(2.0), pytest.approx(-3.0))

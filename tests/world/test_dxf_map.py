@@ -21,7 +21,8 @@ from driftplan import (
     place_beacons,
     save_world,
 )
-from driftplan.world.dxf_map import Mark, drawing_of
+from driftplan.world.dxf_map import drawing_of
+from driftplan.world.formats import Mark
 
 ezdxf = pytest.importorskip("ezdxf")
 ROOM = World.from_polygons([shapely.box(2, 1, 3, 4), shapely.box(6, 2, 7, 6)], bounds=(0, 0, 10, 6), robot_radius=0.25)
@@ -87,8 +88,10 @@ def test_drawings_without_units_or_walls_are_refused(tmp_path):
 
 
 def test_marks_have_their_places_names_and_directions():
-    mark = Mark("A1", 1.0, 2.0, 90.0, 1.5)
-    drawing = read(drawing_of(None, [np.array([[0.0, 0.0], [5.0, 0.0]])], [mark]))
+    mark = Mark("A1", 1.0, 2.0, 90.0)
+    drawing = read(
+        drawing_of(None, [np.array([[0.0, 0.0], [5.0, 0.0]])], [mark], [(1.0, 2.0, 1.5)], [((0.0, 2.0), (1.0, 2.0))])
+    )
     assert drawing.audit().errors == []
     model = drawing.modelspace()
     (circle,), (line,), (text,) = (model.query(f'{kind}[layer=="BEACONS"]') for kind in ("CIRCLE", "LINE", "TEXT"))
@@ -109,5 +112,5 @@ def test_a_layout_is_drawn_with_every_beacon():
 def test_without_the_library_one_line_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ezdxf", None)
     (tmp_path / "a.dxf").write_bytes(b"")
-    with pytest.raises(ImportError, match="DXF drawings need ezdxf: pip install ezdxf"):
+    with pytest.raises(ImportError, match=r"DXF drawings need ezdxf: pip install driftplan\[dxf\]"):
         load_world(tmp_path / "a.dxf", robot_radius=0.1)

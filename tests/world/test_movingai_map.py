@@ -47,7 +47,7 @@ def test_line_ends_of_other_systems_and_blank_lines_at_the_end_are_fine(tmp_path
         ("type octile\nheight 2\nwidth -3\nmap\n", "line 3: expected 'width N', got b'width -3'"),
         ("type octile\nheight 2\nwidth 0\nmap\n", "line 3: expected 'width N'"),
         ("type octile\nheight 2\nwidth 3\n...\n...\n", "line 4: expected 'map'"),
-        ("type octile\nheight 999999999\nwidth 999999999\nmap\n", "at most 25000000 cells, got 999999999 x 999999999"),
+        ("type octile\nheight 999999999\nwidth 999999999\nmap\n", "at most 150000000 cells, got 999999999 x 999999999"),
         ("type octile\nheight " + "9" * 5000 + "\nwidth 3\nmap\n", "line 2: expected 'height N'"),
         (HEADER + "...\n", "expected 2 rows of cells after the header, got 1"),
         (HEADER + "...\n...\n...\n", "expected 2 rows of cells after the header, got 3"),

@@ -212,7 +212,10 @@ def png_of_claimed_size(width: int, height: int) -> bytes:
         (b"P5\n4 4\n255\n\0\0\0", "not a readable"),
         (b"P5\n4", "not a readable"),
         (b"P5\n1000000 1000000\n255\n", "at most 25000000 pixels, got far more"),
-        (b"P5\n10000 10000\n255\n", "at most 25000000 pixels, got 10000 x 10000"),
+        (
+            b"P5\n10000 10000\n255\n",
+            "at most 25000000 cells, got 10000 x 10000: coarsen=2 \\(--coarsen 2\\) takes 2 x 2 of them for one",
+        ),
         (b"P5\n0 5\n255\n", "map.pgm"),
         (b"P5\n-4 -4\n255\n" + b"\0" * 16, "map.pgm"),
         (b"P5\n2 2\n99999999\n\0\0\0\0", "not a readable"),

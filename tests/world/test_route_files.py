@@ -8,7 +8,16 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan import OdometryNoise, TrajectoryError, poses_csv, predict_drift, read_path, ros_path_yaml, waypoints_yaml
+from driftplan import (
+    OdometryNoise,
+    TrajectoryError,
+    poses_csv,
+    poses_yaml,
+    predict_drift,
+    read_path,
+    ros_path_yaml,
+    waypoints_yaml,
+)
 from driftplan.report.cli import main
 from driftplan.world.route_files import poses_along
 
@@ -48,6 +57,22 @@ def test_what_is_written_is_yaml_and_read_back(path, tmp_path_factory):
         np.testing.assert_allclose(again[:, :2], expected[:, :2], atol=1e-6)
         np.testing.assert_allclose(np.exp(1j * again[:, 2]), np.exp(1j * expected[:, 2]), atol=1e-5)
     assert len(again) == len(path)
+
+
+@given(path=far_apart)
+@settings(max_examples=20, deadline=None)
+def test_poses_with_covariances_are_messages_and_read_back(path, tmp_path_factory):
+    file = tmp_path_factory.mktemp("path") / "poses.yaml"
+    drift = predict_drift(path, NOISE)
+    file.write_bytes(poses_yaml(drift, spacing_m=1.0))
+    poses, driven = poses_along(np.array(path), 1.0)
+    np.testing.assert_allclose(read_path(file)[:, :2], poses[:, :2], atol=1e-6)
+    held = [pose["pose"]["covariance"] for pose in yaml.safe_load(file.read_text())["poses"]]
+    assert {type(value) for row in held for value in row} == {float}
+    cov = np.array(held).reshape(-1, 6, 6)
+    at = drift.at(np.minimum(driven, float(drift.length)))
+    np.testing.assert_allclose(cov[:, :2, :2], at.cov, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(cov[:, 5, 5], at.heading_std**2, rtol=1e-6, atol=1e-12)
 
 
 def test_every_pose_has_the_covariance_of_the_prediction_there():

@@ -20,9 +20,11 @@ from driftplan import (
     RouteGraph,
     edge_metadata,
     graph_geojson,
+    graph_lif,
     graph_routes,
     load_graph,
     predict_drift,
+    read_path,
 )
 from driftplan.report.cli import main
 
@@ -154,3 +156,24 @@ def test_the_command_writes_penalties_and_finds_the_way(tmp_path, capsys):
     assert main(words) == 0
     assert "lowest drift: 18.00 m by 1 2 3" in capsys.readouterr().out
     assert main(words[:4]) == 2
+
+
+def test_a_plan_on_a_graph_is_between_the_nodes_nearest_to_its_ends(tmp_path, capsys):
+    graph = RouteGraph.of_routes(
+        [np.array([[2.0, 2.0], [30.0, 2.0], [30.0, 9.0]]), np.array([[30.0, 2.0], [50.0, 2.0]])]
+    )
+    assert sorted(map(tuple, graph.xy.tolist())) == [(2, 2), (30, 2), (30, 9), (50, 2)]
+    (tmp_path / "a.lif").write_bytes(graph_lif(graph))
+    words = ["plan", "warehouse", "--graph", str(tmp_path / "a.lif"), "--start", "2.3,2.4", "--goal", "30,8"]
+    assert main([*words, "--csv", str(tmp_path / "way.csv"), "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert "start is node 0 at (2, 2), 0.5 m away" in err
+    assert [way["nodes"] for way in json.loads(out)["routes"].values()] == [["0", "1", "2"]] * 2
+    assert read_path(tmp_path / "way.csv").tolist() == [[2, 2], [30, 2], [30, 9]]
+    for more, said in (
+        (["--planner", "bitstar"], "--planner would have no effect: a way on a --graph is found without"),
+        (["--geojson", str(tmp_path / "g.geojson")], "`driftplan graph` writes the graph back"),
+        (["--start", "50,2"], "no edges of the graph lead from node 3"),
+    ):
+        assert main([*words, *more]) in (2, 3)
+        assert said in capsys.readouterr().err

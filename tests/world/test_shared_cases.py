@@ -9,7 +9,19 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from driftplan import MapError, TrajectoryError, load_noise, load_trips, load_world, load_zones, read_path
+from driftplan import (
+    MapError,
+    TrajectoryError,
+    graph_lif,
+    load_graph,
+    load_noise,
+    load_trips,
+    load_world,
+    load_zones,
+    read_odometry,
+    read_path,
+    read_truth,
+)
 from driftplan.report.cli import main
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
@@ -91,6 +103,41 @@ def test_maps_that_others_ship(name):
     assert world.bounds == pytest.approx((0.0, 0.0, width, height))
     assert 0.1 < 1 - world.obstacles.area / (width * height) < 1
     assert (said in world.notes[0]) if said else not world.notes
+
+
+DRIVES = {  # how many moments they have
+    "euroc_v1_02/stamped_groundtruth.txt.gz": (read_truth, 16702),
+    "euroc_v1_02/stamped_traj_estimate0.txt.gz": (read_truth, 1355),
+    "kitti_00/KITTI_00_gt.txt.gz": (read_truth, 4541),
+    "mrclam7/Robot1_Groundtruth.dat.gz": (read_truth, 58389),
+    "mrclam7/Robot1_Odometry.dat.gz": (read_odometry, 58598),
+    "plaza1/Plaza1_.mat:GT": (read_truth, 9658),
+    "plaza1/Plaza1_.mat:DR": (read_odometry, 9658),
+}
+GRAPHS = {  # nodes and edges
+    "nav2_depot/depot_graph.geojson": (34, 78),
+    "nav2_route/aws_graph.geojson": (40, 84),
+    "open_rmf/office.building.yaml": (73, 60),
+}
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_drives_that_others_ship(name):
+    read, moments = DRIVES[name]
+    file, _, variable = name.partition(":")
+    said = {"variable": variable} if variable else {}
+    said |= {"kind": "increments"} if variable == "DR" else {}
+    log = read(shared(DATA / file), **said)
+    assert len(log.times) == moments
+
+
+@pytest.mark.parametrize("name", GRAPHS)
+def test_graphs_that_others_ship_keep_every_edge_in_lif(name, tmp_path):
+    graph = load_graph(shared(DATA / name))
+    assert (len(graph.xy), len(graph.edges)) == GRAPHS[name]
+    (tmp_path / "a.lif").write_bytes(graph_lif(graph))
+    again = load_graph(tmp_path / "a.lif")
+    np.testing.assert_allclose(again.routes(), graph.routes(), rtol=1e-12)
 
 
 def small(folder: Path, pixels: Image.Image, name: str = "map.png", **keys: object) -> Path:

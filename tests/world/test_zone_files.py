@@ -84,7 +84,7 @@ def test_zones_of_a_file_cover_those_of_the_map(tmp_path, raster):
         ("{distance_var_per_m: 0.02}", "{}", "zone 7: expected the zone's noise"),
         ("distance_var_per_m", "distanse_var_per_m", "zone 7: unknown noise 'distanse_var_per_m'"),
         ("0.02", "-0.02", "zone 7: expected distance_var_per_m >= 0, got -0.02"),
-        ("zones:", "zoness:", "the key 'zones' is missing"),
+        ("zones:", "zoness:", "unknown key 'zoness'; known are .*zones"),
         ("resolution: 0.5", "resolution: 0", "expected resolution > 0 m per cell"),
         ("floor.png", "../floor.png", "lies outside the map's folder"),
         ("floor.png", "wall.png", "is not a file"),
@@ -110,8 +110,20 @@ def test_a_picture_of_colours_is_refused(raster, tmp_path):
 def test_files_that_are_missing_without_zones_or_of_another_kind_are_refused(tmp_path):
     with pytest.raises(MapError, match="cannot be read: No such file"):
         load_zones(tmp_path / "floor.yaml")
-    with pytest.raises(MapError, match=r"expected zones in a .geojson, .json, .yaml or .yml file, got .csv"):
+    with pytest.raises(MapError, match=r"expected zones called .geojson or .json .*, .yaml or .yml .*, got .csv"):
         load_zones(tmp_path / "floor.csv")
     save_world(World.from_polygons([], bounds=(0, 0, 9, 9), robot_radius=0.1), tmp_path / "plain.geojson")
     with pytest.raises(MapError, match="expected at least one zone, got none"):
         load_zones(tmp_path / "plain.geojson")
+
+
+def test_a_speed_mask_of_nav2_becomes_zones_when_its_greys_are_given_a_noise(tmp_path):
+    Image.fromarray(np.array([[254, 100], [254, 100]], dtype=np.uint8)).save(tmp_path / "speed.pgm")
+    mask = "image: speed.pgm\nmode: scale\nresolution: 0.5\norigin: [0, 0, 0]\n"
+    mask += "negate: 0\noccupied_thresh: 1.0\nfree_thresh: 0\n"
+    (tmp_path / "speed.yaml").write_text(mask)
+    with pytest.raises(MapError, match=r"got None: add, say, zones: .*; the greys of speed\.pgm are \[100, 254\]"):
+        load_zones(tmp_path / "speed.yaml")
+    (tmp_path / "speed.yaml").write_text(mask + "zones:\n  100: {heading_var_per_m: 1e-3}\n")
+    (zone,) = load_zones(tmp_path / "speed.yaml")
+    assert zone.polygon.bounds == (0.5, 0, 1, 1)

@@ -136,7 +136,7 @@ COMMAND = Command(
     groups=(_WANTED, shared.KIND, _SITES, shared.WORLD, *shared.NOISE),
     files={
         "geojson": "write the beacons as GeoJSON points in metres; `driftplan plan --beacons` reads it back",
-        "csv": shared.CSV_TABLE,
+        "csv": shared.LAYOUT_FILES["csv"],
         "picture": "draw the design and the one it is compared with",
     },
     idle=shared.KIND_IDLE,

@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
-from driftplan.report.commands.answer import Answer
+from driftplan.report.commands.answer import Answer, talk
 from driftplan.report.commands.option import Command, Group, Idle, Option
 from driftplan.report.records import drift_as_json, drift_table
 from driftplan.tables import decimals, digits, table
+
+if TYPE_CHECKING:
+    from driftplan import Beacon, OdometryNoise, RouteGraph, World
 
 _MAX_EDGES = 20  # listed on the screen, those of most drift first; --json has them all
 
 
 def run(args: argparse.Namespace) -> Answer:
     """What every edge adds, and the way of least drift between two nodes."""
-    from driftplan import edge_metadata, graph_geojson, graph_routes, load_beacons, load_graph, load_world
-    from driftplan.report.figures.comparison import plot_comparison
+    from driftplan import edge_metadata, graph_geojson, graph_lif, load_beacons, load_graph, load_world
+    from driftplan.beacons.beacon_files import marks_of
 
-    noise, graph = shared.noise_from(args), load_graph(args.graph)
+    noise, graph = shared.noise_from(args), load_graph(args.graph, level=args.level)
+    for note in graph.notes:
+        talk(note)
     world = None if args.map is None else load_world(args.map, robot_radius=0.0)
     beacons = load_beacons(args.beacons) if args.beacons else ()
     if (args.start_node is None) != (args.goal_node is None):
@@ -30,14 +37,13 @@ def run(args: argparse.Namespace) -> Answer:
         {"id": number, "start": start, "goal": goal, **told}
         for number, (start, goal), told in zip(graph.edge_ids, ids, added, strict=True)
     ]
-    ways = {}
+    ways = None
     if args.start_node is not None:
-        least, shortest = graph_routes(graph, args.start_node, args.goal_node, noise, beacons, world)
-        ways = {"lowest drift": least, "shortest": shortest}
+        ways = ways_on_graph(graph, (args.start_node, args.goal_node), noise, beacons, world)
 
     def payload() -> dict[str, Any]:
-        routes = {name: {"nodes": way.nodes, "waypoints": drift_as_json(way.drift)} for name, way in ways.items()}
-        return {"noise": shared.noise_as_json(noise), "edges": edges, "routes": routes}
+        routes = ways.payload() if ways else {"routes": {}}
+        return {"noise": shared.noise_as_json(noise), "edges": edges, **routes}
 
     def text() -> str:
         shown = sorted(edges, key=lambda edge: -edge["penalty"])[:_MAX_EDGES]
@@ -46,23 +52,53 @@ def run(args: argparse.Namespace) -> Answer:
             if key in edges[0]:
                 columns[key.replace("_", " ")] = digits([edge[key] or float("nan") for edge in shown])[0]
         parts = [f"{len(edges)} edges, those that add most first", table(columns)]
-        for name, way in ways.items():
-            length = decimals([float(way.drift.length)], 2)[0]
-            parts += ["", f"{name}: {length} m by {' '.join(map(str, way.nodes))}", drift_table(way.drift)]
-        return "\n".join(parts)
+        return "\n".join([*parts, *(["", ways.text()] if ways else [])])
 
-    def drawn() -> Any:
+    def drawn(name: str) -> Any:
         if not ways:
             raise ValueError("expected --start-node and --goal-node to draw or write the way between them, got neither")
-        return {name: way.drift for name, way in ways.items()}
+        return ways.files[name]()
 
     return Answer(
         payload=payload,
         text=text,
         files={
             "geojson": lambda: graph_geojson(graph, added),
-            **shared.route_files(lambda: drawn()["lowest drift"]),
-            "picture": lambda: plot_comparison(world, drawn()),
+            "lif": lambda: graph_lif(graph, added, marks_of(beacons)),
+            **{name: partial(drawn, name) for name in (*shared.ROUTE_FILES, "picture")},
+        },
+    )
+
+
+def ways_on_graph(
+    graph: RouteGraph,
+    ends: tuple[int | str, int | str],
+    noise: OdometryNoise,
+    beacons: Sequence[Beacon],
+    world: World | None,
+) -> Answer:
+    """The way of least drift between two nodes and the shortest one: what is said of them, and their files."""
+    from driftplan import graph_routes
+    from driftplan.report.figures.comparison import plot_comparison
+
+    ways = dict(zip(("lowest drift", "shortest"), graph_routes(graph, *ends, noise, beacons, world), strict=True))
+
+    def text() -> str:
+        parts = []
+        for name, way in ways.items():
+            length = decimals([float(way.drift.length)], 2)[0]
+            parts += [f"{name}: {length} m by {' '.join(map(str, way.nodes))}", drift_table(way.drift), ""]
+        return "\n".join(parts[:-1])
+
+    def payload() -> dict[str, Any]:
+        return {"routes": {n: {"nodes": way.nodes, "waypoints": drift_as_json(way.drift)} for n, way in ways.items()}}
+
+    return Answer(
+        payload=payload,
+        text=text,
+        files={
+            **shared.route_files(lambda: ways["lowest drift"].drift),
+            "picture": lambda: plot_comparison(world, {name: way.drift for name, way in ways.items()}),
         },
     )
 
@@ -75,18 +111,20 @@ COMMAND = Command(
     "which the drift at the goal is least. Written back as GeoJSON every edge has metadata: penalty, which nav2's "
     "PenaltyScorer reads, and what it is made of.",
     run=run,
-    arguments=(Option("graph", "GRAPH.geojson", "nodes and edges, metres of the map's frame", str),),
+    arguments=(Option("graph", "GRAPH", "nodes and edges in metres: nav2's GeoJSON, .lif or .building.yaml", str),),
     groups=(
         Group("", (
-            Option("start_node", "ID", "id of the node to start from", int),
-            Option("goal_node", "ID", "id of the node to reach", int),
+            Option("start_node", "ID", "id of the node to start from", str),
+            Option("goal_node", "ID", "id of the node to reach", str),
             Option("beacons", "FILE.geojson", "beacons that are read on the way", str),
+            Option("level", "NAME", "layout or level of a graph that has several", str),
             Option("map", "MAP", "map file, whose walls block beacons and which is drawn", str),
         )),
         *shared.NOISE,
     ),
     files={
-        "geojson": "write the graph with metadata on every edge",
+        "geojson": "write the graph as GeoJSON of nav2's with metadata on every edge",
+        "lif": "write the graph as a layout in LIF, the metadata in the descriptions of edges, beacons as stations",
         **shared.ROUTE_FILES,
         "picture": "draw both ways, their error ellipses and their drift against distance",
     },

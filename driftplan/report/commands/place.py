@@ -11,14 +11,13 @@ from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, Progress, talk
 from driftplan.report.commands.option import Command, Group, Idle, Option, input_file, label
 from driftplan.report.records import record
-from driftplan.tables import NONE, counted, decimals, numbers, table, yes_no
+from driftplan.tables import counted, decimals, numbers, table, yes_no
 
 if TYPE_CHECKING:
     from driftplan import Layout, OdometryNoise, World
     from driftplan.arrays import Floats
 
 _MAX_ROUTES = 50  # more are not listed on the screen; --json has them all
-_MAX_NUMBERS = 6  # of routes that a beacon serves, on the screen
 
 
 def run(args: argparse.Namespace) -> Answer:
@@ -42,7 +41,7 @@ def run(args: argparse.Namespace) -> Answer:
     if args.tradeoff is None:
         asked = {"max_beacons": args.max_beacons, "progress": _tell, **effort}
         return _layout_answer(args, noise, place_beacons(world, routes, noise, limit, sites, **asked), free)
-    for name in ("max_drift", "max_beacons", "csv", "geojson", *shared.BEACON_FILES):
+    for name in ("max_drift", "max_beacons", *shared.LAYOUT_FILES):
         if getattr(args, name) is not None:
             raise ValueError(f"expected --tradeoff or --{name.replace('_', '-')}, got both")
     asked = {"max_beacons": args.tradeoff, "redundancy": args.redundancy, "confidence": args.confidence, **effort}
@@ -74,7 +73,7 @@ def _with_kinds(args: argparse.Namespace) -> bool:
 
 
 def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layout, free: list[bool]) -> Answer:
-    from driftplan import installer_table, layout_csv, layout_geojson
+    from driftplan import installer_table
     from driftplan.report.figures.layouts import layout_figure
 
     def payload() -> dict[str, Any]:
@@ -95,9 +94,7 @@ def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layou
         payload=payload,
         text=lambda: _layout_text(args, layout),
         files={
-            "csv": lambda: layout_csv(layout),
-            "geojson": lambda: layout_geojson(layout),
-            **shared.beacon_files(args, layout),
+            **shared.layout_files(args, layout),
             "picture": lambda: layout_figure(layout),
         },
     )
@@ -105,6 +102,7 @@ def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layou
 
 def _layout_text(args: argparse.Namespace, layout: Layout) -> str:
     from driftplan import installer_table
+    from driftplan.layouts.layout import installer_columns
 
     what = "drift" if args.confidence is None else f"{100 * args.confidence:g} % radius"
     rows, parts = installer_table(layout), []
@@ -117,17 +115,7 @@ def _layout_text(args: argparse.Namespace, layout: Layout) -> str:
         }
         parts.append(table(columns))
     if rows:
-        faced = any(isfinite(row.facing_deg) for row in rows)
-        columns = {
-            "id": [row.id for row in rows],
-            "kind": [row.kind if row.new else f"{row.kind} (existing)" for row in rows],
-            **numbers([row._asdict() for row in rows], 2, "x_m", "y_m", "nearest_wall_m"),
-            **({"faces deg": decimals([row.facing_deg for row in rows], 0)} if faced else {}),
-            "routes served": [_numbers(row.routes) for row in rows],
-            f"{what} if dead m": decimals([row.worst_drift_if_dead_m for row in rows], 3),
-            "on route": [NONE if row.worst_route_if_dead < 0 else row.worst_route_if_dead for row in rows],
-        }
-        parts.append(table(columns))
+        parts.append(table(installer_columns(rows, what)))
     hurts = ""
     if rows and rows[0].routes:
         hurts = f"The failure that hurts most is that of {rows[0].id}: {rows[0].worst_drift_if_dead_m:.3g} m. "
@@ -136,12 +124,6 @@ def _layout_text(args: argparse.Namespace, layout: Layout) -> str:
         f"{layout.worst_drift:.3g} m. {hurts}{_proof(layout)} {shared.note_of(layout)}".rstrip()
     )
     return "\n\n".join(parts)
-
-
-def _numbers(routes: tuple[int, ...]) -> str:
-    """Numbers of routes, the first few of many."""
-    text = ", ".join(map(str, routes[:_MAX_NUMBERS]))
-    return f"{text}, … ({len(routes)})" if len(routes) > _MAX_NUMBERS else text or NONE
 
 
 def _proof(layout: Layout) -> str:
@@ -209,9 +191,7 @@ COMMAND = Command(
     ),
     groups=(_WANTED, shared.KIND, _SITES, shared.WORLD, *shared.NOISE),
     files={
-        "csv": shared.CSV_TABLE,
-        "geojson": "write the beacons as GeoJSON points in metres, to be read back with --existing",
-        **shared.BEACON_FILES,
+        **shared.LAYOUT_FILES,
         "picture": "draw the layout on the map, drift against distance and what each failure does (or the trade-off)",
     },
     idle=(

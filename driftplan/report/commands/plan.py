@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from math import hypot
 from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
@@ -25,6 +26,8 @@ def run(args: argparse.Namespace) -> Answer:
         return _many(args)
     if args.start is None or args.goal is None:
         raise ValueError("expected both --start and --goal, or --trips")
+    if args.graph:
+        return _on_graph(args)
     from driftplan.report.figures.comparison import plot_comparison
     from driftplan.report.figures.itinerary import plot_itinerary
     from driftplan.report.records import beyond_linear_text, drift_as_json, drift_geojson, drift_table
@@ -69,6 +72,27 @@ def run(args: argparse.Namespace) -> Answer:
                 plot_itinerary(world, among_beacons) if among_beacons else plot_comparison(world, routes)
             ),
         },
+    )
+
+
+def _on_graph(args: argparse.Namespace) -> Answer:
+    """The ways between the nodes of a route graph that are nearest to the ends."""
+    from driftplan import load_beacons, load_graph
+    from driftplan.report.commands.graph import ways_on_graph
+
+    if args.geojson is not None:
+        raise ValueError("--geojson would have no effect with --graph: `driftplan graph` writes the graph back")
+    noise, world, graph = shared.noise_from(args), shared.world_from(args), load_graph(args.graph)
+    beacons = load_beacons(args.beacons) if args.beacons else ()
+    ends = graph.node_ids[graph.nearest(args.start)], graph.node_ids[graph.nearest(args.goal)]
+    for name, end, node in zip(("start", "goal"), (args.start, args.goal), ends, strict=True):
+        x, y = graph.xy[graph.node(node)].tolist()
+        talk(f"{name} is node {node} at ({x:g}, {y:g}), {hypot(x - end[0], y - end[1]):.3g} m away")
+    ways = ways_on_graph(graph, ends, noise, beacons, world)
+    return Answer(
+        payload=lambda: {"map": args.map, "graph": args.graph, "noise": shared.noise_as_json(noise), **ways.payload()},
+        text=ways.text,
+        files=ways.files,
     )
 
 
@@ -199,6 +223,8 @@ def itinerary_text(route: Route) -> str:
 # fmt: off
 _TRIPS = Option("trips", "FILE", "many routes instead, in parallel on one graph of the map: start_x, start_y, goal_x, "
                 "goal_y per line, metres, as for `driftplan design`", str)
+_GRAPH = Option("graph", "FILE", "on the edges of a route graph (nav2's GeoJSON, .lif, .building.yaml), from the node "
+                "nearest to the start to that nearest to the goal", str)
 _GOALS = (
     Option("minimise", "", "rms drift at the goal, length, or the greatest rms drift anywhere on the way", str,
            "drift", ("drift", "length", "worst_drift")),
@@ -223,7 +249,7 @@ COMMAND = Command(
     arguments=(shared.MAP,),
     groups=(
         Group("planning", (
-            *shared.ENDS, _TRIPS, shared.SNAP, *_GOALS, shared.START_HEADING, *shared.SEARCH,
+            *shared.ENDS, _TRIPS, _GRAPH, shared.SNAP, *_GOALS, shared.START_HEADING, *shared.SEARCH,
         )),
         shared.WORLD,
         _BEACONS,
@@ -237,6 +263,9 @@ COMMAND = Command(
     idle=(
         Idle(("start", "goal", "snap", "start_heading_deg", "planner", "iterations"), lambda args: bool(args.trips),
              _ONE_ROUTE),
+        Idle(("trips", "snap", "minimise", "max_detour", "start_heading_deg", "planner", "time_limit", "iterations",
+              "seed", "estimator", "max_drift", "redundancy", "min_capture", "start_position_std_m",
+              "start_heading_std_deg"), lambda args: bool(args.graph), "a way on a --graph is found without"),
         Idle(("redundancy", "min_capture", "estimator"), lambda args: not args.beacons,
              "there are no --beacons on the way"),
     ),

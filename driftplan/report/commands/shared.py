@@ -26,7 +26,10 @@ WORLD = Group("map and robot", (
     Option("robot_radius", "M", "radius of the robot, metres", default=0.3),
     Option("unknown_is_free", "", "take unknown cells of a ROS map for free (default: they are obstacles)"),
     Option("cell_size_m", "M", "cell size of a MovingAI map, metres (default: 1)"),
-    Option("level", "NAME", "level of an Open-RMF building that has several", str),
+    Option("level", "NAME", "level of an Open-RMF building or IMDF venue that has several", str),
+    Option("origin", "LON,LAT", "where x = y = 0 is, degrees, for GeoJSON and IMDF maps in degrees", point),
+    Option("coarsen", "N", "take N x N cells of a large map for one, an obstacle if one of them is", int),
+    Option("despeckle_m", "M", "drop groups of occupied cells no larger than this, metres"),
     Option("keepout", "FILE.yaml", "keepout mask of nav2's: what it marks is an obstacle too", str),
     Option("zones", "FILE", "floors with odometry of their own: .geojson, or a .yaml that says what the greys of a "
            "picture mean", str),
@@ -131,16 +134,22 @@ ROUTE_FILES = {
     "csv": "write the waypoints x,y as CSV, metres; `driftplan predict` and `compare` read it back",
     "ros_path": "write a nav_msgs/Path as YAML, with a pose every 0.25 m",
     "poses": "write these poses as CSV, each with the covariance of the estimate there",
+    "ros_poses": "write them as YAML, geometry_msgs/PoseWithCovarianceStamped each",
     "waypoints": "write the corners as YAML, the goal of nav2's FollowWaypoints",
 }
 TAG_SIZE = Option("tag_size_m", "M", "width of a tag, metres, for --tags", default=0.16)
-BEACON_FILES = {
+LAYOUT_FILES = {
+    "csv": "write the installers' table: id, place, nearest wall, routes, which failure hurts most",
+    "table": "write the installers' table as a page of HTML",
+    "pdf": "write the installers' sheet, one page A3: plan to scale, ids, places, nearest walls, directions",
+    "geojson": "write the beacons as GeoJSON points in metres, to be read back with --existing",
     "tags": "write the beacons as tags.yaml of apriltag_ros, a bundle in the frame of the map",
     "fiducials": "write the beacons as map.txt of fiducial_slam",
     "transforms": "write a shell script that publishes the beacons as static transforms",
-    "dxf": "write a DXF drawing for installers: walls, routes, beacons with ids and ranges",
+    "dxf": "write a DXF drawing for installers: walls, routes, beacons with ids, ranges and distances to walls",
+    "lif": "write a layout in LIF for fleets: routes as nodes and edges, beacons as stations",
+    "building": "write the Open-RMF building that MAP is, with the beacons as vertices",
 }
-CSV_TABLE = "write the installers' table: id, place, nearest wall, routes, which failure hurts most"
 # fmt: on
 
 
@@ -221,25 +230,34 @@ def _end(args: argparse.Namespace, world: World, name: str, error: type[Driftpla
     )
 
 
-def beacon_files(args: argparse.Namespace, layout: Layout) -> dict[str | Path, Callable[[], Any]]:
-    """What `BEACON_FILES` names."""
-    from driftplan import fiducial_map, layout_dxf, static_transforms, tags_yaml
+def layout_files(args: argparse.Namespace, layout: Layout) -> dict[str | Path, Callable[[], Any]]:
+    """What `LAYOUT_FILES` names."""
+    import driftplan
+    from driftplan.report.figures.sheet import layout_pdf
 
-    beacons = (*layout.existing, *layout.beacons)
+    def building() -> bytes:
+        if not args.map.lower().endswith(".building.yaml"):
+            raise ValueError(f"--building writes the building of an Open-RMF map back, and MAP is {args.map}")
+        return driftplan.layout_building(layout, args.map, level=args.level)
+
+    of_layout = {"csv": driftplan.layout_csv, "table": driftplan.layout_html, "pdf": layout_pdf}
+    of_layout |= {"geojson": driftplan.layout_geojson, "dxf": driftplan.layout_dxf, "lif": driftplan.layout_lif}
+    of_beacons = {"fiducials": driftplan.fiducial_map, "transforms": driftplan.static_transforms}
     return {
-        "tags": lambda: tags_yaml(beacons, size_m=args.tag_size_m),
-        "fiducials": lambda: fiducial_map(beacons),
-        "transforms": lambda: static_transforms(beacons),
-        "dxf": lambda: layout_dxf(layout),
+        **{name: partial(write, layout) for name, write in of_layout.items()},
+        **{name: partial(write, layout.everyone) for name, write in of_beacons.items()},
+        "tags": lambda: driftplan.tags_yaml(layout.everyone, size_m=args.tag_size_m),
+        "building": building,
     }
 
 
 def route_files(drift: Callable[[], Drift]) -> dict[str | Path, Callable[[], Any]]:
     """What `ROUTE_FILES` names."""
     from driftplan.report.records import path_csv
-    from driftplan.world.route_files import poses_csv, ros_path_yaml, waypoints_yaml
+    from driftplan.world.route_files import poses_csv, poses_yaml, ros_path_yaml, waypoints_yaml
 
-    written = {"csv": path_csv, "ros_path": ros_path_yaml, "poses": poses_csv, "waypoints": waypoints_yaml}
+    written = {"csv": path_csv, "poses": poses_csv, "ros_poses": poses_yaml}
+    written |= {"ros_path": ros_path_yaml, "waypoints": waypoints_yaml}
     return {name: partial(_of, write, drift) for name, write in written.items()}
 
 

@@ -10,4 +10,5 @@ maps                            worlds, routes with their ellipses, beacons with
 drift                           drift against distance
 comparison, itinerary, layouts, designs, fits
                                 whole figures
+sheet                           the installers' page A3
 """

@@ -70,7 +70,7 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
     routes.set_clim(0.0, max(layout.max_drift))
     ax.add_collection(routes)
     if len(layout.drifts) <= _MAX_LABELS:
-        box = _map_box(layout)
+        box = map_box(layout)
         starts = np.array([drift.xy[0] for drift in layout.drifts])
         right_edge, room = np.array([0.1, 0.9]) @ box[:, 0], _NAME_SHARE * (box[1] - box[0])
         for r, start in enumerate(starts):
@@ -186,7 +186,7 @@ def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
     on_map = figure.add_subplot(grid[0, :])
     plot_layout(layout, ax=on_map)
     keep = f"keep {counted(len(layout.drifts), 'route')} under {max(layout.max_drift):.3g} m"
-    on_map.set_title(f"{_found(layout)} {keep}; worst {layout.worst_drift:.3g} m", fontsize=10)
+    on_map.set_title(f"{found_in_words(layout)} {keep}; worst {layout.worst_drift:.3g} m", fontsize=10)
     if on_map.get_legend_handles_labels()[0]:
         on_map.legend(loc="upper right", fontsize=8, framealpha=0.9)
     plot_sawtooth(layout, ax=figure.add_subplot(grid[1, 0]))
@@ -207,7 +207,7 @@ def layouts_figure(layouts: Mapping[str, Layout], *, figure: Figure | None = Non
     maps, curves = figure.subplots(2, len(layouts), squeeze=False, sharey="row", height_ratios=(height, 3.0))
     for (name, layout), on_map, on_drift in zip(layouts.items(), maps, curves, strict=True):
         drawn = plot_layout(layout, ax=on_map, colorbar=False)
-        on_map.set_title(f"{name}: {_found(layout)}", fontsize=10)
+        on_map.set_title(f"{name}: {found_in_words(layout)}", fontsize=10)
         lines = plot_sawtooth(layout, routes=range(min(len(layout.drifts), _MAX_ROUTES)), ax=on_drift)
         on_drift.get_legend().remove()
     figure.colorbar(drawn.routes, ax=list(maps), label=_score_label(first), fraction=0.02, pad=0.01)
@@ -227,7 +227,7 @@ def _profile(layout: Layout, route: int) -> tuple[Floats, Floats]:
     return profile.distance, layout.scenario.score(profile)
 
 
-def _map_box(layout: Layout) -> Floats:
+def map_box(layout: Layout) -> Floats:
     """Lower left and upper right corner of what is drawn, (2, 2)."""
     if layout.scenario.world is not None:
         return np.reshape(layout.scenario.world.bounds, (2, 2))
@@ -237,11 +237,12 @@ def _map_box(layout: Layout) -> Floats:
 
 def _map_shape(layout: Layout) -> float:
     """Its height over its width, within what a figure can have."""
-    width, height = np.diff(_map_box(layout), axis=0)[0].tolist()
+    width, height = np.diff(map_box(layout), axis=0)[0].tolist()
     return float(min(max(height / max(width, 1e-9), 0.25), 1.5))
 
 
-def _found(layout: Layout) -> str:
+def found_in_words(layout: Layout) -> str:
+    """How many beacons there are, and what is proven about that."""
     cost = "" if layout.cost == len(layout.beacons) else f" of cost {layout.cost:g}"
     proof = "proven fewest" if layout.proven else f"at least {layout.lower_bound:g} needed"
     return f"{counted(len(layout.beacons), 'beacon')}{cost} ({proof})"
