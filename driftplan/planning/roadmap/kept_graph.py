@@ -57,9 +57,8 @@ class KeptGraph(NamedTuple):
         for points, are_corners in ((corners, True), (samples[1:-1], False)):
             for first in range(0, len(points), _CHUNK):
                 graph.add(points[first : first + _CHUNK], _NEIGHBOURS, np.inf, all_round=are_corners)
-        middles, passages = _passages(world, graph.xy)
-        xy, edges = np.concatenate([graph.xy, middles]), np.concatenate([graph.edges, passages])
-        return cls(xy, np.unique(np.sort(edges, axis=1), axis=0), cKDTree(xy))
+        _add_passages(world, graph)
+        return cls(graph.xy, graph.edges, cKDTree(graph.xy))
 
     def path(self, pricing: AdditiveCost, start: Floats, start_heading: float | None = None) -> Floats | None:
         """The cheapest path (k, 2) of the graph from a place to a pricing's goal, polished. Where the graph has none,
@@ -71,34 +70,35 @@ class KeptGraph(NamedTuple):
         if not len(found.nodes) and isinstance(pricing.space, World):
             way = channel_route(pricing.space, np.stack([start, pricing.goal]))
             if way is not None:
-                roadmap.add(way[1:-1], _NEIGHBOURS, np.inf, chain=ENDS)
+                roadmap.add(way[1:-1], _NEIGHBOURS, np.inf, chain=True)
                 found = roadmap.shortest()
         return polished(pricing, roadmap.xy[found.nodes], start_heading) if len(found.nodes) else None
 
 
-def _passages(world: World, xy: Floats) -> tuple[Floats, Ints]:
-    """Nodes (n, 2) to be added to those at ``xy``, and free edges (m, 2), so that whoever can drive from one triangle
-    of free space to the next can do so on the graph: by way of nodes of ``xy`` where these are near enough."""
-    meshes = [mesh_of(world, part) for part in np.unique(world.free_part(xy)).tolist()]
-    middles = np.concatenate([mesh.middles for mesh in meshes])
+def _add_passages(world: World, graph: Roadmap) -> None:
+    """Make the graph lead from every triangle of free space to the next: by way of its nodes where these are near
+    enough, else with the middles of the sides of triangles as nodes of their own."""
+    meshes = [mesh_of(world, part) for part in np.unique(world.free_part(graph.xy)).tolist()]
     first = np.cumsum([0, *(len(mesh.middles) for mesh in meshes)])
     u, v = np.concatenate([k + mesh.distances.nonzero() for k, mesh in zip(first[:-1], meshes, strict=True)], axis=1)
-    near = cKDTree(xy).query(middles, k=min(_ANCHORS, len(xy)))[1].reshape(len(middles), -1)
-    free = world.segments_free(middles[:, None], xy[near])
+    middles = np.concatenate([mesh.middles for mesh in meshes])
+    if not len(middles):
+        return
+    near = cKDTree(graph.xy).query(middles, k=min(_ANCHORS, len(graph.xy)))[1]
+    free = world.segments_free(middles[:, None], graph.xy[near])
     anchor = np.where(free.any(axis=1), near[np.arange(len(near)), free.argmax(axis=1)], -1)
     short = (anchor[u] >= 0) & (anchor[v] >= 0)
-    short[short] = world.segments_free(xy[anchor[u[short]]], xy[anchor[v[short]]])
+    short[short] = world.segments_free(graph.xy[anchor[u[short]]], graph.xy[anchor[v[short]]])
     kept = np.unique(np.concatenate([u[~short], v[~short]]))
     number = np.zeros(len(middles), dtype=np.int64)
-    number[kept] = len(xy) + np.arange(len(kept))
+    number[kept] = len(graph.xy) + np.arange(len(kept))
     anchored = kept[anchor[kept] >= 0]
-    ends = (
+    pairs = (
         (anchor[u[short]], anchor[v[short]]),
         (number[u[~short]], number[v[~short]]),
         (number[anchored], anchor[anchored]),
     )
-    edges = np.concatenate([np.stack(pair, axis=1) for pair in ends])
-    return middles[kept], edges[edges[:, 0] != edges[:, 1]]
+    graph.add(middles[kept], _NEIGHBOURS, np.inf, also=np.concatenate([np.stack(pair, axis=1) for pair in pairs]))
 
 
 _GRAPHS: WeakKeyDictionary[World, KeptGraph] = WeakKeyDictionary()
