@@ -63,6 +63,17 @@ def test_where_the_graph_does_not_lead_the_way_over_the_triangles_does():
     assert route.rms < 1.001 * plan_route(world, (2, 8), (18, 2), NOISE, iterations=2).rms
 
 
+def test_the_graph_leads_wherever_free_space_does(monkeypatch):
+    monkeypatch.setattr("driftplan.planning.roadmap.kept_graph.channel_route", lambda *_: pytest.fail("not by itself"))
+    walls = [[(x, y), (x + 0.4, y), (x + 0.4, y + 38.2), (x, y + 38.2)] for x, y in ((10, -1), (20, 2.8), (30, 1.2))]
+    pillars = [[(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)] for x in range(2, 38, 4) for y in range(3, 38, 5)]
+    world = World.from_polygons([*walls, *pillars], bounds=(0, 0, 40, 40), robot_radius=0.55)  # doors of 1.2 m
+    points = np.random.default_rng(0).uniform(1, 39, (200, 2))
+    trips = points[world.free_part(points) == 0][:24].reshape(-1, 2, 2)
+    for route in plan_routes(world, trips, NOISE, workers=1):
+        assert world.segments_free(route.path[:-1], route.path[1:]).all()
+
+
 def test_with_beacons_limits_or_time_a_trip_is_planned_as_alone():
     sign = [Beacon(BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01), 5, 9)]
     asked = {"beacons": sign, "minimise": "length", "planner": Planner(max_nodes=40)}

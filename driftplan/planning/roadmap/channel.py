@@ -25,15 +25,11 @@ def channel_route(world: World, ends: Floats) -> Floats | None:
     >>> bool(world.segments_free(path[:-1], path[1:]).all())
     True
     """
-    known = _MESHES.setdefault(world, {})
-    part = int(world.free_part(ends[0]))
-    if part not in known:
-        known[part] = _Mesh.of(world.free_parts[part])
-    path = known[part].way(ends)
+    path = mesh_of(world, int(world.free_part(ends[0]))).way(ends)
     return path if world.segments_free(path[:-1], path[1:]).all() else None
 
 
-class _Mesh(NamedTuple):
+class Mesh(NamedTuple):
     """A polygon cut into triangles; sides that two of them share are numbered."""
 
     triangles: Any  # STRtree
@@ -42,7 +38,7 @@ class _Mesh(NamedTuple):
     distances: Any  # (n, n) sparse, between the middles of sides of one triangle
 
     @classmethod
-    def of(cls, polygon: Polygon) -> _Mesh:
+    def of(cls, polygon: Polygon) -> Mesh:
         triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
         corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)
         ends = np.sort((corners @ np.array([1, 1j]))[:, [[0, 1], [1, 2], [2, 3]]])
@@ -74,4 +70,12 @@ class _Mesh(NamedTuple):
         return np.concatenate([ends[:1], self.middles[way[::-1]], ends[1:]])
 
 
-_MESHES: WeakKeyDictionary[World, dict[int, _Mesh]] = WeakKeyDictionary()
+def mesh_of(world: World, part: int) -> Mesh:
+    """The triangles of one of a world's free parts; made when they are first asked for."""
+    known = _MESHES.setdefault(world, {})
+    if part not in known:
+        known[part] = Mesh.of(world.free_parts[part])
+    return known[part]
+
+
+_MESHES: WeakKeyDictionary[World, dict[int, Mesh]] = WeakKeyDictionary()

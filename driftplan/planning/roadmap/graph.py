@@ -56,17 +56,25 @@ class Roadmap:
         self._connect(np.array([[START, GOAL]]), math.inf)
 
     def add(
-        self, points: Floats, neighbours: int, limit: float, *, chain: bool = False, all_round: bool = False
+        self,
+        points: Floats,
+        neighbours: int,
+        limit: float,
+        *,
+        chain: bool = False,
+        all_round: bool = False,
+        also: Ints | None = None,
     ) -> None:
         """Add free ``points`` (k, 2), each with edges to its nearest nodes.
 
         With ``chain`` they are the waypoints of a path between start and goal, which is added too. With ``all_round``
-        they are corners: they crowd together, so each is also joined to the nearest ones in every direction.
+        they are corners: they crowd together, so each is also joined to the nearest ones in every direction. Edges
+        between the pairs of nodes ``also`` (p, 2), old or new, are added where they are free.
 
         ``limit`` is the cost that paths through the new edges must be able to beat.
         """
         first, count = len(self.xy), len(points)
-        if not count:
+        if not count and also is None:
             return
         self.xy = np.concatenate([self.xy, points])
         from_start, to_goal = self._bounds(points)
@@ -81,6 +89,9 @@ class Roadmap:
         if all_round:
             _, far = tree.query(points, k=min(_LOOK_ROUND, len(self.xy)))
             pairs.append(_nearest_all_round(self.xy, np.arange(first, first + count), np.asarray(far)))
+        if also is not None:
+            also, key = np.sort(also, axis=1), np.array([len(self.xy), 1])
+            pairs.append(also[~np.isin(also @ key, self.edges @ key)])
         self._connect(np.concatenate(pairs), limit)
 
     def over(self, xy: Floats, edges: Ints, near: Ints) -> None:
@@ -88,7 +99,7 @@ class Roadmap:
         (2, k)."""
         first = len(self.xy)
         self.xy, edges = np.concatenate([self.xy, xy]), edges + first
-        self.from_start, self.to_goal = self._bounds(self.xy)
+        self.from_start, self.to_goal = np.zeros((2, len(self.xy)))  # bounds of no use, which take no time
         self.edges = np.concatenate([self.edges, edges])
         self.prices = self.prices.joined(self.pricing.edges(self.xy[edges[:, 0]], self.xy[edges[:, 1]]))
         ends = np.repeat([START, GOAL], near.shape[1])

@@ -51,18 +51,23 @@ def _refined(cost: AdditivePathCost, space: Space, path: Floats, stop: Callable[
     """The path with its waypoints moved, from coarse to fine, where that lowers its cost."""
     for legs in _LEVELS:
         path = _split(space, path, legs)
-        price = cost.price(path)
+        price, around = cost.price(path), np.arange(1 - cost.stride, cost.stride)
+        open_ = np.ones(len(path), dtype=bool)  # waypoints that have not been tried with neighbours where they are now
         for _ in range(_SWEEPS):
             if stop():
                 return path
             before = price
             for first in range(1, 1 + cost.stride):
                 moved = np.arange(first, len(path) - 1, cost.stride)
+                moved = moved[open_[moved]]
                 if not len(moved):
                     continue
                 other = path.copy()
                 other[moved] = _better_places(cost, space, path, moved)
+                open_[moved] = False
                 if (now := cost.price(other)) < price:
+                    changed = moved[(other[moved] != path[moved]).any(axis=1)]
+                    open_[np.clip(changed[:, None] + around, 0, len(path) - 1)] = True
                     path, price = other, now
             if before - price < _SETTLED * before:
                 break
