@@ -24,14 +24,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, inf
-from typing import Protocol
 
 import numpy as np
 
 from driftplan.arrays import Bools, Floats, Ints
-from driftplan.layouts.placement.cut_pool import EPS, Cut, CutPool
+from driftplan.layouts.placement.cut_pool import EPS, Cut, CutPool, Oracle
 from driftplan.layouts.placement.local_search import LocalSearch
-from driftplan.layouts.placement.relaxation import LP_ROOM, Relaxation, Solution
+from driftplan.layouts.placement.relaxation import LP_ROOM, Relaxation, Solution, common_step
 from driftplan.planning.status import Status
 
 _LONGEST_S = 600.0  # of a search, as far as it is divided into parts
@@ -44,17 +43,6 @@ _REOPENED = 5  # sites that are chosen anew at a time
 _FAR = 1.1  # times the bound: from there on a local search pays before the master is asked
 _LOCAL_SHARE = 0.1  # of the time left, for one local search
 _MASTER_SHARE = 0.1  # of the time left, for the master before anything cheaper is tried
-
-
-class Oracle(Protocol):
-    """Judge of whole layouts."""
-
-    def cuts(self, chosen: Bools, near: int | None = None) -> Sequence[Cut]:
-        """Cuts that ``chosen`` violates and no acceptable layout does; none if it is acceptable.
-
-        With ``near``, only what can have changed by adding or removing that site needs to be looked at.
-        """
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +125,7 @@ class _CoverSearch:
         self.cost, self.oracle, self.separate, self.progress = cost, oracle, separate, progress
         self.n, self.fixed, self.rows, self.caps = len(cost), fixed, rows, caps
         self.began = time.monotonic()
-        self.deadline, self.step = self.began + time_limit, _common_step(cost)
+        self.deadline, self.step = self.began + time_limit, common_step(cost)
         self.hopeless = next((cut for cut in self.rows.cuts if cut.hopeless), None)
         self.impossible = self.hopeless is not None  # perhaps as a whole, with no single cut to blame
         self.relaxation = Relaxation(self.cost, self.rows, self.caps, self.fixed, self.step)
@@ -264,14 +252,12 @@ class _CoverSearch:
             mine = np.flatnonzero(self.best & ~self.fixed)
             if fruitless == len(mine):
                 return
-            if fruitless == 0:
-                order = random.permutation(mine)
+            order = order if fruitless else random.permutation(mine)
             by_column = self.rows.matrix[1]
             shared = (by_column[:, mine].T @ by_column[:, [order[fruitless]]]).toarray()[:, 0]
             kept = self.best.copy()
             kept[mine[np.argsort(-shared, kind="stable")[:_REOPENED]]] = False
-            everyone = np.ones(self.n, dtype=bool)
-            fruitless = 0 if self._confine(everyone, 1.0, kept) else fruitless + 1
+            fruitless = 0 if self._confine(np.ones(self.n, dtype=bool), 1.0, kept) else fruitless + 1
 
     def _round(self) -> bool:
         """Solve the master and ask what is wrong with its layout; False if it took too long."""
@@ -411,11 +397,3 @@ class _CoverSearch:
         columns = np.flatnonzero(fit)
         given = self.rows.matrix[0][short].tocsc()[:, columns].toarray()
         return [int(i) for i in columns[(given >= missing[short, None] - EPS).all(axis=0)]]
-
-
-def _common_step(cost: Floats) -> float:
-    """The greatest step of which all costs are multiples, if they are whole numbers; else 0."""
-    whole = np.round(cost)
-    if not (len(cost) and np.array_equal(whole, cost) and cost.max() < 1e9):
-        return 0.0
-    return float(np.gcd.reduce(whole.astype(np.int64)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,17 @@ class Cut:
     def hopeless(self) -> bool:
         """Whether no layout at all satisfies it."""
         return float(np.maximum(self.weights, 0.0).sum()) < self.least - EPS
+
+
+class Oracle(Protocol):
+    """Judge of whole layouts."""
+
+    def cuts(self, chosen: Bools, near: int | None = None) -> Sequence[Cut]:
+        """Cuts that ``chosen`` violates and no acceptable layout does; none if it is acceptable.
+
+        With ``near``, only what can have changed by adding or removing that site needs to be looked at.
+        """
+        ...
 
 
 class CutPool:

@@ -146,3 +146,11 @@ def _interruptible(work: Callable[[], Any]) -> Any:
     if err is not None:
         raise err
     return result
+
+
+def common_step(cost: Floats) -> float:
+    """The greatest step of which all costs are multiples, if they are whole numbers; else 0."""
+    whole = np.round(cost)
+    if not (len(cost) and np.array_equal(whole, cost) and cost.max() < 1e9):
+        return 0.0
+    return float(np.gcd.reduce(whole.astype(np.int64)))
