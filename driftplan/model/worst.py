@@ -16,6 +16,7 @@ it is greatest at an end, or of degree four where something systematic acts, and
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,8 +53,10 @@ def worst_rms(drift: Drift) -> float:
     greatest = np.array([max(after.N.real.max(), begun.N.real.max(), end.max(), 0.0)])
     if drift.is_fused:
         return float(np.sqrt(max(greatest[0], _greatest_of_quartics(drift))))
+    drives = [Departures(weight, one.departures(), one.noises) for weight, one in drift._drives]
+    drives = drives or [Departures(1.0, begun, drift.noises)]
     group, which = np.zeros(len(end), dtype=np.intp), drift._noise_of_leg
-    return float(np.sqrt(greatest_between(begun, drift.runs.lengths, which, drift.noises, end, group, greatest)[0]))
+    return float(np.sqrt(_greatest_of_mixture(drives, drift.runs.lengths, which, end, group, greatest)[0]))
 
 
 def worst_radius(drift: Drift, confidence: float) -> float:
@@ -135,10 +138,28 @@ def greatest_between(
     begun : Moments (n,): at the beginning of every stretch
     length, which, end, group : (n,), metres; index into ``noises``; E|e|² at its end, m²; index into ``greatest``
     """
-    rates = np.array([bend_rates(noise) for noise in noises]).reshape(-1, 2)
+    return _greatest_of_mixture([Departures(1.0, begun, noises)], length, which, end, group, greatest)
+
+
+class Departures(NamedTuple):
+    """What one kind of drive contributes to the average: its weight, its moments at the beginning of every stretch (n,)
+    and the noise of its floors."""
+
+    weight: float
+    begun: Moments
+    noises: Sequence[OdometryNoise]
+
+
+def _greatest_of_mixture(
+    drives: Sequence[Departures], length: Floats, which: Ints, end: Floats, group: Ints, greatest: Floats
+) -> Floats:
+    """`greatest_between` of the average over drives: E|e|² and its bound are averages too, and the mean of
+    2 |1+γ| |μ| times the rms is at most the root mean square of the one times that of the other."""
+    bends = [weight * np.array([bend_rates(noise) for noise in noises]) ** (2, 1) for weight, _, noises in drives]
+    rates = np.asarray(sum(bends)) ** (0.5, 1)
     greatest = greatest.copy()
     stretch, offset, part = np.arange(len(length)), np.zeros(len(length)), np.asarray(length, dtype=float)
-    begin = begun.N.real
+    begin = np.asarray(sum(weight * begun.N.real for weight, begun, _ in drives))
     while True:
         bend, fixed = rates[which[stretch]].T * part**2 / 8
         open_ = np.flatnonzero(ceiling(begin, end, bend, fixed) > greatest[group[stretch]] * (1 + _CLOSE))
@@ -146,8 +167,11 @@ def greatest_between(
             return greatest
         stretch, offset, part = stretch[open_], offset[open_], part[open_] / _PARTS
         at = offset[:, None] + part[:, None] * np.arange(_PARTS + 1)
-        zero = np.zeros(at.shape)
-        square = compose(begun[stretch[:, None]], of_legs(zero, at, zero, which[stretch, None], noises)).N.real
+        zero, floor = np.zeros(at.shape), which[stretch, None]
+        driven = [
+            compose(begun[stretch[:, None]], of_legs(zero, at, zero, floor, noises)) for _, begun, noises in drives
+        ]
+        square = np.asarray(sum(one.weight * after.N.real for one, after in zip(drives, driven, strict=True)))
         np.maximum.at(greatest, group[stretch], square.max(axis=1))
         begin, end = square[:, :-1].ravel(), square[:, 1:].ravel()
         offset, stretch, part = at[:, :-1].ravel(), np.repeat(stretch, _PARTS), np.repeat(part, _PARTS)
