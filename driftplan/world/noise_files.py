@@ -76,7 +76,7 @@ def load_noise(path: str | os.PathLike[str]) -> OdometryNoise:
         )
     unknown = [key for key in content if key not in _KEYS]
     if unknown:
-        raise TrajectoryError(f"{file}: unknown key {unknown[0]!r}; expected keys of {', '.join(_KEYS)}")
+        raise TrajectoryError(f"{file}: unknown key {short(unknown[0])}; expected keys of {', '.join(_KEYS)}")
     with naming(file, TrajectoryError):
         return OdometryNoise(**content)
 
