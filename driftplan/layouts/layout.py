@@ -282,9 +282,9 @@ def _cell(value: Any) -> Any:
 def layout_geojson(layout: Layout) -> bytes:
     """Beacons as points with all that `load_beacons` needs, and what their failure does."""
     features = [
-        beacon_feature(beacon, new=beacon in layout.beacons, routes=routes, worst_drift_if_dead_m=said)
+        beacon_feature(beacon, new=beacon in layout.beacons, routes=routes, worst_drift_if_dead_m=dead_m)
         for beacon, routes, worst, _ in layout.importance
-        for said in [round(worst, 6) if routes else None]
+        for dead_m in [round(worst, 6) if routes else None]
     ]
     summary = {name: getattr(layout, name) for name in ("cost", "lower_bound", "proven")}
     worst_m = round(layout.worst_drift, 6)

@@ -319,8 +319,8 @@ class OdometryNoise:
 
     def __repr__(self) -> str:
         """Only what differs from a perfect odometer."""
-        said = (f"{f.name}={getattr(self, f.name)!r}" for f in fields(self) if getattr(self, f.name) != f.default)
-        return f"OdometryNoise({', '.join(said)})"
+        given = (f"{f.name}={getattr(self, f.name)!r}" for f in fields(self) if getattr(self, f.name) != f.default)
+        return f"OdometryNoise({', '.join(given)})"
 
 
 def drives_to_average(noises: Sequence[OdometryNoise]) -> list[tuple[float, tuple[float, ...]]]:

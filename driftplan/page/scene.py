@@ -83,9 +83,9 @@ def beacon_said(beacon: Beacon, *, existing: bool = False) -> dict[str, Any]:
     return {**place, "existing": existing, "kind": kind}
 
 
-def beacon_of(said: dict[str, Any]) -> Beacon:
+def beacon_of(held: dict[str, Any]) -> Beacon:
     """A beacon of a scene."""
-    return Beacon(BeaconKind(**said["kind"]), said["x"], said["y"], id=str(said["id"]), facing_deg=said["facing_deg"])
+    return Beacon(BeaconKind(**held["kind"]), held["x"], held["y"], id=str(held["id"]), facing_deg=held["facing_deg"])
 
 
 def zones_of(scene: Scene) -> tuple[Zone, ...]:

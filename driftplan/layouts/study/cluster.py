@@ -7,7 +7,7 @@ from typing import Any
 
 from distributed import WorkerPlugin
 
-from driftplan.layouts.study.inputs import Task
+from driftplan.layouts.study.inputs import CellTask
 from driftplan.layouts.study.work import Row, Workshop
 
 _SHOPS: dict[str, Workshop] = {}  # of this worker process, by study
@@ -26,6 +26,6 @@ class KeepShared(WorkerPlugin):  # type: ignore[misc]
         _SHOPS.pop(self.name, None)
 
 
-def row_on_worker(name: str, task: Task) -> Row:
+def row_on_worker(name: str, task: CellTask) -> Row:
     """A cell's row, made on the worker that this runs on."""
     return _SHOPS[name].row(task)

@@ -15,16 +15,16 @@ from pathlib import Path
 from typing import Any
 
 from driftplan.errors import DriftplanError
-from driftplan.layouts.study.inputs import Task, digest
+from driftplan.layouts.study.inputs import CellTask, digest
 from driftplan.layouts.study.work import FAILED, Row, Workshop, row_of
 
-Done = Iterator[tuple[Task, Row]]
+Done = Iterator[tuple[CellTask, Row]]
 _PATIENCE, _GRACE_S = 2.0, 60.0  # times a cell's limit, and then so many seconds, before its worker is ended
 _TRIES = 3  # of a cell, each in another process
 _WAITING = 3  # tasks per thread of a cluster that are on their way
 
 
-def here(shared: Mapping[str, Any], tasks: Iterable[Task]) -> Done:
+def here(shared: Mapping[str, Any], tasks: Iterable[CellTask]) -> Done:
     """One after the other in this process."""
     workshop = Workshop(shared)
     for task in tasks:
@@ -34,7 +34,7 @@ def here(shared: Mapping[str, Any], tasks: Iterable[Task]) -> Done:
 # Processes
 
 
-def in_processes(shared: Mapping[str, Any], tasks: Iterable[Task], count: int) -> Done:
+def in_processes(shared: Mapping[str, Any], tasks: Iterable[CellTask], count: int) -> Done:
     """In so many processes of this machine.
 
     A process that dies takes the cell that it was at with it: that is tried again, after the others, and once it has
@@ -78,7 +78,7 @@ class _Worker:
 
     def __init__(self, shared: Mapping[str, Any]) -> None:
         self.link, theirs = Pipe()
-        self.task: Task | None = None
+        self.task: CellTask | None = None
         self.attempt, self._until, self.status = 0, 0.0, 0
         paths = [str(Path(__file__).parents[3]), *filter(None, [os.environ.get("PYTHONPATH")])]
         one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -97,7 +97,7 @@ class _Worker:
         with suppress(OSError):  # it is dead, which the next answer says
             self.link.send(thing)
 
-    def begin(self, task: Task, attempt: int) -> None:
+    def begin(self, task: CellTask, attempt: int) -> None:
         self.task, self.attempt = task, attempt
         self._until = time.monotonic() + _PATIENCE * task.plain["time_limit_s"] + _GRACE_S
         self._send(task)
@@ -121,14 +121,14 @@ class _Worker:
         self.link.close()
 
 
-def _lost(task: Task, why: str) -> Row:
+def _lost(task: CellTask, why: str) -> Row:
     return row_of(task, {"outcome": FAILED, "why": f"the cell was given up: {why}"}, {})
 
 
 # Dask
 
 
-def on_cluster(client: Any, shared: Mapping[str, Any], tasks: Iterable[Task]) -> Done:
+def on_cluster(client: Any, shared: Mapping[str, Any], tasks: Iterable[CellTask]) -> Done:
     """On a cluster. The shared inputs go to every worker once, those that join later too; a task is half a kilobyte.
 
     A worker that dies costs the cells it was at, which the cluster gives to others; only a cell over which several
@@ -144,7 +144,7 @@ def on_cluster(client: Any, shared: Mapping[str, Any], tasks: Iterable[Task]) ->
 
     name = f"driftplan-{digest(sorted(shared))}"
     client.register_plugin(KeepShared(name, dict(shared)))
-    todo, of, under_way = iter(tasks), dict[str, Task](), as_completed(loop=client.loop)
+    todo, of, under_way = iter(tasks), dict[str, CellTask](), as_completed(loop=client.loop)
 
     def send() -> None:
         """As many as the workers there are now will soon need."""

@@ -41,7 +41,7 @@ _PLAIN: Values = {  # keys whose values a task holds as they are, and what they 
 
 
 @dataclass(frozen=True)
-class Task:
+class CellTask:
     """A cell for a worker: small, since what cells share is named by its content and sent on its own.
 
     Attributes
@@ -104,27 +104,27 @@ class Inputs:
         self._known: dict[str, str] = {}
         self._version = version("driftplan")
 
-    def task(self, cell: Cell) -> Task:
+    def task(self, cell: Cell) -> CellTask:
         """What a worker is told of a cell.
 
         Raises
         ------
         StudyError : if something named cannot be read or makes no sense
         """
-        said = cell.scenario
+        scenario = cell.scenario
         parts = (
-            self._digest("map", _MAP, said, self._world),
-            self._digest("noise", ("noise",), said, self._noise),
-            self._digest("trips", _TRIPS, said, self._trips),
-            self._digest("sites", _SITES, said, self._sites),
+            self._digest("map", _MAP, scenario, self._world),
+            self._digest("noise", ("noise",), scenario, self._noise),
+            self._digest("trips", _TRIPS, scenario, self._trips),
+            self._digest("sites", _SITES, scenario, self._sites),
         )
-        plain = {key: said.get(key, default) for key, default in _PLAIN.items()}
-        self._check(said, plain)
+        plain = {key: scenario.get(key, default) for key, default in _PLAIN.items()}
+        self._check(scenario, plain)
         text = json.dumps([self._version, parts, plain], sort_keys=True)
-        return Task(cell.number, hashlib.sha256(text.encode()).hexdigest()[:32], *parts, plain)
+        return CellTask(cell.number, hashlib.sha256(text.encode()).hexdigest()[:32], *parts, plain)
 
-    def _digest(self, section: str, keys: tuple[str, ...], said: Values, make: Callable[[Values], Any]) -> str:
-        part = {key: said[key] for key in keys if key in said}
+    def _digest(self, section: str, keys: tuple[str, ...], scenario: Values, make: Callable[[Values], Any]) -> str:
+        part = {key: scenario[key] for key in keys if key in scenario}
         text = section + json.dumps(part, sort_keys=True)
         if text not in self._known:
             try:
@@ -137,14 +137,14 @@ class Inputs:
             self.shared[self._known[text]] = value
         return self._known[text]
 
-    def _check(self, said: Values, plain: Values) -> None:
+    def _check(self, scenario: Values, plain: Values) -> None:
         """Combinations that would mean nothing."""
         refuse = self.study.place_of
         wanted = [key for key in ("limit_m", "max_beacons", "budget") if plain[key] is not None]
-        if wanted and "beacon" not in said and "file" not in said.get("sites", {}):
+        if wanted and "beacon" not in scenario and "file" not in scenario.get("sites", {}):
             refuse(wanted[0]).refuse("expected the key beacon: what may be placed")
         for key in ("beacon", "sites"):
-            if not wanted and key in said:
+            if not wanted and key in scenario:
                 refuse(key).refuse("expected limit_m, max_beacons or budget too: without one nothing is placed")
         if plain["estimator"] == "filter" and plain["confidence"] is not None:
             refuse("confidence").refuse(
@@ -157,20 +157,21 @@ class Inputs:
     def _file(self, name: str) -> Path:
         return self._folder / name
 
-    def _world(self, said: Values) -> Any:
-        if "map" not in said:
-            if said:
+    def _world(self, scenario: Values) -> Any:
+        if "map" not in scenario:
+            if scenario:
                 raise ValueError("expected the key map too")
             return None
-        name, options = said["map"], {key: value for key, value in said.items() if key not in ("map", "robot_radius_m")}
+        name, own = scenario["map"], ("map", "robot_radius_m")
+        options = {key: value for key, value in scenario.items() if key not in own}
         path = bundled_map(name) if name in bundled_maps() else self._file(name)
         for key in ("keepout", "zones"):
             if key in options:
                 options[key] = self._file(options[key])
-        return load_world(path, robot_radius=said.get("robot_radius_m", 0.3), **options)
+        return load_world(path, robot_radius=scenario.get("robot_radius_m", 0.3), **options)
 
-    def _noise(self, said: Values) -> OdometryNoise:
-        held = said.get("noise")
+    def _noise(self, scenario: Values) -> OdometryNoise:
+        held = scenario.get("noise")
         if held is None:
             raise ValueError(
                 "expected the key noise: a file, a preset, or spreads such as {heading_deg: 2, after_m: 10}"
@@ -196,17 +197,17 @@ class Inputs:
             raise ValueError(f"expected a noise file or a preset, one of {', '.join(PRESETS)}; got {name!r}")
         return load_noise(self._file(name))
 
-    def _trips(self, said: Values) -> Trips:
-        routes, trips = said.get("routes", []), said.get("trips", [])
-        if ("routes" in said) == ("trips" in said):
+    def _trips(self, scenario: Values) -> Trips:
+        routes, trips = scenario.get("routes", []), scenario.get("trips", [])
+        if ("routes" in scenario) == ("trips" in scenario):
             raise ValueError(f"expected routes or trips, got {'both' if routes else 'neither'}")
         if routes:
-            if "graph" in said:
+            if "graph" in scenario:
                 raise ValueError("expected a graph only with trips, got routes")
             listed = [routes] if isinstance(routes, str) else routes
             read = [read_path(self._file(r))[:, :2] if isinstance(r, str) else np.array(r, dtype=float) for r in listed]
             return Trips(routes=tuple(read))
-        graph = load_graph(self._file(said["graph"])) if "graph" in said else None
+        graph = load_graph(self._file(scenario["graph"])) if "graph" in scenario else None
         if isinstance(trips, Mapping):
             if graph is not None:
                 raise ValueError("expected ids of nodes for a graph, got random trips")
@@ -219,10 +220,10 @@ class Inputs:
             ends=tuple(tuple(map(tuple, trip)) if graph is None else tuple(trip) for trip in trips), graph=graph
         )
 
-    def _sites(self, said: Values) -> SitesAsked:
-        beacons, asked = said.get("beacon", []), dict(said.get("sites", {}))
+    def _sites(self, scenario: Values) -> SitesAsked:
+        beacons, asked = scenario.get("beacon", []), dict(scenario.get("sites", {}))
         kinds = tuple(map(_kind, [beacons] if isinstance(beacons, Mapping) else beacons))
-        existing = load_beacons(self._file(said["existing"])) if "existing" in said else ()
+        existing = load_beacons(self._file(scenario["existing"])) if "existing" in scenario else ()
         points: Any = None
         if "file" in asked:
             if {"spacing_m", "along"} & asked.keys():
@@ -236,21 +237,21 @@ class Inputs:
         return SitesAsked(kinds, points, existing, forbidden=forbidden, **asked)
 
 
-def _kind(said: Values) -> BeaconKind:
+def _kind(kind: Values) -> BeaconKind:
     options = {
         key.removesuffix("_deg") if key.endswith("_std_deg") else key: radians(v) if key.endswith("_std_deg") else v
-        for key, v in said.items()
+        for key, v in kind.items()
     }
     made: BeaconKind = getattr(BeaconKind, str(options.pop("kind")))(**options)
     return made
 
 
-def start_fix(said: Values | None) -> Fix | None:
+def start_fix(fix: Values | None) -> Fix | None:
     """The uncertainty at the start that a scenario describes."""
-    if said is None:
+    if fix is None:
         return None
-    heading = radians(said.get("heading_std_deg", 0.0))
-    return Fix.full(0.0, position_std_m=said.get("position_std_m", 0.0), heading_std=heading)
+    heading = radians(fix.get("heading_std_deg", 0.0))
+    return Fix.full(0.0, position_std_m=fix.get("position_std_m", 0.0), heading_std=heading)
 
 
 def digest(value: Any) -> str:

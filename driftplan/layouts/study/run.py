@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from driftplan.arrays import whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.layouts.study.executors import Done, here, in_processes, on_cluster
-from driftplan.layouts.study.inputs import Inputs, Task
+from driftplan.layouts.study.inputs import CellTask, Inputs
 from driftplan.layouts.study.results import appending, read_rows
 from driftplan.layouts.study.study import Cell, Study
 from driftplan.layouts.study.work import DONE, FAILED, OUT_OF_TIME, Row, Workshop
@@ -40,7 +40,7 @@ class StudyResult:
 
     study: Study
     cells: tuple[Cell, ...]
-    tasks: tuple[Task, ...]
+    tasks: tuple[CellTask, ...]
     rows: Mapping[str, Row]
     inputs: Inputs
 
@@ -153,7 +153,7 @@ def results_file(study: Study, results: str | os.PathLike[str] | None) -> Path |
     return study.path.with_suffix(".results.jsonl") if study.path else None
 
 
-def _executed(executor: Any, workers: int | None, shared: Mapping[str, Any], tasks: list[Task]) -> Done:
+def _executed(executor: Any, workers: int | None, shared: Mapping[str, Any], tasks: list[CellTask]) -> Done:
     if not tasks:
         return iter(())
     if hasattr(executor, "submit") and hasattr(executor, "register_plugin"):

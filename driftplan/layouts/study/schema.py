@@ -49,7 +49,7 @@ def _varied(kind: Schema) -> Schema:
         numbers = {"from": "the first value", "to": "the last value"}
         whole: Schema = {"type": "integer", "minimum": 2}
         step: Schema = {"type": "number", "exclusiveMinimum": 0}
-        ends = {name: {**kind, "description": said} for name, said in numbers.items()}
+        ends = {name: {**kind, "description": description} for name, description in numbers.items()}
         how: dict[str, Schema] = {
             "count": {"description": "how many values", **whole},
             "step": {"description": "between values", **step},
@@ -62,8 +62,8 @@ def _varied(kind: Schema) -> Schema:
     return {"description": kind["description"], "anyOf": ways}
 
 
-def _keys(said: str, properties: Mapping[str, Schema]) -> dict[str, Any]:
-    return {"description": said, "type": "object", "properties": properties, "additionalProperties": False}
+def _keys(description: str, properties: Mapping[str, Schema]) -> dict[str, Any]:
+    return {"description": description, "type": "object", "properties": properties, "additionalProperties": False}
 
 
 def _referred(kind: Schema) -> Schema:
@@ -89,8 +89,8 @@ class Place:
         line = "" if self.line is None else f", line {self.line}"
         return f"{self.source}{line}{': ' if self.key else ''}{self.key}"
 
-    def refuse(self, said: str) -> NoReturn:
-        raise StudyError(f"{self}: {said}")
+    def refuse(self, message: str) -> NoReturn:
+        raise StudyError(f"{self}: {message}")
 
 
 _TYPES: dict[str, tuple[tuple[type, ...], str]] = {

@@ -19,7 +19,7 @@ from driftplan.layouts.layout import Layout
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import Sites, route_sites, wall_sites
-from driftplan.layouts.study.inputs import SitesAsked, Task, Trips, start_fix
+from driftplan.layouts.study.inputs import CellTask, SitesAsked, Trips, start_fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
 from driftplan.planning.graph_routes import graph_routes
@@ -41,7 +41,7 @@ class Workshop:
         self.shared, self._planning = shared, Lock()
         self._routes: dict[tuple[Any, ...], Routes] = {}
 
-    def row(self, task: Task) -> Row:
+    def row(self, task: CellTask) -> Row:
         """What came out for a cell: whatever goes wrong in it is said in its row."""
         began, cpu = time.monotonic(), time.thread_time()
         try:
@@ -55,7 +55,7 @@ class Workshop:
         spent = {"seconds": time.monotonic() - began, "processor_s": time.thread_time() - cpu}
         return row_of(task, found, {name: round(s, 3) for name, s in spent.items()})
 
-    def _answer(self, task: Task) -> Row:
+    def _answer(self, task: CellTask) -> Row:
         asked, plain = self.shared[task.sites], task.plain
         routes, world, noise = self.routes(task), self.shared[task.world], self.shared[task.noise]
         limit = DriftLimit(plain["limit_m"], plain["redundancy"], plain["confidence"])
@@ -79,7 +79,7 @@ class Workshop:
 
     # Routes
 
-    def routes(self, task: Task) -> Routes:
+    def routes(self, task: CellTask) -> Routes:
         """The routes of a cell, planned once for all cells that drive the same ones."""
         trips: Trips = self.shared[task.trips]
         if trips.routes:
@@ -95,7 +95,7 @@ class Workshop:
             return self._routes[key]
 
 
-def row_of(task: Task, found: Row, spent: Row) -> Row:
+def row_of(task: CellTask, found: Row, spent: Row) -> Row:
     """A row of the results."""
     return {"key": task.key, **found, "spent": spent}
 

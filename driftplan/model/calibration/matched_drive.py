@@ -202,10 +202,10 @@ def _clock_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0
         change = [np.interp(begin + window, times, x) - np.interp(begin, times, x) for x in values]
         return np.asarray(np.hypot(*change) if len(change) > 1 else change[0])
 
-    said: Floats = gained(at, odometry.times, counted)
+    reported: Floats = gained(at, odometry.times, counted)
 
     def disagreement(offset: float) -> float:
-        difference = said - gained(at + offset, truth.times, true)
+        difference = reported - gained(at + offset, truth.times, true)
         return float(np.mean(np.abs(difference - np.median(difference))))
 
     unshifted = disagreement(0.0)
@@ -216,7 +216,7 @@ def _clock_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0
         best, least, step = float(offsets[int(np.argmin(values))]), min(values), step / _OFFSETS
     if (
         least > _CLEARLY * unshifted
-        or unshifted < 1e-9 * float(np.ptp(said))
+        or unshifted < 1e-9 * float(np.ptp(reported))
         or abs(best) > (1 - 1 / _OFFSETS) * reach_s
     ):
         return 0.0

@@ -97,13 +97,13 @@ class SegmentCheck:
         ratios = [(row, row.measured_rms_m / max(row.predicted_rms_m, 1e-300)) for row in self.lengths]
         held = [f"{row.length_m:.3g}" for row, ratio in ratios if abs(ratio - 1) <= _TRUSTED]
         off = [(f"{ratio:.2f}", f"{row.length_m:.3g}") for row, ratio in ratios if abs(ratio - 1) > _TRUSTED]
-        said = [f"within {100 * _TRUSTED:.0f} % of the predicted one at {', '.join(held)} m"] if held else []
+        verdicts = [f"within {100 * _TRUSTED:.0f} % of the predicted one at {', '.join(held)} m"] if held else []
         if off:
             times, lengths = (", ".join(words) for words in zip(*off, strict=True))
-            said.append(f"{times} times {'it' if held else 'the predicted one'} at {lengths} m")
+            verdicts.append(f"{times} times {'it' if held else 'the predicted one'} at {lengths} m")
         shares = [100 * row.coverage[1] for row in self.lengths]
         return (
-            f"The rms of these drives is {' and '.join(said)}; the 90 % regions hold {min(shares):.0f} to "
+            f"The rms of these drives is {' and '.join(verdicts)}; the 90 % regions hold {min(shares):.0f} to "
             f"{max(shares):.0f} % of their errors."
         )
 

@@ -63,12 +63,12 @@ def space_kind(space: Any) -> SpaceKind:
         return SpaceKind.PLANE if space.getDimension() == 2 else SpaceKind.SPACE
     if type(space) in _KINDS:
         return _KINDS[type(space)]
-    said = type(space).__name__
+    name = type(space).__name__
     if isinstance(space, ob.RealVectorStateSpace):
-        said += f" of dimension {space.getDimension()}"
+        name += f" of dimension {space.getDimension()}"
     raise ValueError(
         "expected a state space of known motions (RealVectorStateSpace of 2 or 3 dimensions, SE2StateSpace, "
-        f"DubinsStateSpace, ReedsSheppStateSpace or SE3StateSpace), got {said}"
+        f"DubinsStateSpace, ReedsSheppStateSpace or SE3StateSpace), got {name}"
     )
 
 

@@ -45,14 +45,14 @@ class Option(NamedTuple):
     def add_to(self, parser: argparse._ActionsContainer, *, positional: bool = False) -> None:
         """Tell argparse."""
         known = self.default is not None and "default" not in self.help
-        said = self.help + (f" (default: {_shown(self.default)})" if known else "")
+        help_text = self.help + (f" (default: {_shown(self.default)})" if known else "")
         if positional:
-            parser.add_argument(self.name, metavar=self.unit, type=self.type, help=said, **self.how)
+            parser.add_argument(self.name, metavar=self.unit, type=self.type, help=help_text, **self.how)
         elif not self.unit and not self.choices:
-            parser.add_argument(self.flag, action="store_true", help=said)
+            parser.add_argument(self.flag, action="store_true", help=help_text)
         else:
             value: dict[str, Any] = {"choices": self.choices} if self.choices else {"metavar": self.unit}
-            value |= {"type": self.type, "default": self.default, "help": said, **self.how}
+            value |= {"type": self.type, "default": self.default, "help": help_text, **self.how}
             parser.add_argument(*filter(None, (self.flag, self.also)), **value)
 
 
@@ -105,10 +105,10 @@ class Command:
         for argument in self.arguments:
             argument.add_to(parser, positional=True)
         files = tuple(
-            PICTURE._replace(help=f"{said}: PNG, SVG or PDF, as its name says")
+            PICTURE._replace(help=f"{help_text}: PNG, SVG or PDF, as its name says")
             if kind == "picture"
-            else Option(kind, "FILE", f"{said}; - is standard output", output_file)
-            for kind, said in self.files.items()
+            else Option(kind, "FILE", f"{help_text}; - is standard output", output_file)
+            for kind, help_text in self.files.items()
         )
         for group in (*self.groups, *([Group("files", files)] if files else ())):
             section = parser.add_argument_group(group.title, group.note or None) if group.title else parser

@@ -36,8 +36,8 @@ WORLD = Group("map and robot", (
 ))
 DEFAULT_SPREAD = {"heading_deg": 1.0, "distance_m": 0.05, "after_m": 10.0, "heading_deg_per_full_turn": 0.0}
 _SPREADS = tuple(
-    Option(name, unit, f"{said} (default: {DEFAULT_SPREAD[name]:g})")
-    for name, unit, said in (
+    Option(name, unit, f"{help_text} (default: {DEFAULT_SPREAD[name]:g})")
+    for name, unit, help_text in (
         ("heading_deg", "DEG", "standard deviation of the heading error after --after-m metres, degrees"),
         ("distance_m", "M", "standard deviation of the distance error after --after-m metres, metres"),
         ("after_m", "M", "length of the drives that --heading-deg and --distance-m are about, metres"),

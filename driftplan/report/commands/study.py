@@ -68,8 +68,8 @@ def _template(file: Path) -> Answer:
     if file.exists():
         raise ValueError(f"expected the name of a file that is not there, got {file}, which would be overwritten")
     content = (Path(__file__).parents[2] / _SAMPLE).read_bytes()
-    said = f"A study to begin with is in {file}: driftplan study check {file}"
-    return Answer(payload=lambda: {"file": str(file)}, text=lambda: said, files={file: lambda: content})
+    hint = f"A study to begin with is in {file}: driftplan study check {file}"
+    return Answer(payload=lambda: {"file": str(file)}, text=lambda: hint, files={file: lambda: content})
 
 
 def _checked(asked: StudyResult) -> Answer:
@@ -89,14 +89,14 @@ def _checked(asked: StudyResult) -> Answer:
     }
 
     def text() -> str:
-        said = f"{counted(len(asked.tasks), 'cell')}, {len(missing)} of them not done yet."
+        summary = f"{counted(len(asked.tasks), 'cell')}, {len(missing)} of them not done yet."
         if tried:
             outcomes = ", ".join(row["outcome"] for row in tried)
-            said += (
+            summary += (
                 f" {counted(len(tried), 'cell')} tried ({outcomes}): {mean_s:.2g} s of processor time each, so about "
                 f"{_time(mean_s * len(missing))} in all on one core."
             )
-        return "\n".join([said, *(f"{row['outcome']}: {row['why']}" for row in tried if "why" in row)])
+        return "\n".join([summary, *(f"{row['outcome']}: {row['why']}" for row in tried if "why" in row)])
 
     return Answer(payload=lambda: {"study": found}, text=text)
 
@@ -131,8 +131,8 @@ def _as_json(answers: Answers) -> dict[str, Any]:
 
 
 def _text(result: StudyResult, answers: Answers) -> str:
-    said = ", ".join(f"{count} {what}" for what, count in answers.outcomes.items() if count)
-    parts = [f"{result.study.title}: {counted(len(result.tasks), 'cell')}, {said}."]
+    outcomes = ", ".join(f"{count} {what}" for what, count in answers.outcomes.items() if count)
+    parts = [f"{result.study.title}: {counted(len(result.tasks), 'cell')}, {outcomes}."]
     lines = [line for curve in answers.curves for line in _lines(curve, answers)]
     if lines:
         parts.append(table({heading: [line[heading] for line in lines[:_MOST_LINES]] for heading in lines[0]}))

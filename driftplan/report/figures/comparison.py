@@ -60,8 +60,8 @@ def plot_comparison(
     named = {label: drift for label, drift in drifts.items() if label not in others}
     for (label, drift), own in zip(named.items(), style.ROUTE_STYLES, strict=False):
         drawn.append(plot_route(drift, ax=on_map, magnify=magnify, spacing_m=spacing, confidence=confidence, **own))
-        said = f"{label}: {_metric(float(drift.length))} m, rms {_metric(float(drift.end.rms))} m at the end"
-        handles += plot_drift(drift, ax=on_drift, label=said, spacing_m=spacing, **own)
+        legend = f"{label}: {_metric(float(drift.length))} m, rms {_metric(float(drift.end.rms))} m at the end"
+        handles += plot_drift(drift, ax=on_drift, label=legend, spacing_m=spacing, **own)
     for label in others:
         grey = on_map.plot(*drifts[label].xy.T, **style.OTHER_ROUTE)
         plot_drift(drifts[label], ax=on_drift, spacing_m=spacing, **style.OTHER_ROUTE)

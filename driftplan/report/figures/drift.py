@@ -44,9 +44,9 @@ def plot_drift(
     look = {"linewidth": 1.8, "markersize": 4, "label": label, **line_kwargs}
     lines = ax.plot(profile.distance, profile.rms, markevery=marks, **look)
     if radius_at is not None:
-        said = f"{100 * radius_at:g} % within this radius"
+        legend = f"{100 * radius_at:g} % within this radius"
         thin: dict[str, Any] = {"color": lines[0].get_color(), "linestyle": (0, (1, 1.5)), "linewidth": 1.2}
-        lines += ax.plot(profile.distance, profile.radius(radius_at), label=said, **thin)
+        lines += ax.plot(profile.distance, profile.radius(radius_at), label=legend, **thin)
     ax.set(xlabel="distance driven (m)", ylabel="rms drift (m)" if radius_at is None else "drift (m)")
     ax.update_datalim([(0.0, 0.0)])
     for line in lines:  # no margin below zero; limits stay automatic, for whatever is drawn next

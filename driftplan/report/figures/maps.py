@@ -99,7 +99,7 @@ def plot_route(
     (line,) = ax.plot(profile.xy[:, 0], profile.xy[:, 1], markevery=marks, **look)
     at = PointDrift(profile.distance[marks], profile.moments[np.asarray(marks)])
     centre = at.xy + magnify * at.bias
-    said = _ellipse_label(confidence, spacing, magnify)
+    legend = _ellipse_label(confidence, spacing, magnify)
     ellipses = [
         ax.add_patch(
             Ellipse(
@@ -111,7 +111,7 @@ def plot_route(
                 edgecolor=(*_rgb(line), 0.9),
                 linestyle=line.get_linestyle() if "linestyle" in line_kwargs else "-",
                 linewidth=0.9,
-                label=said if i == 0 else "_nolegend_",
+                label=legend if i == 0 else "_nolegend_",
                 zorder=2,
             )
         )

@@ -137,8 +137,8 @@ class _CanBeKept(Exception):
 def _layout(scene: Scene, world: World | None, noise: OdometryNoise) -> Layout:
     """The beacons that are alive, as a layout of which nothing is proven."""
     scenario = Scenario.of(world, _routes(scene), noise, DriftLimit(), _start_fix(scene), scene["estimator"])
-    said = {old: [one for one in _alive(scene) if bool(one.get("existing")) == old] for old in (False, True)}
-    new, existing = (tuple(map(beacon_of, said[old])) for old in (False, True))
+    alive = {old: [one for one in _alive(scene) if bool(one.get("existing")) == old] for old in (False, True)}
+    new, existing = (tuple(map(beacon_of, alive[old])) for old in (False, True))
     return Layout(
         beacons=new,
         existing=existing,

@@ -54,8 +54,8 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(200, "application/x-ndjson")
         self._line(self.server.answers.answer(what, question, lambda news: self._line({"progress": news})))
 
-    def _line(self, said: dict[str, Any]) -> None:
-        self.wfile.write(json.dumps(said).encode() + b"\n")
+    def _line(self, message: dict[str, Any]) -> None:
+        self.wfile.write(json.dumps(message).encode() + b"\n")
 
     def _is_ours(self, path: str) -> bool:
         """Whether the token is there, and the browser knows whom it talks to: no name that someone points here."""

@@ -57,11 +57,11 @@ def studio_widget(
         def beacons(self) -> tuple[Beacon, ...]:
             return tuple(beacon_of(one) for one in self.scene["beacons"] if not one.get("dead"))
 
-    def answer(widget: Any, said: dict[str, Any]) -> None:
-        known = {"id": said.get("id")}
+    def answer(widget: Any, message: dict[str, Any]) -> None:
+        known = {"id": message.get("id")}
         tell = lambda news: widget.send({**known, "progress": news})  # noqa: E731
-        widget.send({**known, **answers.answer(str(said.get("what")), said.get("question", {}), tell)})
+        widget.send({**known, **answers.answer(str(message.get("what")), message.get("question", {}), tell)})
 
     widget = StudioWidget(scene=scene)
-    widget.on_msg(lambda _, said, __: threading.Thread(target=answer, args=(widget, said), daemon=True).start())
+    widget.on_msg(lambda _, message, __: threading.Thread(target=answer, args=(widget, message), daemon=True).start())
     return widget
