@@ -11,7 +11,7 @@ from enum import Enum
 from math import degrees, isfinite
 from typing import TYPE_CHECKING, Any
 
-from driftplan.files import plain_numbers
+from driftplan.files import head, plain_numbers
 from driftplan.tables import decimals, digits, table
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def beyond_linear_text(drift: Drift) -> str:
 
 def path_csv(drift: Drift) -> bytes:
     """The waypoints as CSV that ``driftplan predict`` and ``compare`` read back."""
-    lines = ["x_m,y_m", *(f"{x!r},{y!r}" for x, y in plain_numbers(drift.xy.tolist()))]
+    lines = [f"{head('map')}x_m,y_m", *(f"{x!r},{y!r}" for x, y in plain_numbers(drift.xy.tolist()))]
     return ("\n".join(lines) + "\n").encode()
 
 

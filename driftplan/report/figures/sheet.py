@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from driftplan.arrays import arguments_checked
+from driftplan.files import head
 from driftplan.layouts.layout import Layout, installer_columns, installer_table
 from driftplan.report.figures import style
 from driftplan.report.figures.layouts import found_in_words, map_box
@@ -33,7 +34,7 @@ _ROW_MM, _LEAST_ROW_MM = 5.0, 2.4
 def layout_pdf(layout: Layout) -> bytes:
     """The sheet as PDF, one page A3, to be printed as it is: `layout_sheet`."""
     page = io.BytesIO()
-    layout_sheet(layout).savefig(page, format="pdf", metadata={"CreationDate": None})
+    layout_sheet(layout).savefig(page, format="pdf", metadata={"CreationDate": None, "Subject": head("map")[2:-1]})
     return page.getvalue()
 
 
