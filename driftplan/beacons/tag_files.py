@@ -47,6 +47,11 @@ def fiducial_map(beacons: Sequence[Beacon]) -> bytes:
     """Beacons as the ``map.txt`` of fiducial_slam: id, x, y, z, roll, pitch, yaw in degrees, variance, observations.
 
     It has no place for a version or a frame: fiducial_slam warns of every line that is no tag.
+
+    >>> from driftplan import BeaconKind
+    >>> tag = Beacon(BeaconKind.rfid(range_m=1.5, position_std_m=0.1), x=3.0, y=4.0, id="A7")
+    >>> fiducial_map([tag])
+    b'7 3.000000 4.000000 0.000000 0.000000 0.000000 0.000000 0.010000 1\\n'
     """
     lines = []
     for tag, beacon in zip(tag_numbers(beacons), beacons, strict=True):
@@ -58,7 +63,13 @@ def fiducial_map(beacons: Sequence[Beacon]) -> bytes:
 
 @arguments_checked()
 def static_transforms(beacons: Sequence[Beacon], *, frame: str = "map") -> bytes:
-    """A shell script that publishes where beacons are, as frames ``tag_ID`` in ``frame``."""
+    """A shell script that publishes where beacons are, as frames ``tag_ID`` in ``frame``.
+
+    >>> from driftplan import BeaconKind
+    >>> tag = Beacon(BeaconKind.rfid(range_m=1.5, position_std_m=0.1), x=3.0, y=4.0, id="A7")
+    >>> static_transforms([tag]).decode().splitlines()[2][-39:]
+    '--frame-id map --child-frame-id tag_7 &'
+    """
     lines = [f"#!/bin/sh\n{head(frame)}".rstrip()]
     for tag, beacon in zip(tag_numbers(beacons), beacons, strict=True):
         place = f"--x {_short(beacon.x)} --y {_short(beacon.y)} --yaw {_short(radians(beacon.facing_deg or 0.0))}"

@@ -113,6 +113,10 @@ def edge_metadata(
     ``nearest_beacon_m``, and ``drift_since_beacon_m``: at its end, on the shortest way over it from a node where a
     beacon is in range; left out where none leads there, since nav2 reads no null. ``penalty`` is that drift, or else
     ``rms_m``: nav2's PenaltyScorer adds it to the cost of the edge.
+
+    >>> graph = RouteGraph((7, 8), np.array([[0.0, 0.0], [5.0, 0.0]]), (1,), np.array([[0, 1]]))
+    >>> edge_metadata(graph, OdometryNoise(heading_var_per_m=1e-3))
+    [{'penalty': 0.204029, 'rms_m': 0.204029}]
     """
     routes = graph.routes()
     rms = [float(predict_drift(route, noise).end.rms) for route in routes]

@@ -67,6 +67,14 @@ def load_noise(path: str | os.PathLike[str]) -> OdometryNoise:
     ------
     TrajectoryError
         If the file is missing or broken, has unknown keys or values out of range: the message names file and key.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "noise.yaml").write_text("heading_var_per_m: 1e-4\\n")
+    ...     load_noise(Path(folder, "noise.yaml"))
+    OdometryNoise(heading_var_per_m=0.0001)
     """
     file = Path(path)
     content = read_yaml(file, TrajectoryError, max_bytes=_MAX_BYTES)

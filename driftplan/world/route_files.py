@@ -46,14 +46,26 @@ def poses_along(path: Floats, spacing_m: float) -> tuple[Floats, Floats]:
 
 @arguments_checked()
 def ros_path_yaml(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> bytes:
-    """The route as a ``nav_msgs/Path``, such as ``ros2 topic pub`` takes it; `read_path` reads it back."""
+    """The route as a ``nav_msgs/Path``, such as ``ros2 topic pub`` takes it; `read_path` reads it back.
+
+    >>> from driftplan import OdometryNoise, predict_drift
+    >>> drift = predict_drift([(0, 0), (3, 0), (3, 1)], OdometryNoise(heading_var_per_m=1e-4))
+    >>> ros_path_yaml(drift).count(b"orientation")
+    17
+    """
     poses, _ = poses_along(drift.xy, spacing_m)
     return _stamped(poses, frame, above=f"header: {{frame_id: {frame}}}\n")
 
 
 @arguments_checked()
 def waypoints_yaml(drift: Drift, *, frame: str = "map") -> bytes:
-    """The corners of the route as the goal of nav2's ``FollowWaypoints``; `read_path` reads it back."""
+    """The corners of the route as the goal of nav2's ``FollowWaypoints``; `read_path` reads it back.
+
+    >>> from driftplan import OdometryNoise, predict_drift
+    >>> drift = predict_drift([(0, 0), (3, 0), (3, 1)], OdometryNoise(heading_var_per_m=1e-4))
+    >>> waypoints_yaml(drift).count(b"orientation")
+    3
+    """
     poses, _ = poses_along(drift.xy, float(drift.length))
     return _stamped(poses, frame)
 
@@ -61,7 +73,13 @@ def waypoints_yaml(drift: Drift, *, frame: str = "map") -> bytes:
 @arguments_checked()
 def poses_csv(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> bytes:
     """Poses along the route with the covariance of the estimate there, as ``geometry_msgs/PoseWithCovariance`` needs
-    it (its mean is off by the bias), after a comment with their frame: ``pandas.read_csv(file, comment="#")``."""
+    it (its mean is off by the bias), after a comment with their frame: ``pandas.read_csv(file, comment="#")``.
+
+    >>> from driftplan import OdometryNoise, predict_drift
+    >>> drift = predict_drift([(0, 0), (3, 0), (3, 1)], OdometryNoise(heading_var_per_m=1e-4))
+    >>> poses_csv(drift, spacing_m=1.0).decode().splitlines()[2]
+    '0,0,0,0,1,0,0,0,0'
+    """
     poses, driven = poses_along(drift.xy, spacing_m)
     at = drift.at(np.minimum(driven, float(drift.length)))
     columns = {
@@ -83,7 +101,13 @@ def poses_csv(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> b
 @arguments_checked()
 def poses_yaml(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> bytes:
     """The same as messages ``geometry_msgs/PoseWithCovarianceStamped``, which a ``nav_msgs/Path`` has no room for;
-    `read_path` reads the poses back. Of the covariances those of x, y and of the yaw are known."""
+    `read_path` reads the poses back. Of the covariances those of x, y and of the yaw are known.
+
+    >>> from driftplan import OdometryNoise, predict_drift
+    >>> drift = predict_drift([(0, 0), (3, 0), (3, 1)], OdometryNoise(heading_var_per_m=1e-4))
+    >>> poses_yaml(drift, spacing_m=1.0).count(b"covariance")
+    5
+    """
     poses, driven = poses_along(drift.xy, spacing_m)
     at = drift.at(np.minimum(driven, float(drift.length)))
     covariance = np.zeros((len(poses), 6, 6))

@@ -155,7 +155,12 @@ def _read_nav2(file: Path) -> RouteGraph:
 
 @arguments_checked()
 def graph_lif(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = (), marks: Sequence[Mark] = ()) -> bytes:
-    """A graph as a layout in LIF, with metadata ``added`` to the descriptions of edges and beacons as stations."""
+    """A graph as a layout in LIF, with metadata ``added`` to the descriptions of edges and beacons as stations.
+
+    >>> graph = RouteGraph((7, 8), np.array([[0.0, 0.0], [5.0, 0.0]]), (1,), np.array([[0, 1]]))
+    >>> graph_lif(graph).count(b'"edgeId"')
+    1
+    """
     _one_each(graph, added)
     return lif_bytes(graph.xy, graph.edges, graph.node_ids, graph.edge_ids, added, marks)
 
@@ -166,6 +171,10 @@ def graph_geojson(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = ()) ->
 
     What a scorer of nav2 reads are metadata: ``penalty``, say, by its PenaltyScorer, always as a number with a point,
     since nav2 tells whole numbers apart. It reads no graph in which one is null: None is a ValueError.
+
+    >>> graph = RouteGraph((7, 8), np.array([[0.0, 0.0], [5.0, 0.0]]), (1,), np.array([[0, 1]]))
+    >>> b'"metadata": {"penalty": 2.5}' in graph_geojson(graph, [{"penalty": 2.5}])
+    True
     """
     _one_each(graph, added)
     text = graph.text or _written(graph)

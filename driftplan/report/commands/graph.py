@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
 from driftplan.report.commands.option import Command, Group, Idle, Option
-from driftplan.report.records import drift_as_json, drift_table
+from driftplan.report.records import drift_table
 from driftplan.tables import decimals, digits, table
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def ways_on_graph(
         return "\n".join(parts[:-1])
 
     def payload() -> dict[str, Any]:
-        return {"routes": {n: {"nodes": way.nodes, "waypoints": drift_as_json(way.drift)} for n, way in ways.items()}}
+        return {"routes": {n: {"nodes": way.nodes, "waypoints": way.drift.to_dicts()} for n, way in ways.items()}}
 
     return Answer(
         payload=payload,
