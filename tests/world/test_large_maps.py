@@ -88,7 +88,8 @@ def test_a_map_of_8000_x_8000_cells_with_sixty_thousand_specks_is_read_as_it_is_
             load_world(file, robot_radius=0.2, **asked)
         asked |= more
     world = load_world(file, robot_radius=0.2, **asked)
-    assert world.obstacles.bounds == pytest.approx((50, 200, 350, 200.5), abs=0.3)  # specks that touch the wall stay
+    assert world.obstacles.buffer(1e-9).covers(shapely.box(50, 200, 350, 200.5))
+    assert len(world.obstacles.geoms) < 20  # specks of three cells or more in a row, by chance
     assert len(world.notes) == 2
 
 
