@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> Answer:
     from driftplan.report.figures.collisions import plot_collisions
     from driftplan.report.figures.comparison import plot_comparison
     from driftplan.report.figures.itinerary import plot_itinerary
-    from driftplan.report.records import beyond_linear_text, drift_as_json, drift_geojson, drift_table
+    from driftplan.report.records import beyond_linear_text, drift_geojson, drift_table
 
     noise, world = shared.noise_from(args), shared.world_from(args)
     talk(f"planning on {args.map} with {args.planner}{shared.search_effort(args)}")
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> Answer:
             "estimator": args.estimator,
             "route": {
                 **summary(),
-                "waypoints": drift_as_json(route.drift),
+                "waypoints": route.drift.to_dicts(),
                 "beyond_linear_m": route.drift.beyond_linear.tolist(),
             },
         },
