@@ -1,5 +1,6 @@
 """The chance that a robot which steers by its drifting estimate touches a wall."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,8 @@ from driftplan.model.simulation import simulate_drift
 from driftplan.planning.collision_chance import collision_chance
 from driftplan.planning.comparison import compare_routes
 from driftplan.planning.routes import plan_route
+from driftplan.report.cli import main
+from driftplan.report.figures.collisions import plot_collisions
 from driftplan.world.world import World
 
 HALL = World.from_polygons([[(12, 0), (16, 0), (16, 11), (12, 11)]], bounds=(0, 0, 40, 20), robot_radius=0.3)
@@ -34,7 +37,7 @@ def beside_a_wall(clearance: float) -> World:
 
 
 @given(st.floats(0.2, 2.0), st.floats(0.02, 0.2))
-@settings(max_examples=4)
+@settings(max_examples=3)
 def test_a_lateral_random_walk_touches_a_wall_twice_as_often_as_it_ends_behind_it(clearance, var_per_m):
     """The reflection principle; between the 200 places looked at a walk comes a little farther than at them."""
     drift = predict_drift([(0, 0), (20, 0)], OdometryNoise(lateral_var_per_m=var_per_m))
@@ -145,3 +148,30 @@ def test_questions_that_make_no_sense_are_refused():
         collision_chance(drift, HALL, spacing_m=0.0)
     with pytest.raises(ValueError, match="use a larger spacing_m"):
         collision_chance(drift, HALL, spacing_m=1e-6)
+
+
+def test_the_figure_shows_where_and_how_often():
+    drift = predict_drift(PATH, NOISE)
+    chance = collision_chance(drift, HALL, runs=100)
+    on_map, on_curve, _ = plot_collisions(HALL, chance).axes
+    assert on_map.get_title().startswith(f"{100 * chance.probability:.3g} % of 100 drives touch a wall")
+    by, at = on_curve.get_lines()
+    assert by.get_ydata()[-1] == chance.probability
+    assert np.array_equal(at.get_ydata(), chance.at)
+    (line,) = on_map.collections
+    assert line.get_array().max() == chance.at.max()
+
+
+def test_the_command_line_says_it_of_planned_and_given_paths(tmp_path, capsys):
+    given = tmp_path / "given.csv"
+    given.write_text("x,y\n51,33\n48,36\n30,36\n")
+    asked = ["--robot-radius", "0.6", "--collisions", "0.3", "--json"]
+    assert main(["compare", "warehouse", str(given), *asked]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["routes"]
+    assert row["collision_low"] <= row["collision_probability"] <= row["collision_high"]
+    picture = tmp_path / "where.png"
+    ends = ["--start", "51,33", "--goal", "40,36", "--time-limit", "0.5", "--picture", str(picture)]
+    assert main(["plan", "warehouse", *asked, *ends]) == 0
+    route = json.loads(capsys.readouterr().out)["route"]
+    assert 0 <= route["collision_probability"] <= 1 >= route["collision_bound"]
+    assert picture.stat().st_size > 10_000
