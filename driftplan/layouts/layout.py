@@ -18,7 +18,7 @@ import shapely
 from driftplan.arrays import arguments_checked
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.beacon_files import beacon_feature, marks_of
-from driftplan.files import write_files
+from driftplan.files import VERSION, head, write_files
 from driftplan.layouts.placement.drives import worst_drifts
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.drift import Drift
@@ -251,8 +251,9 @@ def layout_html(layout: Layout) -> bytes:
     columns = installer_columns(installer_table(layout))
     body = html_table(columns, f"{layout!r}. Metres in the frame map; directions counter-clockwise from +x.")
     look = "table{border-collapse:collapse;font:14px sans-serif}td,th{border:1px solid #999;padding:2px 8px}"
-    head = f'<meta charset="utf-8"><title>Beacon layout</title><style>{look}</style>'
-    return f"<!DOCTYPE html>\n<html><head>{head}</head><body>{body}</body></html>\n".encode()
+    about = f'<meta charset="utf-8"><meta name="description" content="{head("map")[2:-1]}">'
+    top = f"{about}<title>Beacon layout</title><style>{look}</style>"
+    return f"<!DOCTYPE html>\n<html><head>{top}</head><body>{body}</body></html>\n".encode()
 
 
 def _rows(layout: Layout) -> list[InstallerRow]:
@@ -274,19 +275,20 @@ def _rows(layout: Layout) -> list[InstallerRow]:
 def layout_csv(layout: Layout) -> bytes:
     """The installers' table as CSV, to a tenth of a millimetre, with a header that names units.
 
-    Numbers of routes are separated by spaces; a cell without a number is empty.
+    Numbers of routes are separated by spaces; a cell without a number is empty. The last columns are the frame of the
+    places and the version of the file.
 
     >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
     >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
     >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
     >>> layout_csv(layout).decode().splitlines()[1]
-    'S3,rfid,2.8571,0.0,,True,,,,0,0.5768,0'
+    'S3,rfid,2.8571,0.0,,True,,,,0,0.5768,0,map,1'
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(InstallerRow._fields)
+    writer.writerow([*InstallerRow._fields, "frame", "version"])
     for row in installer_table(layout):
-        writer.writerow([_cell(value) for value in row])
+        writer.writerow([*map(_cell, row), "map", VERSION])
     return text.getvalue().encode()
 
 

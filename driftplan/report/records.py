@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from driftplan.files import plain_numbers
+from driftplan.files import head, plain_numbers
 from driftplan.model.drift import PointDrift
 from driftplan.tables import decimals, digits, rows_of, table
 
@@ -59,7 +59,7 @@ def beyond_linear_text(drift: Drift) -> str:
 
 def path_csv(drift: Drift) -> bytes:
     """The waypoints as CSV that ``driftplan predict`` and ``compare`` read back."""
-    lines = ["x_m,y_m", *(f"{x!r},{y!r}" for x, y in plain_numbers(drift.xy.tolist()))]
+    lines = [f"{head('map')}x_m,y_m", *(f"{x!r},{y!r}" for x, y in plain_numbers(drift.xy.tolist()))]
     return ("\n".join(lines) + "\n").encode()
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from driftplan.arrays import arguments_checked
 from driftplan.errors import TrajectoryError, naming
-from driftplan.files import write_files
+from driftplan.files import head, write_files
 from driftplan.model.calibration.fit import NoiseFit
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.plain_data import read_yaml
@@ -39,7 +39,7 @@ def save_noise(path: str | os.PathLike[str], noise: OdometryNoise | NoiseFit) ->
 
 def noise_yaml(noise: OdometryNoise | NoiseFit) -> bytes:
     """What `save_noise` writes."""
-    lines = ["# Noise of an odometry for driftplan, in SI units and radians."]
+    lines = [f"{head('of the robot')}# Noise of an odometry for driftplan, in SI units and radians."]
     if isinstance(noise, NoiseFit):
         counts = noise.counts
         lines += [

@@ -14,6 +14,7 @@ import numpy as np
 
 from driftplan.arrays import Floats, arguments_checked, bounded, positive
 from driftplan.errors import TrajectoryError, naming
+from driftplan.files import head
 from driftplan.model.drift import Drift
 from driftplan.world.plain_data import read_yaml
 
@@ -53,7 +54,7 @@ def ros_path_yaml(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") 
     17
     """
     poses, _ = poses_along(drift.xy, spacing_m)
-    return f"header: {{frame_id: {frame}}}\n{_stamped(poses, frame)}".encode()
+    return _stamped(poses, frame, above=f"header: {{frame_id: {frame}}}\n")
 
 
 @arguments_checked()
@@ -66,17 +67,17 @@ def waypoints_yaml(drift: Drift, *, frame: str = "map") -> bytes:
     3
     """
     poses, _ = poses_along(drift.xy, float(drift.length))
-    return _stamped(poses, frame).encode()
+    return _stamped(poses, frame)
 
 
 @arguments_checked()
-def poses_csv(drift: Drift, *, spacing_m: float = 0.25) -> bytes:
+def poses_csv(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> bytes:
     """Poses along the route with the covariance of the estimate there, as ``geometry_msgs/PoseWithCovariance`` needs
-    it (its mean is off by the bias).
+    it (its mean is off by the bias), after a comment with their frame: ``pandas.read_csv(file, comment="#")``.
 
     >>> from driftplan import OdometryNoise, predict_drift
     >>> drift = predict_drift([(0, 0), (3, 0), (3, 1)], OdometryNoise(heading_var_per_m=1e-4))
-    >>> poses_csv(drift, spacing_m=1.0).decode().splitlines()[1]
+    >>> poses_csv(drift, spacing_m=1.0).decode().splitlines()[2]
     '0,0,0,0,1,0,0,0,0'
     """
     poses, driven = poses_along(drift.xy, spacing_m)
@@ -94,7 +95,7 @@ def poses_csv(drift: Drift, *, spacing_m: float = 0.25) -> bytes:
     }
     rows = np.column_stack(list(columns.values())).tolist()
     lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
-    return "\n".join([",".join(columns), *lines, ""]).encode()
+    return "\n".join([head(frame) + ",".join(columns), *lines, ""]).encode()
 
 
 @arguments_checked()
@@ -114,7 +115,7 @@ def poses_yaml(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> 
     covariance[:, 5, 5] = at.heading_std**2
     rows = covariance.reshape(-1, 36).tolist()  # with a point, without which YAML 1.1 takes 1e-05 for a text
     told = [f"[{', '.join(f'{value:.8e}' if value else '0.0' for value in row)}]" for row in rows]
-    return _stamped(poses, frame, told).encode()
+    return _stamped(poses, frame, told)
 
 
 def read_ros_path(file: Path) -> Floats:
@@ -144,7 +145,7 @@ def read_ros_path(file: Path) -> Floats:
     return poses
 
 
-def _stamped(poses: Floats, frame: str, covariances: Sequence[str] = ()) -> str:
+def _stamped(poses: Floats, frame: str, covariances: Sequence[str] = (), above: str = "") -> bytes:
     lines = []
     for k, (x, y, heading) in enumerate(poses.tolist()):
         position = f"{{x: {_number(x)}, y: {_number(y)}, z: 0.0}}"
@@ -152,7 +153,7 @@ def _stamped(poses: Floats, frame: str, covariances: Sequence[str] = ()) -> str:
         pose = f"{{position: {position}, orientation: {turned}}}"
         pose = f"{{pose: {pose}, covariance: {covariances[k]}}}" if covariances else pose
         lines.append(f"- header: {{frame_id: {frame}}}\n  pose: {pose}")
-    return "\n".join(["poses:", *lines, ""])
+    return "\n".join([f"{head(frame)}{above}poses:", *lines, ""]).encode()
 
 
 def _number(value: Any) -> float:

@@ -49,8 +49,8 @@ def run(args: argparse.Namespace) -> Answer:
         shown = sorted(edges, key=lambda edge: -edge["penalty"])[:_MAX_EDGES]
         columns: dict[str, Any] = {key: [edge[key] for edge in shown] for key in ("id", "start", "goal")}
         for key in ("rms_m", "drift_since_beacon_m", "nearest_beacon_m"):
-            if key in edges[0]:
-                columns[key.replace("_", " ")] = digits([edge[key] or float("nan") for edge in shown])[0]
+            if any(key in edge for edge in edges):
+                columns[key.replace("_", " ")] = digits([edge.get(key, float("nan")) for edge in shown])[0]
         parts = [f"{len(edges)} edges, those that add most first", table(columns)]
         return "\n".join([*parts, *(["", ways.text()] if ways else [])])
 

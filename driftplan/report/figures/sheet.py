@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from driftplan.arrays import arguments_checked
+from driftplan.files import head
 from driftplan.layouts.layout import Layout, installer_columns, installer_table
 from driftplan.report.figures import style
 from driftplan.report.figures.layouts import found_in_words, map_box
@@ -40,7 +41,7 @@ def layout_pdf(layout: Layout) -> bytes:
     b'%PDF'
     """
     page = io.BytesIO()
-    layout_sheet(layout).savefig(page, format="pdf", metadata={"CreationDate": None})
+    layout_sheet(layout).savefig(page, format="pdf", metadata={"CreationDate": None, "Subject": head("map")[2:-1]})
     return page.getvalue()
 
 
