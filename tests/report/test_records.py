@@ -51,6 +51,16 @@ def test_the_table_shows_degrees_and_lines_its_columns_up():
     assert float(lines[-1].split()[-1]) == pytest.approx(np.degrees(DRIFT.end.heading_std), rel=1e-2)
 
 
+def test_the_table_of_a_long_path_shows_some_rows_and_says_of_how_many():
+    drift = predict_drift([(0.5 * k, 0) for k in range(65)], NOISE)
+    _, *rows, last = drift_table(drift).splitlines()
+    assert [float(row.split()[0]) for row in (rows[0], rows[-1])] == [0.0, 32.0]
+    assert len(rows) == 15
+    assert last == "50 more points are not shown: --json has them all"
+    assert len(drift_table(drift, most=65).splitlines()) == 66
+    assert len(drift_table(drift.at([1.0, 2.0])).splitlines()) == 3
+
+
 def test_a_geojson_route_is_a_line_in_metres_with_its_drift():
     collection = json.loads(drift_geojson(DRIFT, {"planner": "none"}))
     (feature,) = collection["features"]
