@@ -22,7 +22,6 @@ from driftplan.files import plain_numbers
 from driftplan.world.formats import Mark
 from driftplan.world.plain_data import read_json
 
-_MAX_BYTES = 50_000_000
 _BEACON = "beacon"
 _TEXT, _NUMBER = "a text", "a number"
 _LAYOUT = {
@@ -70,7 +69,7 @@ class LifLayout(NamedTuple):
 
 def read_lif(path: Path, level: str | None = None) -> LifLayout:
     """A layout, which must be named where there are several."""
-    held = read_json(path, max_bytes=_MAX_BYTES)
+    held = read_json(path)
     with naming(path, MapError):
         _check("the file", held, _SCHEMA)
         version = held["metaInformation"]["lifVersion"]
@@ -164,13 +163,8 @@ def _check(where: str, held: Any, wanted: Any) -> None:
     if wanted == _NUMBER:
         number(where, held)
     elif not isinstance(held, str if wanted == _TEXT else type(wanted)):
-        kind = (
-            f"an object with {', '.join(wanted)}"
-            if isinstance(wanted, dict)
-            else "a list"
-            if wanted != _TEXT
-            else _TEXT
-        )
+        kind = _TEXT if wanted == _TEXT else "a list"
+        kind = f"an object with {', '.join(wanted)}" if isinstance(wanted, dict) else kind
         raise ValueError(f"expected {where} to be {kind}, got {short(held)}")
     elif isinstance(wanted, dict):
         for name, inner in wanted.items():

@@ -12,7 +12,7 @@ from driftplan.files import write_files
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.report.records import drift_geojson, drift_table, json_text, path_csv
-from driftplan.world.trajectories import read_path
+from driftplan.world.route_files import read_path
 
 NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.1, after_m=10.0)
 DRIFT = predict_drift([(0, 0), (10, 0), (10, -7.5)], NOISE)
