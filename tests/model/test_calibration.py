@@ -606,9 +606,7 @@ def test_absurd_speeds_are_refused_in_plain_words_or_fitted_with_faults(distance
     places = np.cumsum(moved * np.exp(1j * np.cumsum(turned)))
     times = np.arange(300.0)
     log = OdometryLog.from_velocities(times, distances * moved, turns * rng.standard_normal(300))
-    truth = Trajectory(
-        times, np.column_stack([places.real, places.imag]), np.cumsum(turned) if heading else None
-    )
+    truth = Trajectory(times, np.column_stack([places.real, places.imag]), np.cumsum(turned) if heading else None)
     if said:
         with pytest.raises(ValueError, match=said):
             fit_noise(log, truth, resamples=100)
