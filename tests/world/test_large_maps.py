@@ -59,6 +59,7 @@ def test_specks_go_and_walls_stay_as_they_are(grid, cells):
     )
 
 
+@pytest.mark.slow
 def test_too_many_cells_are_refused_with_what_loads_them(tmp_path):
     occupied = np.zeros((8000, 8000), dtype=bool)
     occupied[4000:4010, 1000:7000] = True

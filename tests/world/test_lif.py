@@ -8,7 +8,7 @@ from dataclasses import replace
 import jsonschema
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from driftplan import Beacon, BeaconKind, MapError, RouteGraph, graph_geojson, graph_lif, load_beacons, load_graph
@@ -80,6 +80,7 @@ def test_texts_become_numbers_for_nav2(tmp_path):
 
 
 @given(st.lists(marks, min_size=1, unique_by=lambda mark: mark.name))
+@settings(max_examples=25)
 def test_beacons_come_back(tmp_path_factory, some):
     content = graph_lif(GRAPH, marks=some)
     jsonschema.validate(json.loads(content), SCHEMA)
