@@ -3,8 +3,7 @@ import { mount } from "./studio.js";
 
 /** A studio in a page of its own; it may ask the server that sent it, or nobody. */
 export function open({ asks, saves }) {
-  const scene = JSON.parse(document.getElementById("scene").textContent);
-  mount(document.getElementById("studio"), scene, asks ? { saves, ask: askServer } : null);
+  mount(document.getElementById("studio"), JSON.parse(document.getElementById("scene").textContent), asks ? { saves, ask: askServer } : null);
 }
 
 /** Answers come as lines of JSON: progress, then the answer or an error. */
@@ -33,13 +32,9 @@ export function render({ model, el: element }) {
   let asked = 0;
   model.on("msg:custom", ({ id, progress, answer, error }) => {
     const { resolve, reject, onProgress } = waiting.get(id) ?? {};
-    if (!resolve) return;  // it was stopped
-    if (progress) onProgress(progress);
-    else {
-      waiting.delete(id);
-      if (error) reject(new Error(error));
-      else resolve(answer);
-    }
+    if (progress) return onProgress?.(progress);  // nobody hears what was stopped
+    waiting.delete(id);
+    return error ? reject?.(new Error(error)) : resolve?.(answer);
   });
   const ask = (what, question, onProgress, signal) => new Promise((resolve, reject) => {
     const id = asked++;
