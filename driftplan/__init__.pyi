@@ -67,6 +67,8 @@ from .model.spatial.drift import predict_flight_drift as predict_flight_drift
 from .model.spatial.rotations import RotationNoise as RotationNoise
 from .model.spatial.simulation import simulate_drift_3d as simulate_drift_3d
 from .model.spatial.steps import flight_steps as flight_steps
+from .planning.collision_chance import CollisionChance as CollisionChance
+from .planning.collision_chance import collision_chance as collision_chance
 from .planning.comparison import Comparison as Comparison
 from .planning.comparison import compare_routes as compare_routes
 from .planning.graph_routes import GraphRoute as GraphRoute
@@ -84,6 +86,7 @@ from .planning.request import DriftLimit as DriftLimit
 from .planning.request import Planner as Planner
 from .planning.routes import Route as Route
 from .planning.routes import plan_route as plan_route
+from .report.figures.collisions import plot_collisions as plot_collisions
 from .report.figures.comparison import plot_comparison as plot_comparison
 from .report.figures.drift import plot_drift as plot_drift
 from .report.figures.fits import plot_fit as plot_fit
