@@ -1,4 +1,5 @@
 // Who answers what the page cannot compute: nobody in a file, the local server of `driftplan studio`, or a notebook.
+import { el } from "./dom.js";
 import { mount } from "./studio.js";
 
 /** A studio in a page of its own; it may ask the server that sent it, or nobody. */
@@ -46,8 +47,7 @@ export function render({ model, el: element }) {
     });
     model.send({ id, what, question });
   });
-  const root = document.createElement("div");
-  root.className = "in-notebook";
+  const root = el("div", { class: "in-notebook", "data-lm-suppress-shortcuts": true });  // or “x” would cut the cell
   element.append(root);
   const studio = mount(root, model.get("scene"), { saves: false, ask });
   studio.session.listen(() => {

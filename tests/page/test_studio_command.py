@@ -217,7 +217,7 @@ NOTEBOOK = """(async () => {
       const answer = { beacons: [], proven: true, message: "none" };
       model.answer(what === "fewest" ? { id, answer } : { id, error: "no" }); } };
   render({ model, el: document.body });
-  const { studio } = document.querySelector(".driftplan-studio");
+  const { studio } = document.querySelector(".driftplan-studio[data-lm-suppress-shortcuts]");  // its keys are its own
   studio.map.resize();
   studio.frame();
   await studio.fewest();
