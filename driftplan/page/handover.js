@@ -1,5 +1,5 @@
 // What `driftplan place` writes for those who put beacons up and for the detectors of ROS: driftplan/layouts/layout.py
-// and driftplan/beacons/tag_files.py. Beacons that are dead are left out.
+// and driftplan/beacons/beacon_files.py. Beacons that are dead are left out.
 import { ABOUT, beaconsAsGeojson, noiseAsYaml, routeAsCsv } from "./files.js";
 
 const TAG_SIZE_M = 0.16, HALF_DEG = Math.PI / 360;

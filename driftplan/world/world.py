@@ -19,8 +19,7 @@ from shapely import MultiPolygon, Polygon
 from driftplan.arrays import Bools, Floats, Ints, bounds_of, instance, not_negative, point_of, points_of, positive
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.inflation import Inflation
-from driftplan.world.prepared_area import PreparedArea
-from driftplan.world.shapes import polygon_of
+from driftplan.world.shapes import PreparedArea, polygon_of
 from driftplan.world.zones import Zone, ZoneIndex, ZonePieces
 
 _WALL_DEPTH = 1e-6  # m: a line of sight may graze a wall this deep, so that a beacon mounted on a wall can be seen

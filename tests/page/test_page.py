@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from driftplan import Beacon, BeaconKind, OdometryNoise, drift_with_beacons, load_beacons, save_noise
-from driftplan.beacons.beacon_files import beacons_geojson
-from driftplan.beacons.tag_files import fiducial_map, static_transforms, tags_yaml
+from driftplan.beacons.beacon_files import beacons_geojson, fiducial_map, static_transforms, tags_yaml
 from driftplan.layouts.layout import layout_csv
 from driftplan.model.worst import worst_rms
 from driftplan.page.document import page, script

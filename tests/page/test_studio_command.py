@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from driftplan import Beacon, BeaconKind, Fix, InfeasibleError, drift_with_beacons, load_beacons, place_beacons
-from driftplan.beacons.tag_files import fiducial_map, tags_yaml
+from driftplan.beacons.beacon_files import fiducial_map, tags_yaml
 from driftplan.layouts.layout import InstallerRow, layout_csv
 from driftplan.page.document import script
 from driftplan.page.scene import beacon_said, scene_of

@@ -10,7 +10,7 @@ from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
 from driftplan.report.commands.compare import COLLISIONS, NAMES, compared, robot_in, rows_of
 from driftplan.report.commands.option import Command, Group, Idle, Option
-from driftplan.report.records import record
+from driftplan.report.records import record, waypoints
 from driftplan.tables import numbers, table, yes_no
 
 _NOTHING = 0.005  # shares that are not worth a word
@@ -126,8 +126,8 @@ def _many(args: argparse.Namespace) -> Answer:
             "noise": shared.noise_as_json(noise),
             "estimator": args.estimator,
             "routes": [
-                row | {"waypoints": drift.xy.tolist()}
-                for row, drift in zip(rows_of(routes, world), (route.drift for route in found), strict=True)
+                row | {"waypoints": waypoints(route.path)}
+                for row, route in zip(rows_of(routes, world), found, strict=True)
             ],
         },
         text=lambda: table({k: v for k, v in compared(routes, world).columns().items() if k != "above least %"}),

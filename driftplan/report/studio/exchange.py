@@ -12,7 +12,7 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.beacon_files import load_beacons
 from driftplan.layouts.layout import InstallerRow
 from driftplan.page.scene import Scene, beacon_of, beacon_said
-from driftplan.world.trajectories import read_path
+from driftplan.world.route_files import read_path
 
 
 def read(name: str, text: str, scene: Scene, kind: BeaconKind) -> dict[str, Any]:
