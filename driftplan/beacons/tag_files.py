@@ -12,7 +12,7 @@ from math import atan2, cos, degrees, radians, sin
 from pathlib import Path
 from typing import Any
 
-from driftplan.arrays import arguments_checked, number, positive
+from driftplan.arrays import number, positive
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import MapError, naming
 from driftplan.files import read_lines
@@ -22,7 +22,6 @@ from driftplan.world.plain_data import read_yaml
 _MAX_BYTES = 5_000_000
 
 
-@arguments_checked()
 def tags_yaml(beacons: Sequence[Beacon], *, size_m: float, frame: str = "map") -> bytes:
     """Beacons as one bundle of tags for apriltag_ros, ``size_m`` wide each; `load_beacons` reads it back.
 
@@ -42,7 +41,6 @@ def tags_yaml(beacons: Sequence[Beacon], *, size_m: float, frame: str = "map") -
     return "\n".join([*lines, ""]).encode()
 
 
-@arguments_checked()
 def fiducial_map(beacons: Sequence[Beacon]) -> bytes:
     """Beacons as the ``map.txt`` of fiducial_slam: id, x, y, z, roll, pitch, yaw in degrees, variance, observations."""
     lines = []
@@ -53,7 +51,6 @@ def fiducial_map(beacons: Sequence[Beacon]) -> bytes:
     return "".join(lines).encode()
 
 
-@arguments_checked()
 def static_transforms(beacons: Sequence[Beacon], *, frame: str = "map") -> bytes:
     """A shell script that publishes where beacons are, as frames ``tag_ID`` in ``frame``."""
     lines = ["#!/bin/sh"]

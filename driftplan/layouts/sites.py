@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, Ints, arguments_checked, bounded, finite, not_negative, positive
+from driftplan.arrays import Floats, Ints, bounded, finite, not_negative, positive
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.passes import passes_of
 from driftplan.beacons.readings import waypoints_of
@@ -32,7 +32,6 @@ _MAX_SITES = 1e6  # far more than can be chosen from
 _PLACES = 9  # of metres: sums of spacings are printed as people write them, 9.6 and not 9.600000000000001
 
 
-@arguments_checked()
 @dataclass(frozen=True, eq=False)
 class Sites:
     """Where beacons may go.
@@ -80,7 +79,7 @@ class Sites:
         for one in kinds:
             if not isinstance(one, BeaconKind):
                 raise ValueError(f"expected kind to be a BeaconKind or several, got {one!r}")
-        if points is not None and len(points) and all(isinstance(point, Beacon) for point in points):
+        if isinstance(points, Sequence) and points and all(isinstance(point, Beacon) for point in points):
             if kinds:
                 raise ValueError("expected kind or points that are Beacons with a kind of their own, got both")
             points = tuple(points)
@@ -190,7 +189,6 @@ def _named(beacons: Sequence[Beacon], letter: str, taken: set[str]) -> list[Beac
 # Points
 
 
-@arguments_checked()
 def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
     """Points of a square grid, ``spacing_m`` apart, where the robot's centre may be: (n, 2), row by row from below.
 
@@ -211,7 +209,6 @@ def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ())
     return allowed(xy[world.is_free(xy)], forbidden)
 
 
-@arguments_checked()
 def wall_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
     """Points on the outlines of the obstacles, at most ``spacing_m`` apart: (n, 2), outline by outline."""
     found = [np.zeros((0, 2))]

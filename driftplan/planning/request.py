@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, arguments_checked, finite, number, positive, whole
+from driftplan.arrays import Floats, finite, number, point_of, positive, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns
 from driftplan.errors import GoalError, NoPathError, PlannerError, StartError
@@ -28,7 +28,6 @@ _USUAL_LIMIT_S = 5.0  # unless told otherwise
 _NO_LIMIT_S = 1e8  # three years
 
 
-@arguments_checked()
 @dataclass(frozen=True)
 class DriftLimit:
     """What the drift must not exceed, anywhere on any route, and with how little help.
@@ -76,7 +75,6 @@ class DriftLimit:
         return tuple(np.broadcast_to(values, (routes,)).tolist())
 
 
-@arguments_checked()
 @dataclass(frozen=True, eq=False)
 class Planner:
     """How a route is looked for.
@@ -277,9 +275,7 @@ def checked_ends(world: World, start: ArrayLike, goal: ArrayLike) -> Floats:
     """Start and goal, (2, 2), which must be free."""
     points = []
     for name, value, error in (("start", start, StartError), ("goal", goal, GoalError)):
-        point = np.asarray(value, dtype=float)
-        if point.shape != (2,) or not np.isfinite(point).all():
-            raise ValueError(f"expected {name} (x, y) in metres, finite, got {value!r}")
+        point = np.array(point_of(name, value))
         if not world.is_free(point):
             nearest = _nearest_writable(world, point)
             raise error(f"{name} {format_point(point)} is not free; the nearest free point is {format_point(nearest)}")

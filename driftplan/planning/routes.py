@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, arguments_checked
+from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import DetectionChance
 from driftplan.errors import InfeasibleError
@@ -134,7 +134,6 @@ class Route:
         return compare_routes([self, self.shortest] if self.shortest is not None else [self])._repr_html_()
 
 
-@arguments_checked(max_drift=DriftLimit, planner=Planner, start_heading="start=(x, y, heading)")
 def plan_route(
     world: World,
     start: ArrayLike,

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import arguments_checked
 from driftplan.errors import TrajectoryError, naming
 from driftplan.files import write_files
 from driftplan.model.calibration.fit import NoiseFit
@@ -21,7 +20,6 @@ _KEYS = tuple(f.name for f in fields(OdometryNoise))
 _MAX_BYTES = 1 << 20
 
 
-@arguments_checked()
 def save_noise(path: str | os.PathLike[str], noise: OdometryNoise | NoiseFit) -> None:
     """Write a noise, or a fitted one with its intervals as comments, under the names of `OdometryNoise`.
 

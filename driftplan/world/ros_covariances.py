@@ -6,14 +6,13 @@ from math import degrees
 
 import numpy as np
 
-from driftplan.arrays import Floats, arguments_checked, as_plane, not_negative, number, positive
+from driftplan.arrays import Floats, as_plane, not_negative, number, positive
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 
 _AXES = {"x": 0, "y": 1, "yaw": 5}  # of x, y, z, roll, pitch, yaw
 
 
-@arguments_checked()
 def ros_covariances(
     noise: OdometryNoise,
     *,

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, Ints, arguments_checked, point_of
+from driftplan.arrays import Floats, Ints, point_of
 from driftplan.errors import MapError, naming
 from driftplan.files import plain_numbers, read_bytes
 from driftplan.world.building_map import building_lanes
@@ -147,14 +147,12 @@ def _read_nav2(file: Path) -> RouteGraph:
     return RouteGraph(tuple(nodes), xy, edge_ids, ends, tuple(metadata), text=text)
 
 
-@arguments_checked()
 def graph_lif(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = (), marks: Sequence[Mark] = ()) -> bytes:
     """A graph as a layout in LIF, with metadata ``added`` to the descriptions of edges and beacons as stations."""
     _one_each(graph, added)
     return lif_bytes(graph.xy, graph.edges, graph.node_ids, graph.edge_ids, added, marks)
 
 
-@arguments_checked()
 def graph_geojson(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = ()) -> bytes:
     """A graph as nav2's route server reads it, with metadata ``added`` to its edges, in their order.
 

@@ -12,7 +12,6 @@ from typing import Any
 
 from ompl import base as ob
 
-from driftplan.arrays import instance
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.cost import CostRates
@@ -73,10 +72,14 @@ class DriftObjective(ob.OptimizationObjective):
     """
 
     def __init__(
-        self, si: Any, noise: OdometryNoise, goal: Any, world: World | None = None, *, length_weight: float = 0.0
+        self,
+        si: ob.SpaceInformation,
+        noise: OdometryNoise,
+        goal: Any,
+        world: World | None = None,
+        *,
+        length_weight: float = 0.0,
     ) -> None:
-        instance("si", si, ob.SpaceInformation)
-        instance("world", world, World, type(None))
         super().__init__(si)
         space = si.getStateSpace()
         kind = space_kind(space)
