@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import NamedTuple
 
 
 class DriftplanError(Exception):
@@ -41,8 +42,23 @@ class PlannerError(DriftplanError, ValueError):
     """The planner cannot minimise drift, or is unknown: the message says why and which ones can."""
 
 
+class Stretch(NamedTuple):
+    """Part of a route, by its number: metres driven."""
+
+    route: int
+    from_m: float
+    to_m: float
+
+
 class InfeasibleError(DriftplanError):
-    """No layout or itinerary keeps the limit: the message says where and by how much it fails."""
+    """No layout or itinerary keeps the limit: the message says where and by how much it fails.
+
+    ``stretch`` is where, if that is one part of a route of `place_beacons`; else None.
+    """
+
+    def __init__(self, message: str, stretch: Stretch | None = None):
+        super().__init__(message)
+        self.stretch = stretch
 
 
 class ArgumentError(DriftplanError, TypeError, ValueError):

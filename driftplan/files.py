@@ -21,6 +21,7 @@ FileError = type[MapError] | type[TrajectoryError] | type[StudyError]
 
 MAX_BYTES = 256 << 20  # unpacked: a recording of a million steps takes a quarter of it
 MAX_LINES = 2_000_000
+VERSION = 1  # of the files that are written
 _ROUNDING = 1e-15  # relative: of a few operations
 _DESCRIPTOR = re.compile(r"/dev/(?:fd/(\d+)|std(in|out|err))")
 
@@ -97,6 +98,11 @@ def write_files(files: Mapping[Path, bytes]) -> None:
                 stream.write(files[targets[target]])
         for part, target in parts.items():
             part.replace(target)
+
+
+def head(frame: str) -> str:
+    """The comment that a text begins with: its version, and the frame of what stands in it."""
+    return f"# driftplan file version {VERSION}, frame {frame}, metres\n"
 
 
 def plain_numbers(value: Any) -> Any:

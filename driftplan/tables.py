@@ -7,11 +7,14 @@ its heading.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from html import escape
 from math import floor, isfinite, log10
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
     import pandas
@@ -115,22 +118,20 @@ def html_table(columns: Mapping[str, Iterable[object]], caption: str = "") -> st
     return f"<table>{above}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def data_frame(rows: Sequence[Mapping[str, Any]]) -> pandas.DataFrame:
-    """Rows as a pandas DataFrame; pandas is optional.
+def rows_of(columns: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
+    """Arrays of one size, by name, as rows of plain numbers.
 
-    Raises
-    ------
-    ImportError : without pandas: the message says how to get it
+    >>> rows_of({"x_m": [1.0, 2.0], "y_m": [3.0, 4.0]})
+    [{'x_m': 1.0, 'y_m': 3.0}, {'x_m': 2.0, 'y_m': 4.0}]
     """
-    try:
-        import pandas
-    except ImportError as err:
-        raise ImportError("to_pandas() needs pandas: pip install pandas") from err
-    return pandas.DataFrame([dict(row) for row in rows])
+    rows = zip(*(np.ravel(column).tolist() for column in columns.values()), strict=True)
+    return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
 class Tabular(ABC):
     """What is rows for programs, and a table for people in print and in notebooks."""
+
+    __slots__ = ()
 
     @abstractmethod
     def to_dicts(self) -> list[dict[str, Any]]:
@@ -145,8 +146,12 @@ class Tabular(ABC):
         return ""
 
     def to_pandas(self) -> pandas.DataFrame:
-        """The rows as a DataFrame."""
-        return data_frame(self.to_dicts())
+        """The rows as a DataFrame; ImportError says how to get pandas."""
+        try:
+            import pandas
+        except ImportError as err:
+            raise ImportError("to_pandas() needs pandas: pip install pandas") from err
+        return pandas.DataFrame(self.to_dicts())
 
     def __str__(self) -> str:
         return f"{table(self.columns())}\n{self.words()}".rstrip("\n")

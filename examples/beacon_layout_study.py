@@ -8,6 +8,6 @@ from driftplan import run_study, study_html
 
 with tempfile.TemporaryDirectory() as folder:
     study = run_study(Path(__file__).with_suffix(".yaml"), "processes", results=Path(folder, "rows.jsonl"))
-print("limits are on the rms drift\n", study.table()[["limit_m", "redundancy", "outcome", "beacons", "proven"]])
+print("limits are on the rms drift\n", study.to_pandas()[["limit_m", "redundancy", "outcome", "beacons", "proven"]])
 if len(sys.argv) > 1:
     Path(sys.argv[1]).write_bytes(study_html(study))

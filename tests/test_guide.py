@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import doctest
 import importlib.util
+import inspect
 import re
 import sys
 from pathlib import Path
@@ -57,6 +59,19 @@ def test_every_public_name_is_in_the_reference_once():
         name for page in REFERENCE for name in re.findall(r"^::: driftplan\.(\w+)$", page.read_text(), re.MULTILINE)
     ]
     assert sorted(named) == sorted(driftplan.__all__)
+
+
+@pytest.mark.parametrize("name", driftplan.__all__)
+def test_every_public_function_has_an_example_that_runs(name):
+    """pytest runs what `doctest` finds in the modules of driftplan."""
+    public = getattr(driftplan, name)
+    if inspect.isfunction(public):
+        assert [test for test in doctest.DocTestFinder(recurse=False).find(public) if test.examples]
+
+
+def test_docstrings_say_what_they_mean_themselves():
+    elsewhere = re.compile(r"\bas there\b|\bsee there\b|\bthe same as there\b")
+    assert [n for n in driftplan.__all__ if elsewhere.search(inspect.getdoc(getattr(driftplan, n)) or "")] == []
 
 
 def test_every_page_is_in_the_navigation():

@@ -56,6 +56,15 @@ def load_beacons(
     Raises
     ------
     MapError : if the file cannot be read or a point is no beacon: the message names the file and the feature
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "map.txt").write_text("7 3.0 4.0 0.0 0.0 0.0 0.0 0.01 1\\n")
+    ...     (tag,) = load_beacons(Path(folder, "map.txt"), BeaconKind.rfid(range_m=1.5, position_std_m=0.1))
+    >>> tag.id, tag.x, tag.y, tag.kind.name
+    ('7', 3.0, 4.0, 'rfid')
     """
     path = Path(path)
     form = format_of(path, FORMATS, "beacons")

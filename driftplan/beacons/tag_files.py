@@ -15,7 +15,7 @@ from typing import Any
 from driftplan.arrays import number, positive
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import MapError, naming
-from driftplan.files import read_lines
+from driftplan.files import head, read_lines
 from driftplan.world.formats import Mark
 from driftplan.world.plain_data import read_yaml
 
@@ -31,7 +31,7 @@ def tags_yaml(beacons: Sequence[Beacon], *, size_m: float, frame: str = "map") -
         - {id: 7, size: 0.2, x: 3.0, y: 4.0, z: 0.0, qw: 1.0, qx: 0.0, qy: 0.0, qz: 0.0}
     """
     size = positive("size_m", size_m)
-    lines = ["standalone_tags: []", "tag_bundles:", f"- name: {frame}", "  layout:"]
+    lines = [f"{head(frame)}standalone_tags: []", "tag_bundles:", f"- name: {frame}", "  layout:"]
     for tag, beacon in zip(tag_numbers(beacons), beacons, strict=True):
         half = radians(beacon.facing_deg or 0.0) / 2
         turned = f"qw: {_short(cos(half))}, qx: 0.0, qy: 0.0, qz: {_short(sin(half))}"
@@ -42,7 +42,15 @@ def tags_yaml(beacons: Sequence[Beacon], *, size_m: float, frame: str = "map") -
 
 
 def fiducial_map(beacons: Sequence[Beacon]) -> bytes:
-    """Beacons as the ``map.txt`` of fiducial_slam: id, x, y, z, roll, pitch, yaw in degrees, variance, observations."""
+    """Beacons as the ``map.txt`` of fiducial_slam: id, x, y, z, roll, pitch, yaw in degrees, variance, observations.
+
+    It has no place for a version or a frame: fiducial_slam warns of every line that is no tag.
+
+    >>> from driftplan import BeaconKind
+    >>> tag = Beacon(BeaconKind.rfid(range_m=1.5, position_std_m=0.1), x=3.0, y=4.0, id="A7")
+    >>> fiducial_map([tag])
+    b'7 3.000000 4.000000 0.000000 0.000000 0.000000 0.000000 0.010000 1\\n'
+    """
     lines = []
     for tag, beacon in zip(tag_numbers(beacons), beacons, strict=True):
         variance = (beacon.kind.position_std_m or 0.0) ** 2
@@ -52,8 +60,14 @@ def fiducial_map(beacons: Sequence[Beacon]) -> bytes:
 
 
 def static_transforms(beacons: Sequence[Beacon], *, frame: str = "map") -> bytes:
-    """A shell script that publishes where beacons are, as frames ``tag_ID`` in ``frame``."""
-    lines = ["#!/bin/sh"]
+    """A shell script that publishes where beacons are, as frames ``tag_ID`` in ``frame``.
+
+    >>> from driftplan import BeaconKind
+    >>> tag = Beacon(BeaconKind.rfid(range_m=1.5, position_std_m=0.1), x=3.0, y=4.0, id="A7")
+    >>> static_transforms([tag]).decode().splitlines()[2][-39:]
+    '--frame-id map --child-frame-id tag_7 &'
+    """
+    lines = [f"#!/bin/sh\n{head(frame)}".rstrip()]
     for tag, beacon in zip(tag_numbers(beacons), beacons, strict=True):
         place = f"--x {_short(beacon.x)} --y {_short(beacon.y)} --yaw {_short(radians(beacon.facing_deg or 0.0))}"
         names = f"--frame-id {frame} --child-frame-id tag_{tag}"

@@ -17,7 +17,7 @@ import shapely
 
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.beacon_files import beacon_feature, marks_of
-from driftplan.files import write_files
+from driftplan.files import VERSION, head, write_files
 from driftplan.layouts.placement.drives import worst_drifts
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.drift import Drift
@@ -194,7 +194,14 @@ class InstallerRow(NamedTuple):
 
 
 def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
-    """All beacons of a layout, the ones whose failure hurts most first."""
+    """All beacons of a layout, the ones whose failure hurts most first.
+
+    >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
+    >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
+    >>> [(row.id, row.x_m, round(row.worst_drift_if_dead_m, 3)) for row in installer_table(layout)]
+    [('S3', 2.857142857, 0.577)]
+    """
     return tuple(sorted(_rows(layout), key=lambda row: -row.worst_drift_if_dead_m if row.routes else 0.0))
 
 
@@ -230,12 +237,20 @@ def _numbers(routes: tuple[int, ...]) -> str:
 
 
 def layout_html(layout: Layout) -> bytes:
-    """The installers' table as a page of HTML, which spreadsheets open too."""
+    """The installers' table as a page of HTML, which spreadsheets open too.
+
+    >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
+    >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
+    >>> layout_html(layout).count(b"<tr>")
+    2
+    """
     columns = installer_columns(installer_table(layout))
     body = html_table(columns, f"{layout!r}. Metres in the frame map; directions counter-clockwise from +x.")
     look = "table{border-collapse:collapse;font:14px sans-serif}td,th{border:1px solid #999;padding:2px 8px}"
-    head = f'<meta charset="utf-8"><title>Beacon layout</title><style>{look}</style>'
-    return f"<!DOCTYPE html>\n<html><head>{head}</head><body>{body}</body></html>\n".encode()
+    about = f'<meta charset="utf-8"><meta name="description" content="{head("map")[2:-1]}">'
+    top = f"{about}<title>Beacon layout</title><style>{look}</style>"
+    return f"<!DOCTYPE html>\n<html><head>{top}</head><body>{body}</body></html>\n".encode()
 
 
 def _rows(layout: Layout) -> list[InstallerRow]:
@@ -256,13 +271,20 @@ def _rows(layout: Layout) -> list[InstallerRow]:
 def layout_csv(layout: Layout) -> bytes:
     """The installers' table as CSV, to a tenth of a millimetre, with a header that names units.
 
-    Numbers of routes are separated by spaces; a cell without a number is empty.
+    Numbers of routes are separated by spaces; a cell without a number is empty. The last columns are the frame of the
+    places and the version of the file.
+
+    >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
+    >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
+    >>> layout_csv(layout).decode().splitlines()[1]
+    'S3,rfid,2.8571,0.0,,True,,,,0,0.5768,0,map,1'
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(InstallerRow._fields)
+    writer.writerow([*InstallerRow._fields, "frame", "version"])
     for row in installer_table(layout):
-        writer.writerow([_cell(value) for value in row])
+        writer.writerow([*map(_cell, row), "map", VERSION])
     return text.getvalue().encode()
 
 
@@ -275,7 +297,14 @@ def _cell(value: Any) -> Any:
 
 
 def layout_geojson(layout: Layout) -> bytes:
-    """Beacons as points with all that `load_beacons` needs, and what their failure does."""
+    """Beacons as points with all that `load_beacons` needs, and what their failure does.
+
+    >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
+    >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
+    >>> layout_geojson(layout).count(b'"Feature"')
+    1
+    """
     features = [
         beacon_feature(beacon, new=beacon in layout.beacons, routes=routes, worst_drift_if_dead_m=dead_m)
         for beacon, routes, worst, _ in layout.importance
@@ -288,7 +317,14 @@ def layout_geojson(layout: Layout) -> bytes:
 
 def layout_dxf(layout: Layout) -> bytes:
     """A DXF drawing for installers, in metres: walls, routes, beacons with ids, coordinates, ranges and directions, and
-    dimensions to the nearest walls; `load_beacons` reads it back."""
+    dimensions to the nearest walls; `load_beacons` reads it back.
+
+    >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
+    >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
+    >>> b"S3" in layout_dxf(layout)
+    True
+    """
     beacons = layout.everyone
     rows = (row for row in _rows(layout) if row.nearest_wall_m > _NEAR_M)
     walls = [((row.wall_x_m, row.wall_y_m), (row.x_m, row.y_m)) for row in rows]
@@ -297,12 +333,31 @@ def layout_dxf(layout: Layout) -> bytes:
 
 
 def layout_lif(layout: Layout) -> bytes:
-    """A layout in LIF for fleets: the routes as nodes and edges, beacons as stations; `load_beacons` reads it back."""
+    """A layout in LIF for fleets: the routes as nodes and edges, beacons as stations; `load_beacons` reads it back.
+
+    >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
+    >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
+    >>> layout_lif(layout).count(b'"stationId"')
+    1
+    """
     return graph_lif(RouteGraph.of_routes(layout.scenario.routes), marks=marks_of(layout.everyone))
 
 
 def layout_building(layout: Layout, building: str | os.PathLike[str], *, level: str | None = None) -> bytes:
-    """An Open-RMF ``.building.yaml`` with the beacons as vertices of a level; `load_beacons` reads it back."""
+    """An Open-RMF ``.building.yaml`` with the beacons as vertices of a level; `load_beacons` reads it back.
+
+    >>> import tempfile
+    >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
+    >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "site.building.yaml")
+    ...     _ = file.write_text("levels: {L1: {vertices: [[0, 0, 0, a], [9, 0, 0, b]], "
+    ...                         "measurements: [[0, 1, {distance: [3, 9.0]}]]}}")
+    ...     layout_building(layout, file).count(b"driftplan_beacon")
+    1
+    """
     return building_with_marks(Path(building), marks_of(layout.everyone), level)
 
 

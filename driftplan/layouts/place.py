@@ -15,7 +15,7 @@ from driftplan.errors import InfeasibleError
 from driftplan.layouts.layout import Layout
 from driftplan.layouts.placement.covering import Progress
 from driftplan.layouts.placement.drives import worst_of_failures
-from driftplan.layouts.placement.placement_diagnosis import explain
+from driftplan.layouts.placement.placement_diagnosis import infeasible
 from driftplan.layouts.placement.problem import LimitSearch, PlacementProblem, placement_problem
 from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import Sites
@@ -195,7 +195,7 @@ def _deadline(began: float, time_limit: float, scenario: Scenario) -> float:
 def _cheapest(search: LimitSearch, limits: tuple[float, ...], began: float) -> Layout:
     cover = search.cover(limits)
     if cover.chosen is None:
-        raise InfeasibleError(explain(search, limits, cover))
+        raise infeasible(search, limits, cover)
     chosen, status = cover.chosen, cover.status
     if search.problem.scenario.drives_differ:
         chosen, tightened = _kept_on_other_drives(search, chosen, limits)
@@ -211,10 +211,7 @@ def _kept_on_other_drives(search: LimitSearch, chosen: Bools, limits: tuple[floa
         search = LimitSearch.of(search.problem, float(tightened_m.min()), search.deadline, search.progress)
         cover = search.cover(tightened_m.tolist())
         if cover.chosen is None:
-            raise InfeasibleError(
-                "systematic errors differ between drives, and no layout was found that keeps the limits for all: even "
-                f"for their mean {explain(search, tightened_m.tolist(), cover)}"
-            )
+            raise infeasible(search, tightened_m.tolist(), cover, even_for_the_mean=True)
         chosen, worst_m = cover.chosen, search.worst(cover.chosen)
     return chosen, bool((tightened_m < asked_m).any())
 

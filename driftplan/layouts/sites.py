@@ -210,7 +210,12 @@ def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ())
 
 
 def wall_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
-    """Points on the outlines of the obstacles, at most ``spacing_m`` apart: (n, 2), outline by outline."""
+    """Points on the outlines of the obstacles, at most ``spacing_m`` apart: (n, 2), outline by outline.
+
+    >>> world = World.from_polygons([[(2, 0), (3, 0), (3, 4), (2, 4)]], bounds=(0, 0, 5, 4), robot_radius=0.4)
+    >>> wall_sites(world, 1.0).shape
+    (10, 2)
+    """
     found = [np.zeros((0, 2))]
     for ring in shapely.get_rings(shapely.get_parts(world.obstacles)):
         found.append(_along(ring, positive("spacing_m", spacing_m))[:-1])

@@ -19,11 +19,11 @@ from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import Noises, OdometryNoise, drives_to_average, noise_of_legs, spread_of
 from driftplan.model.paths import Runs, read_path, same_place_within
 from driftplan.model.readings import Estimator, Fix, Readings, checked_estimator
-from driftplan.tables import decimals, digits, html_table
+from driftplan.tables import Tabular, decimals, digits, rows_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PointDrift:
+class PointDrift(Tabular):
     """Drift e = estimated minus true position at points, over any leading axes (none for a single point).
 
     Everything is exact to second order under the noise model, except `mean_distance`, `radius` and
@@ -45,16 +45,43 @@ class PointDrift:
             return f"{type(self).__name__}(distance={float(self.distance):.6g} m, rms={float(self.rms):.4g} m)"
         return f"{type(self).__name__}(shape={self.rms.shape}, greatest rms={np.max(self.rms, initial=0.0):.4g} m)"
 
-    def _repr_html_(self) -> str:
-        """In notebooks: the drift along one path, in at most about twenty rows."""
+    __str__ = words = __repr__
+
+    def to_dicts(self) -> list[dict[str, Any]]:
+        """One row per point: where it truly is and all about the drift there, metres and radians. In a batch ``path``
+        counts its paths.
+
+        >>> drift = predict_drift([(0, 0), (9, 0)], OdometryNoise(heading_var_per_m=1e-3))
+        >>> drift.to_pandas()["rms_m"].round(3).tolist()
+        [0.0, 0.493]
+        """
+        cov, shape = self.cov, self.rms.shape
+        columns = {
+            **({"path": np.arange(np.prod(shape[:-1])).repeat(shape[-1])} if len(shape) > 1 else {}),
+            "distance_m": self.distance,
+            "x_m": self.xy[..., 0],
+            "y_m": self.xy[..., 1],
+            "rms_m": self.rms,
+            "bias_x_m": self.bias[..., 0],
+            "bias_y_m": self.bias[..., 1],
+            "cov_xx_m2": cov[..., 0, 0],
+            "cov_xy_m2": cov[..., 0, 1],
+            "cov_yy_m2": cov[..., 1, 1],
+            "radius95_m": self.radius(0.95),
+            "heading_std_rad": self.heading_std,
+        }
+        return rows_of(columns)
+
+    def columns(self) -> dict[str, list[str]]:
+        """The drift along one path, in at most about twenty rows."""
         if self.rms.ndim != 1:
-            return html_table({}, repr(self))
+            return {}
         few = slice(None, None, max(len(self.rms) // 20, 1))
         rms, radius = digits(self.rms[few], self.radius(0.95)[few])
         xy = self.xy[few].T
         places = dict(zip(("distance m", "x m", "y m"), (self.distance[few], *xy), strict=True))
         columns = {name: decimals(values, 2) for name, values in places.items()}
-        return html_table({**columns, "rms m": rms, "95 % radius m": radius}, repr(self))
+        return {**columns, "rms m": rms, "95 % radius m": radius}
 
     @property
     def xy(self) -> Floats:

@@ -52,11 +52,8 @@ export class Calculator {
   full(noise) { return kept(this.noises, noise, () => fullNoise(noise)); }
 
   floorOf(scene, route) {
-    const known = this.floors.get(route);
-    if (known && known.zones === scene.zones) return known;
-    const found = { zones: scene.zones, ...cutAtZones(route.points, scene.zones) };
-    this.floors.set(route, found);
-    return found;
+    const known = kept(this.floors, scene.zones, () => new WeakMap());
+    return kept(known, route, () => cutAtZones(route.points, scene.zones));
   }
 
   /** A route as legs. */

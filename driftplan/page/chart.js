@@ -1,6 +1,6 @@
 // Drift against distance for every route, with the limit; the selected route in front, and a cursor that reads values.
 import { same } from "./calculator.js";
-import { el, metres, sized, stroked } from "./dom.js";
+import { CURVE_PIXELS, el, metres, roundNumber, sized, stroked } from "./dom.js";
 
 const RIGHT = 14, TOP = 12;
 
@@ -32,7 +32,7 @@ export class Chart {
     this.x = (s) => this.left + s / length * (this.width - this.left - RIGHT);
     this.y = (rms) => this.height - this.bottom - rms / top * (this.height - TOP - this.bottom);
     this.span = length;
-    const chosen = routes.find(({ k }) => k === selected.route), spacing = Math.max(2 * length / this.width, length / 2000);
+    const chosen = routes.find(({ k }) => k === selected.route), spacing = CURVE_PIXELS * length / this.width;
     const key = [spacing, length, top, this.height].join(), still = routes.filter(({ k }) => stays[k]);
     const state = [theme, key, selected.route, chosen?.route.limit_m, ...still.flatMap(({ drift, other }) => [drift, other])];
     if (!same(state, this.drawnStill)) this.drawSome(this.drawAxes(this.still, theme, length, top), theme, still, key, spacing);
@@ -77,11 +77,8 @@ export class Chart {
     pen.clearRect(0, 0, this.width, this.height);
     pen.font = `${12 * this.unit}px system-ui, sans-serif`;
     Object.assign(pen, { fillStyle: theme.text, strokeStyle: theme.faint, lineWidth: 1 });
-    const step = (span, count) => {
-      const rough = span / count, power = 10 ** Math.floor(Math.log10(rough));
-      return [1, 2, 5, 10].find((k) => k * power >= rough) * power;
-    };
-    const dx = step(length, this.width / 110), dy = step(top, Math.max((this.height - TOP - this.bottom) / 36, 1));
+    const rows = Math.max((this.height - TOP - this.bottom) / 36, 1);
+    const [dx, dy] = [length * 110 / this.width, top / rows].map((rough) => roundNumber(rough, [1, 2, 5, 10]));
     pen.textAlign = "center";
     for (let s = 0; s <= length; s += dx) pen.fillText(String(Number(s.toPrecision(6))), this.x(s), this.height - this.bottom + 15 * this.unit);
     pen.textAlign = "right";

@@ -1,6 +1,7 @@
 // Elements of the page. Text is only ever set as text: names from files are shown, never run.
 
 const SVG = "http://www.w3.org/2000/svg";
+export const CURVE_PIXELS = 4;  // between points of a drawn curve
 
 /** An element with attributes, listeners (functions under names such as onclick) and children. */
 export function el(tag, attributes = {}, ...children) { return filled(document.createElement(tag), attributes, children); }
@@ -17,6 +18,12 @@ function filled(element, attributes, children) {
 }
 
 export function metres(x, digits = 3) { return Number.isFinite(x) ? `${x.toFixed(digits)} m` : "–"; }
+
+/** A round number next to x: the first of the steps, times a power of ten, that `fits` it. */
+export function roundNumber(x, steps, fits = (step) => step >= x * (1 - 1e-9)) {
+  const power = 10 ** Math.floor(Math.log10(x));
+  return power * steps.find((step) => fits(step * power));
+}
 
 /** Hand a text to the browser to save. */
 export function save(name, text, type = "text/plain") {

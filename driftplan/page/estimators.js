@@ -141,7 +141,7 @@ class Fusion {
     S[1] = S[n] = C[1] / 2;
     S[2 * n + 2] = Math.max(-Math.log1p(2 * at[D1] + at[D1] ** 2), 0);
     this.variances.forEach((v, k) => { S[(3 + k) * (n + 1)] = v; });
-    return { ur, ui, x, y, S, mean: this.systematic ? new Array(n).fill(0) : null };
+    return { ur, ui, x, y, S, mean: new Array(n).fill(0) };
   }
 
   step(state, turn, length, noise) {
@@ -169,17 +169,14 @@ class Fusion {
     S[2] = S[2 * n] = S[2] + xt;
     S[n + 2] = S[2 * n + 1] = S[n + 2] + yt;
     S[2 * n + 2] += small[D] / scale;
-    const mean = state.mean && state.mean.slice();
-    if (mean) {
-      const old = state.mean;
-      for (const [k, ...to] of columns) to.forEach((a, i) => { mean[i] += a * old[k]; });
-      shift.forEach((x, i) => { mean[i] += x; });
-    }
+    const mean = state.mean.slice();
+    for (const [k, ...to] of columns) to.forEach((a, i) => { mean[i] += a * state.mean[k]; });
+    shift.forEach((x, i) => { mean[i] += x; });
     return { ur: ur * small[U] - ui * small[U + 1], ui: ur * small[U + 1] + ui * small[U], x: state.x + mx, y: state.y + my, S, mean };
   }
 
   read(state, reading) {
-    const n = this.size, S = state.S.slice(), mean = state.mean && state.mean.slice();
+    const n = this.size, S = state.S.slice(), mean = state.mean.slice();
     if (reading.square !== null) for (const axis of [0, 1]) readAxis(S, mean, n, axis, reading.square / 2);
     if (reading.headingVar !== null) readAxis(S, mean, n, 2, reading.headingVar);
     if (reading.anchor) {
@@ -193,21 +190,19 @@ class Fusion {
     const share = reading.chance;
     if (share !== 1) {  // an upper bound of the expected covariance, by Jensen
       for (let k = 0; k < S.length; k++) S[k] = share * S[k] + (1 - share) * state.S[k];
-      if (mean) {
-        const jump = mean.map((m, i) => m - state.mean[i]);
-        for (let i = 0; i < n; i++) {
-          for (let j = 0; j < n; j++) S[i * n + j] += share * (1 - share) * jump[i] * jump[j];
-          mean[i] = state.mean[i] + share * jump[i];
-        }
+      const jump = mean.map((m, i) => m - state.mean[i]);
+      for (let i = 0; i < n; i++) {
+        for (let j = 0; j < n; j++) S[i * n + j] += share * (1 - share) * jump[i] * jump[j];
+        mean[i] = state.mean[i] + share * jump[i];
       }
     }
     return { ...state, S, mean };
   }
 
-  square({ S, mean }) { return S[0] + S[this.size + 1] + (mean ? mean[0] * mean[0] + mean[1] * mean[1] : 0); }
+  square({ S, mean }) { return S[0] + S[this.size + 1] + mean[0] * mean[0] + mean[1] * mean[1]; }
 
-  error({ S, mean }) {
-    const n = this.size, mx = mean ? mean[0] : 0, my = mean ? mean[1] : 0;
+  error({ S, mean: [mx, my] }) {
+    const n = this.size;
     return { N: S[0] + S[n + 1] + mx * mx + my * my, e1: [mx, my], e2: [S[0] - S[n + 1] + mx * mx - my * my, 2 * (S[1] + mx * my)] };
   }
 
@@ -215,11 +210,8 @@ class Fusion {
     const n = this.size, scale = this.constants.indexOf("distance_scale_error");
     let slope = 2 * (ur * S[n + 2] - ui * S[2]) + noise.distance_var_per_m + noise.lateral_var_per_m;
     if (scale >= 0) slope += 2 * (ur * S[3 + scale] + ui * S[n + 3 + scale]);
-    if (mean) {
-      const stretched = noise.distance_scale_error + (scale >= 0 ? mean[3 + scale] : 0);
-      slope += 2 * (mean[0] * (ur * stretched - ui * mean[2]) + mean[1] * (ui * stretched + ur * mean[2]));
-    }
-    return slope;
+    const stretched = noise.distance_scale_error + (scale >= 0 ? mean[3 + scale] : 0);
+    return slope + 2 * (mean[0] * (ur * stretched - ui * mean[2]) + mean[1] * (ui * stretched + ur * mean[2]));
   }
 }
 
@@ -231,23 +223,16 @@ function sensitivity(turn, length, name) {
 
 /** A S Aᵀ with A the identity and columns [k, x, y, θ]. */
 function driven(S, n, columns) {
-  const half = S.slice();
-  for (const column of columns) {
-    const k = column[0];
-    for (let i = 0; i < 3; i++) {
-      const a = column[i + 1];
-      if (a !== 0) for (let j = 0; j < n; j++) half[i * n + j] += a * S[k * n + j];
+  const times = (M, row, step) => {  // A M, or M Aᵀ: what is a row there is a column here
+    const out = M.slice();
+    for (const [k, ...to] of columns) {
+      for (let i = 0; i < 3; i++) {
+        if (to[i] !== 0) for (let j = 0; j < n; j++) out[i * row + j * step] += to[i] * M[k * row + j * step];
+      }
     }
-  }
-  const out = half.slice();
-  for (const column of columns) {
-    const k = column[0];
-    for (let i = 0; i < 3; i++) {
-      const a = column[i + 1];
-      if (a !== 0) for (let j = 0; j < n; j++) out[j * n + i] += a * half[j * n + k];
-    }
-  }
-  return out;
+    return out;
+  };
+  return times(times(S, n, 1), 1, n);
 }
 
 /** A state is measured: its row shrinks by a factor, no digit is lost. */
@@ -258,10 +243,8 @@ function readAxis(S, mean, n, axis, variance) {
   }
   const kept = variance * weight;
   for (let k = 0; k < n; k++) S[axis * n + k] = S[k * n + axis] = g[k] * kept;
-  if (mean) {
-    const measured = mean[axis] * weight;
-    for (let k = 0; k < n; k++) mean[k] -= g[k] * measured;
-  }
+  const measured = mean[axis] * weight;
+  for (let k = 0; k < n; k++) mean[k] -= g[k] * measured;
 }
 
 /** h · (e_x, e_y, θ) is measured. */
@@ -270,10 +253,8 @@ function readRow(S, mean, n, h, variance) {
   const parts = h.reduce((sum, c, i) => sum + c * c * S[i * n + i], 0);
   const s = h[0] * g[0] + h[1] * g[1] + h[2] * g[2] + variance, weight = s > KNOWN_SHARE * parts ? 1 / s : 0;
   for (let i = 0; i < n; i++) for (let j = 0; j < n; j++) S[i * n + j] -= g[i] * g[j] * weight;
-  if (mean) {
-    const measured = (h[0] * mean[0] + h[1] * mean[1] + h[2] * mean[2]) * weight;
-    for (let k = 0; k < n; k++) mean[k] -= g[k] * measured;
-  }
+  const measured = (h[0] * mean[0] + h[1] * mean[1] + h[2] * mean[2]) * weight;
+  for (let k = 0; k < n; k++) mean[k] -= g[k] * measured;
 }
 
 /** The engine of an estimator, for a path on floors of these noises. */

@@ -18,7 +18,7 @@ export function beaconsAsGeojson(beacons) {
       properties: { id, kind: name, ...Object.fromEntries(said), ...facing, new: !existing } };
   });
   const lines = features.map((feature) => JSON.stringify(feature)).join(",\n");
-  return `{"type": "FeatureCollection", "crs": ${JSON.stringify(CRS)}, "features": [\n${lines}\n]}\n`;
+  return `{"type": "FeatureCollection", "crs": ${JSON.stringify(CRS)}, "driftplan": {"version": 1, "frame": "map"}, "features": [\n${lines}\n]}\n`;
 }
 
 /** Beacons of such a file; an Error says what is wrong with it. */
@@ -62,7 +62,7 @@ export function noiseAsYaml(noise) {
     const text = String(value);  // YAML 1.1 takes 1e-4 for text
     return `${key}: ${text.includes("e") && !text.includes(".") ? text.replace("e", ".0e") : text}`;
   });
-  return `# Noise of an odometry for driftplan, in SI units and radians.\n${lines.join("\n") || "{}"}\n`;
+  return `# driftplan file version 1, frame of the robot, metres\n# Noise of an odometry for driftplan, in SI units and radians.\n${lines.join("\n") || "{}"}\n`;
 }
 
 export function noiseFromYaml(text) {

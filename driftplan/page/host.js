@@ -32,15 +32,23 @@ export function render({ model, el: element }) {
   const waiting = new Map();
   let asked = 0;
   model.on("msg:custom", ({ id, progress, answer, error }) => {
-    const { resolve, reject, onProgress } = waiting.get(id);
+    const { resolve, reject, onProgress } = waiting.get(id) ?? {};
+    if (!resolve) return;  // it was stopped
     if (progress) onProgress(progress);
-    else if (error) reject(new Error(error));
-    else resolve(answer);
+    else {
+      waiting.delete(id);
+      if (error) reject(new Error(error));
+      else resolve(answer);
+    }
   });
   const ask = (what, question, onProgress, signal) => new Promise((resolve, reject) => {
     const id = asked++;
     waiting.set(id, { resolve, reject, onProgress });
-    signal.addEventListener("abort", () => reject(new Error("stopped")));
+    signal.addEventListener("abort", () => {
+      if (!waiting.delete(id)) return;
+      reject(new Error("stopped"));
+      model.send({ id, what: "stop" });
+    });
     model.send({ id, what, question });
   });
   const root = document.createElement("div");

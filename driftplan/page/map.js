@@ -2,9 +2,8 @@
 // grasped as SVG above them.
 import { same } from "./calculator.js";
 import { CLASSES, classOf, symbolOf, themeOf } from "./colours.js";
-import { el, metres, sized, stroked, svg } from "./dom.js";
+import { CURVE_PIXELS, el, metres, roundNumber, sized, stroked, svg } from "./dom.js";
 
-const CURVE_PIXELS = 4;  // between points of a drawn curve
 const ELLIPSE_PIXELS = 90;  // between error ellipses
 const SNAP_PIXELS = 14;
 
@@ -86,8 +85,7 @@ export class MapView {
   }
 
   drawScaleBar(pen, theme) {
-    const wanted = 120 / this.scale, power = 10 ** Math.floor(Math.log10(wanted));
-    const size = [5, 2, 1].find((k) => k * power <= wanted) * power, x = 12, y = this.height - 12;
+    const wanted = 120 / this.scale, size = roundNumber(wanted, [5, 2, 1], (step) => step <= wanted), x = 12, y = this.height - 12;
     const bar = new Path2D(`M${x} ${y - 5}V${y}H${x + size * this.scale}V${y - 5}`);
     pen.font = `${12 * this.unit}px system-ui, sans-serif`;
     [pen.fillStyle, pen.strokeStyle, pen.lineWidth] = [theme.text, theme.paper, 5];  // a halo, on whatever is below
@@ -116,7 +114,6 @@ export class MapView {
   cleared(canvas) {
     const pen = canvas.getContext("2d");
     pen.clearRect(0, 0, this.width, this.height);
-    pen.lineCap = pen.lineJoin = "round";
     return pen;
   }
 
@@ -128,8 +125,10 @@ export class MapView {
       if (drifts[k] instanceof Error) this.strokeLine(pen, points, this.theme.route, 1.5);
       else this.strokeDrift(pen, drifts[k], limit, most, width);
     };
+    Object.assign(pen, { lineCap: "butt", lineJoin: "bevel" });  // thin lines: round ones take longer to draw
     for (const k of others) draw(k, 2.5);
     for (const k of others) this.drawArrow(pen, scene.routes[k], false);
+    pen.lineCap = pen.lineJoin = "round";
     if (others.length === which.length) return;
     this.strokeLine(pen, scene.routes[chosen].points, this.theme.paper, 9 * this.unit);
     draw(chosen, 5);

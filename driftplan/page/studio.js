@@ -1,14 +1,15 @@
 // The studio: a scene on a page, to be looked at and changed. `mount` is all that others call.
 import { Calculator } from "./calculator.js";
 import { Chart } from "./chart.js";
-import { el, metres } from "./dom.js";
+import { el, metres, roundNumber } from "./dom.js";
 import { asLink, beaconsAsGeojson, withLink } from "./files.js";
 import { MapView } from "./map.js";
 import { Panel } from "./panel.js";
 import { KIND_NAMES, Session, usualKind } from "./session.js";
 
 const TOOLS = [["select", "v"], ["add", "a"], ["kill", "x"], ["measure", "m"], ["floor", "z"], ["trip", "t"]];
-const PANEL_MS = 100;
+const PANEL_MS = 200;  // numbers that change with every frame cannot be read
+const SCALES = [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10];  // of drift: they hold still while something is dragged
 const MOVES = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
 /** Put a studio into an element.
@@ -20,15 +21,9 @@ export function mount(root, scene, host = null) {
   return root.studio;
 }
 
-/** A round number above x: scales that hold still while something is dragged. */
-function roundedUp(x) {
-  const power = 10 ** Math.floor(Math.log10(x));
-  return power * [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10].find((step) => step * power >= x * (1 - 1e-9));
-}
-
 class Studio {
   constructor(root, scene, host) {
-    Object.assign(this, { root, host, moving: new Set(), told: 0, highlights: [], cursor: null, snap: true });
+    Object.assign(this, { root, host, moving: new Set(), telling: null, highlights: [], cursor: null, snap: true });
     Object.assign(this, { session: new Session(scene), calculator: new Calculator(scene) });
     this.kind = scene.beacons[0]?.kind ?? usualKind(KIND_NAMES[0]);
     [this.tools, this.keys] = [new Tools(this), new Keys(this)];
@@ -82,7 +77,7 @@ class Studio {
     const drifts = scene.routes.map((route) => calculator.drift(scene, route));
     const compared = this.panel.compared.checked, others = scene.routes.map((route) => (compared ? calculator.drift(scene, route, other) : null));
     const [worst, otherWorst] = [drifts, others].map((all) => all.map((drift) => drift?.worst ?? 0));
-    const most = roundedUp(Math.max(1e-6, ...worst, ...otherWorst));
+    const most = roundNumber(Math.max(1e-6, ...worst, ...otherWorst), SCALES);
     if (session.merging === null) this.moving.clear();
     else drifts.forEach((drift, k) => drift !== this.shown?.drifts[k] && this.moving.add(k));
     const stays = scene.routes.map((_, k) => !this.moving.has(k));  // under what an edit of many frames touches
@@ -92,9 +87,16 @@ class Studio {
     this.map.drawRoutes(this.shown);
     this.map.updateOverlay(this.shown);
     this.chart.draw(this.shown, this.map.theme);
-    const now = performance.now();  // numbers that change with every frame cannot be read
-    if (session.merging === null || now - this.told > PANEL_MS) [this.told] = [now, this.panel.update(this.shown)];
-    this.estimator.value = scene.estimator;
+    if (session.merging === null) this.tell();
+    else this.telling ??= setTimeout(() => this.tell(), PANEL_MS);
+  }
+
+  /** What the panel says: at once, but in the middle of a drag. */
+  tell() {
+    clearTimeout(this.telling);
+    this.telling = null;
+    this.panel.update(this.shown);
+    this.estimator.value = this.shown.scene.estimator;
   }
 
   setCursor(s) {

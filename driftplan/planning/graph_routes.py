@@ -109,8 +109,12 @@ def edge_metadata(
 
     ``rms_m``: the drift gained on the edge alone. With beacons also ``nearest_beacon`` to its end and
     ``nearest_beacon_m``, and ``drift_since_beacon_m``: at its end, on the shortest way over it from a node where a
-    beacon is in range (None if there is none). ``penalty`` is that drift, or else ``rms_m``: nav2's PenaltyScorer adds
-    it to the cost of the edge.
+    beacon is in range; left out where none leads there, since nav2 reads no null. ``penalty`` is that drift, or else
+    ``rms_m``: nav2's PenaltyScorer adds it to the cost of the edge.
+
+    >>> graph = RouteGraph((7, 8), np.array([[0.0, 0.0], [5.0, 0.0]]), (1,), np.array([[0, 1]]))
+    >>> edge_metadata(graph, OdometryNoise(heading_var_per_m=1e-3))
+    [{'penalty': 0.204029, 'rms_m': 0.204029}]
     """
     routes = graph.routes()
     rms = [float(predict_drift(route, noise).end.rms) for route in routes]
@@ -125,17 +129,17 @@ def edge_metadata(
     reached, previous, _ = dijkstra(network, indices=known, min_only=True, return_predecessors=True)
     found = []
     for k, (start, end) in enumerate(graph.edges.tolist()):
-        since = None
+        since = {}
         if np.isfinite(reached[start]):
             way = [end, start]
             while previous[way[-1]] >= 0:
                 way.append(int(previous[way[-1]]))
             drift = drift_with_beacons(graph.xy[way[::-1]], noise, beacons, world)
-            since = _rounded(float(drift.end.rms))
+            since = {"drift_since_beacon_m": _rounded(float(drift.end.rms))}
         nearest = beacons[int(np.argmin(away[end]))]
         told = {"nearest_beacon": nearest.id, "nearest_beacon_m": _rounded(hypot(*(nearest.xy - graph.xy[end])))}
-        penalty = _rounded(rms[k]) if since is None else since
-        found.append({"penalty": penalty, "rms_m": _rounded(rms[k]), "drift_since_beacon_m": since, **told})
+        alone = _rounded(rms[k])
+        found.append({"penalty": since.get("drift_since_beacon_m", alone), "rms_m": alone, **since, **told})
     return found
 
 

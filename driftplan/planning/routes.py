@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -32,6 +33,7 @@ from driftplan.planning.roadmap.diagnosis import why_infeasible
 from driftplan.planning.roadmap.prices import exact_drift, length_of, noises_of
 from driftplan.planning.status import Status
 from driftplan.planning.unaided import Unaided, best_unaided
+from driftplan.tables import Tabular
 from driftplan.world.world import World
 
 _UNAIDED_SHARE = 0.3  # of the time limit, for the route that would be best without a limit
@@ -39,7 +41,7 @@ _SEARCH_SHARE = 0.75  # of it for all searches; the rest is for shortening what 
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Route:
+class Route(Tabular):
     """A collision-free route and the drift along it.
 
     Attributes
@@ -127,11 +129,17 @@ class Route:
             f"{len(self.path)} waypoints{counted}, {self.status.name.lower()})"
         )
 
-    def _repr_html_(self) -> str:
+    __str__ = __repr__
+
+    def to_dicts(self) -> list[dict[str, Any]]:
+        """The drift at every waypoint, a row each; `compare_routes` has a row per route."""
+        return self.drift.to_dicts()
+
+    def columns(self) -> Mapping[str, Iterable[object]]:
         """In notebooks: beside the shortest route, if that came along."""
         from driftplan.planning.comparison import compare_routes
 
-        return compare_routes([self, self.shortest] if self.shortest is not None else [self])._repr_html_()
+        return compare_routes([self, self.shortest] if self.shortest is not None else [self]).columns()
 
 
 def plan_route(

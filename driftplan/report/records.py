@@ -1,7 +1,4 @@
-"""What is printed and written about the drift along a path: named columns with units, as table, JSON, CSV and GeoJSON.
-
-Lengths are metres, angles radians; only tables for people have degrees.
-"""
+"""What is printed and written about the drift along a path: as table (in degrees), JSON, CSV and GeoJSON."""
 
 from __future__ import annotations
 
@@ -11,44 +8,16 @@ from enum import Enum
 from math import degrees, isfinite
 from typing import TYPE_CHECKING, Any
 
-from driftplan.files import plain_numbers
+from driftplan.files import head, plain_numbers
 from driftplan.tables import decimals, digits, table
 
 if TYPE_CHECKING:
-    from driftplan.arrays import Floats
     from driftplan.model.drift import Drift, PointDrift
-
-CONFIDENCE = 0.95  # of the radii in tables and JSON, and of the ellipses in figures
-
-
-def drift_columns(drift: PointDrift) -> dict[str, Floats]:
-    """Drift at points, shape (k,), as named columns with units."""
-    xy, bias, cov = drift.xy, drift.bias, drift.cov
-    return {
-        "distance_m": drift.distance,
-        "x_m": xy[..., 0],
-        "y_m": xy[..., 1],
-        "rms_m": drift.rms,
-        "bias_x_m": bias[..., 0],
-        "bias_y_m": bias[..., 1],
-        "cov_xx_m2": cov[..., 0, 0],
-        "cov_xy_m2": cov[..., 0, 1],
-        "cov_yy_m2": cov[..., 1, 1],
-        "radius95_m": drift.radius(CONFIDENCE),
-        "heading_std_rad": drift.heading_std,
-    }
-
-
-def drift_as_json(drift: PointDrift) -> list[dict[str, float]]:
-    """One object per point."""
-    columns = drift_columns(drift)
-    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-    return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
 def drift_table(drift: PointDrift) -> str:
     """Drift at points as a table for people."""
-    rms, bias, radius = digits(drift.rms, drift.bias_norm, drift.radius(CONFIDENCE))
+    rms, bias, radius = digits(drift.rms, drift.bias_norm, drift.radius(0.95))
     (heading,) = digits([degrees(std) for std in drift.heading_std], count=3)
     return table(
         {
@@ -76,7 +45,7 @@ def beyond_linear_text(drift: Drift) -> str:
 
 def path_csv(drift: Drift) -> bytes:
     """The waypoints as CSV that ``driftplan predict`` and ``compare`` read back."""
-    lines = ["x_m,y_m", *(f"{x!r},{y!r}" for x, y in plain_numbers(drift.xy.tolist()))]
+    lines = [f"{head('map')}x_m,y_m", *(f"{x!r},{y!r}" for x, y in plain_numbers(drift.xy.tolist()))]
     return ("\n".join(lines) + "\n").encode()
 
 
@@ -84,7 +53,8 @@ def drift_geojson(drift: Drift, properties: Mapping[str, Any]) -> bytes:
     """The path as a LineString in metres of the map's frame (not longitude and latitude), with its drift."""
     from driftplan.world.geojson_map import feature_collection
 
-    columns = {name: values.tolist() for name, values in drift_columns(drift).items() if name not in ("x_m", "y_m")}
+    rows = drift.to_dicts()
+    columns = {name: [row[name] for row in rows] for name in rows[0] if name not in ("x_m", "y_m")}
     feature = {
         "type": "Feature",
         "geometry": {"type": "LineString", "coordinates": drift.xy.tolist()},

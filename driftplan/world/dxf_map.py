@@ -17,7 +17,7 @@ import shapely
 
 from driftplan.arrays import Floats, finite
 from driftplan.errors import MapError, naming
-from driftplan.files import read_bytes
+from driftplan.files import head, read_bytes
 from driftplan.world.formats import Mark
 from driftplan.world.world import World
 
@@ -85,6 +85,7 @@ def drawing_of(
     for the ways they face, and DISTANCES with dimensions from one point to another."""
     drawing = _ezdxf().new("R2010", setup=["dimstyles"], units=_METRES)
     drawing.appids.add(_APP)
+    drawing.header.custom_vars.append(_APP, head("map")[2:-1])
     for name, colour in (("WALLS", 7), ("ROUTES", 5), ("BEACONS", 1), ("DISTANCES", 3)):
         drawing.layers.add(name, color=colour)
     model = drawing.modelspace()

@@ -21,7 +21,7 @@ from shapely import MultiPolygon, Polygon
 
 from driftplan.arrays import MAX_NUMBER, Floats, point_of
 from driftplan.errors import MapError, naming
-from driftplan.files import plain_numbers
+from driftplan.files import VERSION, plain_numbers
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.plain_data import read_json
 from driftplan.world.world import World
@@ -94,7 +94,7 @@ def feature_collection(features: Sequence[dict[str, Any]], **members: Any) -> by
     RFC 7946 has longitudes and latitudes only. GDAL, and so QGIS and geopandas, reads the member ``crs`` of the older
     standard and takes this one for an engineering frame: nothing is drawn off the coast of Africa.
     """
-    about = {"version": 1, "frame": "map", **members}
+    about = {"version": VERSION, "frame": "map", **members}
     head = json.dumps({"type": "FeatureCollection", "crs": _LOCAL_METRES, "driftplan": about}, allow_nan=False)
     lines = ",\n".join(json.dumps(plain_numbers(feature), allow_nan=False) for feature in features)
     return f'{head[:-1]}, "features": [\n{lines}\n]}}\n'.encode()

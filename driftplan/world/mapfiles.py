@@ -109,6 +109,15 @@ def save_world(world: World, path: str | os.PathLike[str], *, cell_size_m: float
     ------
     ValueError : if the format cannot hold the world's zones or origin, or an argument is out of range. Nothing is
         written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> world = World.from_polygons([[(2, 0), (3, 0), (3, 4), (2, 4)]], bounds=(0, 0, 5, 4), robot_radius=0.4)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_world(world, Path(folder, "room.geojson"))
+    ...     load_world(Path(folder, "room.geojson"), robot_radius=0.4).bounds
+    (0.0, 0.0, 5.0, 4.0)
     """
     path = Path(path)
     form = format_of(path, FORMATS, "a map")

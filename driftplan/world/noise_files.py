@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from driftplan.errors import TrajectoryError, naming
-from driftplan.files import write_files
+from driftplan.files import head, write_files
 from driftplan.model.calibration.fit import NoiseFit
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.plain_data import read_yaml
@@ -37,7 +37,7 @@ def save_noise(path: str | os.PathLike[str], noise: OdometryNoise | NoiseFit) ->
 
 def noise_yaml(noise: OdometryNoise | NoiseFit) -> bytes:
     """What `save_noise` writes."""
-    lines = ["# Noise of an odometry for driftplan, in SI units and radians."]
+    lines = [f"{head('of the robot')}# Noise of an odometry for driftplan, in SI units and radians."]
     if isinstance(noise, NoiseFit):
         counts = noise.counts
         lines += [
@@ -65,6 +65,14 @@ def load_noise(path: str | os.PathLike[str]) -> OdometryNoise:
     ------
     TrajectoryError
         If the file is missing or broken, has unknown keys or values out of range: the message names file and key.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "noise.yaml").write_text("heading_var_per_m: 1e-4\\n")
+    ...     load_noise(Path(folder, "noise.yaml"))
+    OdometryNoise(heading_var_per_m=0.0001)
     """
     file = Path(path)
     content = read_yaml(file, TrajectoryError, max_bytes=_MAX_BYTES)

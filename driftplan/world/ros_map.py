@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from driftplan.arrays import number
 from driftplan.errors import MapError, naming
+from driftplan.files import head
 from driftplan.world.cell_pictures import read_header, read_pixels
 from driftplan.world.cells import cells_of_outline, fewer_cells, outline_of_cells
 from driftplan.world.world import World
@@ -81,7 +82,7 @@ def ros_map_files(world: World, path: Path, *, cell_size_m: float) -> dict[Path,
     content.write(b"P5\n%d %d\n255\n" % (pixels.shape[1], pixels.shape[0]))
     content.write(pixels.tobytes())
     text = (
-        f"image: {picture.name}\nmode: trinary\nresolution: {cell_size_m!r}\n"
+        f"{head('map')}image: {picture.name}\nmode: trinary\nresolution: {cell_size_m!r}\n"
         f"origin: [{world.bounds[0]!r}, {world.bounds[1]!r}, 0.0]\n"
         "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
     )

@@ -14,6 +14,7 @@ import numpy as np
 
 from driftplan.arrays import Floats, bounded, positive
 from driftplan.errors import TrajectoryError, naming
+from driftplan.files import head
 from driftplan.model.drift import Drift
 from driftplan.world.plain_data import read_yaml
 
@@ -44,20 +45,38 @@ def poses_along(path: Floats, spacing_m: float) -> tuple[Floats, Floats]:
 
 
 def ros_path_yaml(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> bytes:
-    """The route as a ``nav_msgs/Path``, such as ``ros2 topic pub`` takes it; `read_path` reads it back."""
+    """The route as a ``nav_msgs/Path``, such as ``ros2 topic pub`` takes it; `read_path` reads it back.
+
+    >>> from driftplan import OdometryNoise, predict_drift
+    >>> drift = predict_drift([(0, 0), (3, 0), (3, 1)], OdometryNoise(heading_var_per_m=1e-4))
+    >>> ros_path_yaml(drift).count(b"orientation")
+    17
+    """
     poses, _ = poses_along(drift.xy, spacing_m)
-    return f"header: {{frame_id: {frame}}}\n{_stamped(poses, frame)}".encode()
+    return _stamped(poses, frame, above=f"header: {{frame_id: {frame}}}\n")
 
 
 def waypoints_yaml(drift: Drift, *, frame: str = "map") -> bytes:
-    """The corners of the route as the goal of nav2's ``FollowWaypoints``; `read_path` reads it back."""
+    """The corners of the route as the goal of nav2's ``FollowWaypoints``; `read_path` reads it back.
+
+    >>> from driftplan import OdometryNoise, predict_drift
+    >>> drift = predict_drift([(0, 0), (3, 0), (3, 1)], OdometryNoise(heading_var_per_m=1e-4))
+    >>> waypoints_yaml(drift).count(b"orientation")
+    3
+    """
     poses, _ = poses_along(drift.xy, float(drift.length))
-    return _stamped(poses, frame).encode()
+    return _stamped(poses, frame)
 
 
-def poses_csv(drift: Drift, *, spacing_m: float = 0.25) -> bytes:
+def poses_csv(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> bytes:
     """Poses along the route with the covariance of the estimate there, as ``geometry_msgs/PoseWithCovariance`` needs
-    it (its mean is off by the bias)."""
+    it (its mean is off by the bias), after a comment with their frame: ``pandas.read_csv(file, comment="#")``.
+
+    >>> from driftplan import OdometryNoise, predict_drift
+    >>> drift = predict_drift([(0, 0), (3, 0), (3, 1)], OdometryNoise(heading_var_per_m=1e-4))
+    >>> poses_csv(drift, spacing_m=1.0).decode().splitlines()[2]
+    '0,0,0,0,1,0,0,0,0'
+    """
     poses, driven = poses_along(drift.xy, spacing_m)
     at = drift.at(np.minimum(driven, float(drift.length)))
     columns = {
@@ -73,12 +92,18 @@ def poses_csv(drift: Drift, *, spacing_m: float = 0.25) -> bytes:
     }
     rows = np.column_stack(list(columns.values())).tolist()
     lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
-    return "\n".join([",".join(columns), *lines, ""]).encode()
+    return "\n".join([head(frame) + ",".join(columns), *lines, ""]).encode()
 
 
 def poses_yaml(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> bytes:
     """The same as messages ``geometry_msgs/PoseWithCovarianceStamped``, which a ``nav_msgs/Path`` has no room for;
-    `read_path` reads the poses back. Of the covariances those of x, y and of the yaw are known."""
+    `read_path` reads the poses back. Of the covariances those of x, y and of the yaw are known.
+
+    >>> from driftplan import OdometryNoise, predict_drift
+    >>> drift = predict_drift([(0, 0), (3, 0), (3, 1)], OdometryNoise(heading_var_per_m=1e-4))
+    >>> poses_yaml(drift, spacing_m=1.0).count(b"covariance")
+    5
+    """
     poses, driven = poses_along(drift.xy, spacing_m)
     at = drift.at(np.minimum(driven, float(drift.length)))
     covariance = np.zeros((len(poses), 6, 6))
@@ -86,7 +111,7 @@ def poses_yaml(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> 
     covariance[:, 5, 5] = at.heading_std**2
     rows = covariance.reshape(-1, 36).tolist()  # with a point, without which YAML 1.1 takes 1e-05 for a text
     told = [f"[{', '.join(f'{value:.8e}' if value else '0.0' for value in row)}]" for row in rows]
-    return _stamped(poses, frame, told).encode()
+    return _stamped(poses, frame, told)
 
 
 def read_ros_path(file: Path) -> Floats:
@@ -116,7 +141,7 @@ def read_ros_path(file: Path) -> Floats:
     return poses
 
 
-def _stamped(poses: Floats, frame: str, covariances: Sequence[str] = ()) -> str:
+def _stamped(poses: Floats, frame: str, covariances: Sequence[str] = (), above: str = "") -> bytes:
     lines = []
     for k, (x, y, heading) in enumerate(poses.tolist()):
         position = f"{{x: {_number(x)}, y: {_number(y)}, z: 0.0}}"
@@ -124,7 +149,7 @@ def _stamped(poses: Floats, frame: str, covariances: Sequence[str] = ()) -> str:
         pose = f"{{position: {position}, orientation: {turned}}}"
         pose = f"{{pose: {pose}, covariance: {covariances[k]}}}" if covariances else pose
         lines.append(f"- header: {{frame_id: {frame}}}\n  pose: {pose}")
-    return "\n".join(["poses:", *lines, ""])
+    return "\n".join([f"{head(frame)}{above}poses:", *lines, ""]).encode()
 
 
 def _number(value: Any) -> float:

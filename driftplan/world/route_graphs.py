@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from driftplan.arrays import Floats, Ints, point_of
 from driftplan.errors import MapError, naming
-from driftplan.files import plain_numbers, read_bytes
+from driftplan.files import VERSION, plain_numbers, read_bytes
 from driftplan.world.building_map import building_lanes
 from driftplan.world.formats import Format, Mark, format_of, own_options
 from driftplan.world.geojson_map import position_of, read_features
@@ -60,7 +60,13 @@ class RouteGraph:
         legs = np.concatenate([np.stack([route[:-1], route[1:]], axis=1) for route in routes])
         xy, ends = np.unique(legs.reshape(-1, 2), axis=0, return_inverse=True)
         edges = np.unique(ends.reshape(-1, 2), axis=0)
-        return cls(tuple(range(len(xy))), xy, tuple(range(len(edges))), edges)
+        return cls.numbered(xy, edges)
+
+    @classmethod
+    def numbered(cls, xy: Floats, edges: Ints) -> RouteGraph:
+        """Nodes (n, 2) and edges (m, 2) with ids from 0: those of nav2's edges must differ from those of its nodes."""
+        count = len(xy)
+        return cls(tuple(range(count)), xy, tuple(range(count, count + len(edges))), edges)
 
     def node(self, name: int | str) -> int:
         """The index of the node of this id."""
@@ -107,7 +113,7 @@ def _read_building(file: Path, level: str | None = None) -> RouteGraph:
     vertices, lanes = building_lanes(file, level)
     if not lanes:
         raise MapError(f"{file}: expected lanes, got none")
-    return RouteGraph(tuple(range(len(vertices))), vertices, tuple(range(len(lanes))), np.array(lanes))
+    return RouteGraph.numbered(vertices, np.array(lanes))
 
 
 def _read_lif(file: Path, level: str | None = None) -> RouteGraph:
@@ -148,7 +154,12 @@ def _read_nav2(file: Path) -> RouteGraph:
 
 
 def graph_lif(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = (), marks: Sequence[Mark] = ()) -> bytes:
-    """A graph as a layout in LIF, with metadata ``added`` to the descriptions of edges and beacons as stations."""
+    """A graph as a layout in LIF, with metadata ``added`` to the descriptions of edges and beacons as stations.
+
+    >>> graph = RouteGraph((7, 8), np.array([[0.0, 0.0], [5.0, 0.0]]), (1,), np.array([[0, 1]]))
+    >>> graph_lif(graph).count(b'"edgeId"')
+    1
+    """
     _one_each(graph, added)
     return lif_bytes(graph.xy, graph.edges, graph.node_ids, graph.edge_ids, added, marks)
 
@@ -156,7 +167,12 @@ def graph_lif(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = (), marks:
 def graph_geojson(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = ()) -> bytes:
     """A graph as nav2's route server reads it, with metadata ``added`` to its edges, in their order.
 
-    What a scorer of nav2 reads are metadata: ``penalty``, say, by its PenaltyScorer.
+    What a scorer of nav2 reads are metadata: ``penalty``, say, by its PenaltyScorer, always as a number with a point,
+    since nav2 tells whole numbers apart. It reads no graph in which one is null: None is a ValueError.
+
+    >>> graph = RouteGraph((7, 8), np.array([[0.0, 0.0], [5.0, 0.0]]), (1,), np.array([[0, 1]]))
+    >>> b'"metadata": {"penalty": 2.5}' in graph_geojson(graph, [{"penalty": 2.5}])
+    True
     """
     _one_each(graph, added)
     text = graph.text or _written(graph)
@@ -164,16 +180,16 @@ def graph_geojson(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = ()) ->
     edge = iter(added)
     for start, end in _features(text) if added else ():
         held = json.loads(text[start:end])
-        more = next(edge) if "startid" in held else {}
+        more = dict(next(edge)) if "startid" in held else {}
         if not more:
             continue
         inside = dict(_members(text, start))
         if "metadata" in inside:
             start, end = inside["metadata"]
-            parts += [text[done:start], json.dumps((held["metadata"] or {}) | dict(more), allow_nan=False)]
+            parts += [text[done:start], _metadata(held["metadata"], more)]
         else:
             end = len(text[: end - 1].rstrip(_SPACE))
-            parts += [text[done:end], f', "metadata": {json.dumps(dict(more), allow_nan=False)}']
+            parts += [text[done:end], f', "metadata": {_metadata({}, more)}']
         done = end
     return "".join([*parts, text[done:]]).encode()
 
@@ -183,13 +199,19 @@ def _one_each(graph: RouteGraph, added: Sequence[Mapping[str, Any]]) -> None:
         raise ValueError(f"expected metadata for {len(graph.edges)} edges, got {len(added)}")
 
 
+def _metadata(known: dict[str, Any] | None, added: dict[str, Any]) -> str:
+    if None in added.values():
+        raise ValueError(f"expected metadata that nav2 reads, numbers, texts and lists of them, got None in {added}")
+    scored = {"penalty": float(added["penalty"])} if type(added.get("penalty")) is int else {}
+    return json.dumps((known or {}) | added | scored, allow_nan=False)
+
+
 def _written(graph: RouteGraph) -> str:
-    """Ids that are texts become numbers from 0: nav2 knows no others."""
+    """Ids that are texts become numbers: nav2 knows no others."""
     crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3857"}}  # what nav2's own files say
-    nodes, edges = (
-        ids if all(type(number) is int for number in ids) else range(len(ids))
-        for ids in (graph.node_ids, graph.edge_ids)
-    )
+    given = [all(type(number) is int for number in ids) for ids in (graph.node_ids, graph.edge_ids)]
+    nodes: Sequence[Any] = graph.node_ids if given[0] else range(len(graph.node_ids))
+    edges: Sequence[Any] = graph.edge_ids if given[1] else range(max(nodes) + 1, max(nodes) + 1 + len(graph.edges))
     features: list[dict[str, Any]] = [
         {"properties": {"id": number, "frame": "map"}, "geometry": {"type": "Point", "coordinates": xy}}
         for number, xy in zip(nodes, graph.xy.tolist(), strict=True)
@@ -200,7 +222,8 @@ def _written(graph: RouteGraph) -> str:
         line = {"type": "LineString", "coordinates": graph.xy[[a, b]].tolist()}
         features.append({"properties": held | known, "geometry": line})
     lines = ",\n".join(json.dumps(plain_numbers({"type": "Feature", **feature})) for feature in features)
-    return f'{{"type": "FeatureCollection", "name": "graph", "crs": {json.dumps(crs)}, "features": [\n{lines}\n]}}\n'
+    top = {"type": "FeatureCollection", "name": "graph", "driftplan": {"version": VERSION, "frame": "map"}, "crs": crs}
+    return f'{json.dumps(top)[:-1]}, "features": [\n{lines}\n]}}\n'
 
 
 def _features(text: str) -> Iterator[tuple[int, int]]:

@@ -1,6 +1,7 @@
 """What users ask of place_beacons beyond the fewest: budgets, trade-offs, failures, other scores, words that help."""
 
 import inspect
+import pickle
 
 import numpy as np
 import pytest
@@ -252,8 +253,11 @@ def test_an_impossible_stretch_is_named_with_what_can_be_reached_and_who_comes_c
         place_beacons(None, [(0, 0), (40, 0)], NOISE, 0.5, Sites(SIGN, sites))
     said = str(caught.value)
     assert said.startswith("route 0, from ")
-    start, end = (float(part.split(" m")[0]) for part in said.split("from ")[1].split(" to ")[:2])
+    assert caught.value.stretch is not None
+    route, start, end = caught.value.stretch  # the same as data
+    assert said.startswith(f"route {route}, from {start:.2f} m to {end:.2f} m: ")
     assert 7.0 < start < end == pytest.approx(36.0, abs=0.01)
+    assert pickle.loads(pickle.dumps(caught.value)).stretch == caught.value.stretch  # of a search in another process
     best = drift_with_beacons([(0, 0), (36.0, 0)], NOISE, [Beacon(SIGN, 5.0, 0.0)]).end.rms
     assert f"the least that can be reached is {format_least(best)}" in said
     assert "closest sites: S2 at (5, 0), S1 at (0, 0)" in said
@@ -267,8 +271,9 @@ def test_a_radius_out_of_reach_is_told_beside_the_least_rms():
 def test_rules_that_forbid_every_layout_are_named_with_what_it_would_take_without_them():
     with pytest.raises(
         InfeasibleError, match=r"together with max_beacons=1; without them it takes 4 beacons of cost 4"
-    ):
+    ) as caught:
         place_beacons(None, ROUTES, NOISE, 0.9, Sites(SIGN, spacing_m=4.0), max_beacons=1)
+    assert caught.value.stretch is None
 
 
 def test_a_group_that_asks_for_more_than_it_has_is_named():

@@ -188,7 +188,7 @@ def test_a_row_says_what_was_varied_and_what_came_out(limits):
     assert {row["outcome"] for row in rows} == {"done"}
     assert all(row["worst_drift_m"] <= row["limit_m"] * (1 + 1e-6) and row["proven"] for row in rows)
     assert len(limits.beacons(0)) == rows[0]["beacons"]
-    assert limits.table()["beacons"].tolist() == [row["beacons"] for row in rows]
+    assert limits.to_pandas()["beacons"].tolist() == [row["beacons"] for row in rows]
 
 
 def test_what_is_infeasible_is_an_answer_and_what_fails_is_tried_again_when_asked(tmp_path, monkeypatch):

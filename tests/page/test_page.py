@@ -61,6 +61,14 @@ def test_a_tag_dragged_by_mouse_has_pythons_drift(browser, studio, layout):
     assert worst_on_page(studio) == pytest.approx(worst_of(layout, layout.beacons), rel=1e-8)
 
 
+def test_the_panel_says_the_last_of_a_drag_that_rests(browser, studio):
+    """Whoever holds a tag still, to read the number, reads that of where it is."""
+    studio("(studio.session.changeBeacon(0, { x: 9, y: 9 }, 'drag'), studio.frame(), 0)")
+    shown = "studio.panel.lines.map(({ cells }) => cells[2].textContent)"
+    browser.until(f"(() => {{ const studio = {STUDIO}; return studio.telling === null; }})()")
+    assert studio(shown) == studio("studio.shown.worst.map((worst) => worst.toFixed(3))")
+
+
 def test_a_tag_is_killed_and_revived(browser, studio, layout):
     studio("studio.tools.choose('kill')")
     place = screen(studio, (layout.beacons[0].x, layout.beacons[0].y))

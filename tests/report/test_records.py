@@ -11,7 +11,7 @@ import pytest
 from driftplan.files import write_files
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
-from driftplan.report.records import drift_as_json, drift_geojson, drift_table, json_text, path_csv
+from driftplan.report.records import drift_geojson, drift_table, json_text, path_csv
 from driftplan.world.trajectories import read_path
 
 NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.1, after_m=10.0)
@@ -25,7 +25,7 @@ def test_csv_keeps_every_digit(tmp_path):
 
 
 def test_json_objects_are_the_drift_at_each_point():
-    points = drift_as_json(DRIFT)
+    points = DRIFT.to_dicts()
     assert [p["radius95_m"] for p in points] == DRIFT.radius(0.95).tolist()
     assert [p["heading_std_rad"] for p in points] == DRIFT.heading_std.tolist()
     assert [[p["bias_x_m"], p["bias_y_m"]] for p in points] == DRIFT.bias.tolist()
@@ -37,7 +37,7 @@ def test_what_is_not_finite_becomes_null():
         [(0, 0), (1e6, 0)], NOISE
     )  # heading error of thousands of rad: its circular deviation is infinite
     assert math.isinf(lost.end.heading_std)
-    text = json_text({"points": drift_as_json(lost), "nan": math.nan})
+    text = json_text({"points": lost.to_dicts(), "nan": math.nan})
     assert json.loads(text)["points"][1]["heading_std_rad"] is None
     assert json.loads(text)["nan"] is None
 

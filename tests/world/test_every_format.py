@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 
 import driftplan as d
 from driftplan.beacons import beacon_files
+from driftplan.files import VERSION
 from driftplan.report.cli import main
 from driftplan.world import mapfiles, route_graphs, zone_files
 
@@ -51,6 +54,39 @@ def test_every_format_has_an_example_that_is_read_as_the_table_says(row):
             assert READERS[reader](file) is not None
     for writer in names(row[3]):
         assert "driftplan " in writer or hasattr(d, writer) or hasattr(beacon_files, writer)
+
+
+NO_PLACE = {"hall.map", "map.txt", "hall.pgm", "speed.pgm"}  # for a version or a frame, in these formats
+OF_OTHERS = {"hall.building.yaml", "hall.imdf", "speed.yaml", "layout.building.yaml"}  # not written, or only added to
+
+
+@pytest.mark.parametrize("file", sorted((EXAMPLES / "data/formats").iterdir()), ids=lambda file: file.name)
+def test_every_file_says_its_version_and_its_frame(file):
+    text = file.read_bytes().decode("latin-1")
+    if file.name in NO_PLACE | OF_OTHERS:
+        assert "driftplan file" not in text
+        return
+    if file.suffix == ".csv" and file.name != "poses.csv":
+        rows = pandas.read_csv(file)
+        assert ({*rows["frame"]}, {*rows["version"]}) == ({"map"}, {VERSION})
+    elif file.suffix == ".lif":
+        assert ('"lifVersion": "1.0.0"' in text, '"mapId": "map"' in text) == (True, True)
+    elif file.suffix == ".geojson":
+        assert (held := json.loads(text)["driftplan"])["version"] == VERSION
+        assert held["frame"] == "map"
+    else:
+        frame = "of the robot" if file.name == "noise.yaml" else "map"
+        assert f"driftplan file version {VERSION}, frame {frame}, metres" in text
+
+
+def test_other_tools_pass_over_the_head_of_a_table(tmp_path):
+    table = pandas.read_csv(EXAMPLES / "data/formats/poses.csv", comment="#")
+    assert table.shape[1] == 9
+    assert np.isfinite(table.to_numpy(dtype=float)).all()
+    assert main(["plan", "warehouse", "--start", "3,3", "--goal", "20,3", "--iterations", "1",
+                 "--csv", str(tmp_path / "way.csv")]) == 0  # fmt: skip
+    way = pandas.read_csv(tmp_path / "way.csv", comment="#")
+    assert d.read_path(tmp_path / "way.csv").tolist() == way[["x_m", "y_m"]].to_numpy().tolist()
 
 
 def test_the_hall_is_the_same_in_every_format_of_maps():

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 
+from driftplan import Beacon, BeaconKind, World, predict_drift
+from driftplan.beacons.beacon_files import beacons_geojson
 from driftplan.errors import MapError
 from driftplan.model.noise import OdometryNoise
+from driftplan.report.records import drift_geojson
+from driftplan.world.geojson_map import geojson_map_files
 from driftplan.world.mapfiles import load_world
 
 SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]]
@@ -148,3 +154,30 @@ def test_what_is_no_geojson_is_refused(tmp_path, text, message):
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(MapError, match=message):
         load_world(path, robot_radius=0.5)
+
+
+@pytest.mark.parametrize("written", ["map", "beacons", "drift"])
+def test_geopandas_and_qgis_place_local_metres_nowhere_on_earth(tmp_path, written):
+    """Both read through GDAL: the frame is an engineering one, in metres, from which nothing leads to longitudes."""
+    geopandas = pytest.importorskip("geopandas")
+    pyproj = pytest.importorskip("pyproj")
+    world = World.from_polygons([shapely.box(2, 1, 3, 4)], bounds=(0, 0, 10, 6), robot_radius=0.3)
+    tag = Beacon(BeaconKind.rfid(1.5, 0.1), 9.6, 2.0, id="A7")
+    drift = predict_drift([(0, 0), (5, 0)], OdometryNoise(heading_var_per_m=1e-4))
+    made = {
+        "map": lambda: geojson_map_files(world, tmp_path)[tmp_path],
+        "beacons": lambda: beacons_geojson([tag]),
+        "drift": lambda: drift_geojson(drift, {"name": "way"}),
+    }
+    (tmp_path / "a.geojson").write_bytes(made[written]())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        frame = geopandas.read_file(tmp_path / "a.geojson")
+    assert frame.crs.name == "map frame"
+    assert frame.crs.is_engineering
+    assert {axis.unit_name for axis in frame.crs.axis_info} == {"metre"}
+    with pytest.raises(pyproj.exceptions.ProjError):
+        frame.to_crs(4326)
+    held = json.loads((tmp_path / "a.geojson").read_text())["features"]
+    shapes = [shapely.from_geojson(json.dumps(feature["geometry"])) for feature in held]
+    assert frame.total_bounds.tolist() == shapely.total_bounds(shapes).tolist()

@@ -78,7 +78,7 @@ def test_poses_with_covariances_are_messages_and_read_back(path, tmp_path_factor
 
 def test_every_pose_has_the_covariance_of_the_prediction_there():
     drift = predict_drift([(0, 0), (4, 0), (4, 2)], NOISE)
-    names, *rows = poses_csv(drift, spacing_m=1.0).decode().splitlines()
+    _, names, *rows = poses_csv(drift, spacing_m=1.0).decode().splitlines()
     table = dict(zip(names.split(","), np.array([row.split(",") for row in rows], dtype=float).T, strict=True))
     at = drift.at(np.arange(7.0))
     np.testing.assert_allclose(table["cov_xx_m2"], at.cov[:, 0, 0], atol=1e-9)

@@ -118,9 +118,51 @@ def test_edges_after_a_beacon_are_told_the_drift_since():
     tag = Beacon(BeaconKind.landmark(1.0, 0.05, 0.01), 10.0, 0.5, id="T")
     told = edge_metadata(SQUARE, NOISE, [tag])
     assert [edge["nearest_beacon"] for edge in told] == ["T"] * 4
-    assert [edge["drift_since_beacon_m"] is None for edge in told] == [True, False, True, True]
+    assert ["drift_since_beacon_m" not in edge for edge in told] == [True, False, True, True]
     assert told[1]["penalty"] == told[1]["drift_since_beacon_m"] < told[1]["rms_m"] + 0.1
     assert told[0]["penalty"] == told[0]["rms_m"]
+
+
+def nav2_metadata(held: dict) -> dict:
+    """As GeoJsonGraphFileLoader of nav2_route takes it: every number is a float by its point, null is an error."""
+
+    def value(found):
+        if isinstance(found, dict):
+            return nav2_metadata(found)
+        if isinstance(found, list):
+            return [value(inner) for inner in found]
+        assert isinstance(found, (bool, int, float, str)), f"failed to convert {found}"
+        return found
+
+    return {name: value(found) for name, found in held.items()}
+
+
+@given(seed=st.integers(0, 1000), whole=st.booleans(), seen=st.booleans())
+@settings(max_examples=20, deadline=None)
+def test_nav2_loads_what_is_written(seed, whole, seen):
+    """What its loader asks for: nodes and edges with ids of their own, edges between known nodes; its PenaltyScorer
+    asks for a float."""
+    rng = np.random.default_rng(seed)
+    graph = RouteGraph.of_routes([rng.integers(0, 9, (4, 2)).astype(float) for _ in range(3)])
+    tags = [Beacon(BeaconKind.rfid(1.5, 0.05), *graph.xy[0], id="T")] if seen else []
+    told = [{"penalty": 3, "shift": 2}] * len(graph.edges) if whole else edge_metadata(graph, NOISE, tags)
+    features = json.loads(graph_geojson(graph, told))["features"]
+    nodes = [f for f in features if f["geometry"]["type"] == "Point"]
+    edges = [f for f in features if f["geometry"]["type"] in ("LineString", "MultiLineString")]
+    assert nodes
+    assert edges
+    ids = [f["properties"]["id"] for f in (*nodes, *edges)]
+    assert all(type(number) is int and 0 <= number < 2**32 for number in ids)
+    assert len({*ids}) == len(ids)
+    for edge in edges:
+        held = edge["properties"]
+        assert {held["startid"], held["endid"]} <= {f["properties"]["id"] for f in nodes}
+        assert type(nav2_metadata(held["metadata"])["penalty"]) is float
+
+
+def test_metadata_that_nav2_does_not_read_are_refused():
+    with pytest.raises(ValueError, match=r"expected metadata that nav2 reads, .* got None in"):
+        graph_geojson(SQUARE, [{"penalty": None}] * 4)
 
 
 @pytest.mark.parametrize(
@@ -152,7 +194,7 @@ def test_the_command_writes_penalties_and_finds_the_way(tmp_path, capsys):
     written = load_graph(tmp_path / "out.geojson").metadata
     assert [edge["penalty"] for edge in told["edges"]] == [edge["penalty"] for edge in written]
     assert told["routes"]["lowest drift"]["nodes"] == [1, 2, 3]
-    assert (tmp_path / "way.csv").read_text().splitlines()[1:] == ["0.0,0.0", "10.0,0.0", "10.0,8.0"]
+    assert (tmp_path / "way.csv").read_text().splitlines()[2:] == ["0.0,0.0", "10.0,0.0", "10.0,8.0"]
     assert main(words) == 0
     assert "lowest drift: 18.00 m by 1 2 3" in capsys.readouterr().out
     assert main(words[:4]) == 2

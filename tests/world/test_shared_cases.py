@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import re
 from pathlib import Path
 
@@ -90,10 +91,60 @@ def test_zones_noises_and_routes_as_people_have_them(name):
             reader(file)
 
 
-def test_every_case_is_tried():
-    folders = ("maps", "geojson", "zones", "noise", "routes")
-    there = {f"{folder}/{f.name}" for folder in folders for f in shared(CASES / folder).iterdir()}
-    assert {name for name in there if not name.endswith((".png", ".pgm"))} == {*WORLDS, *OTHERS}
+LOGS = {  # moments and what is said, or why it is refused; other readers than those named refuse it by its columns
+    "kitti_camera_frame.txt": (read_truth, 2401, ""),
+    "kitti_lidar_frame.txt": (read_truth, TrajectoryError, "a frame with z upwards"),
+    "odometry.csv": (read_odometry, 2401, ""),
+    "odometry_clock_back.csv": (read_odometry, 1200, "the clock is set back by 99.9 s in row 1201"),
+    "odometry_degrees.csv": (read_odometry, 2401, ""),
+    "pose_and_command.csv": (read_odometry, TrajectoryError, "velocities and poses: say by kind which of them"),
+    "ros_echo.csv": (read_odometry, 2401, "nanoseconds since 1970"),
+    "truth.csv": (read_truth, 2401, ""),
+    "truth_ns.csv": (read_truth, 2401, "nanoseconds since 1970"),
+    "truth_wxyz.txt": (read_truth, TrajectoryError, "w first, qw qx qy qz, would fit"),
+    "truth_x_y_yaw.txt": (read_truth, TrajectoryError, "times fall in 1544 of 2401 rows"),
+    "velocities.csv": (read_odometry, 2400, ""),
+    "velocities_kmh.csv": (read_odometry, 2400, ""),
+    "velocities_ns.csv": (read_odometry, 2400, "nanoseconds since 1970"),
+    "velocities_out_of_order.csv": (read_odometry, 2400, "840 rows were not in the order of their times"),
+}
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_recordings_as_people_have_them(name):
+    reader, right, said = LOGS[name]
+    file = shared(CASES / "logs" / name)
+    if right is TrajectoryError:
+        with pytest.raises(right, match=said):
+            reader(file)
+        return
+    log = reader(file)
+    assert len(log.times) == right
+    assert bool(log.notes) == bool(said)
+    assert said in "".join(log.notes)
+
+
+NO_INPUTS = ("README.md", "cases/scripts/*", "data/orlib/*")  # programs, and problems for a solver of coverings
+OTHER_TABLES = {"data/mrclam7/Landmark_Groundtruth.dat": "5 columns do not say what they are"}
+
+
+@pytest.mark.parametrize("name", OTHER_TABLES)
+def test_tables_that_are_no_recordings_are_refused(name):
+    for reader in (read_odometry, read_truth):
+        with pytest.raises(TrajectoryError, match=OTHER_TABLES[name]):
+            reader(shared(SHARED / name))
+
+
+def test_every_file_is_tried():
+    """Each that is there is read or refused by a test above or below, or named by a map that is."""
+    claimed = {f"cases/{name}" for name in (*WORLDS, *OTHERS)} | {f"cases/logs/{name}" for name in LOGS}
+    claimed |= {f"data/{name.partition(':')[0]}" for name in (*REAL_MAPS, *DRIVES, *GRAPHS)} | {*OTHER_TABLES}
+    there = [file for folder in (CASES, DATA) for file in shared(folder).rglob("*") if file.is_file()]
+    named = {file.parent / word for file in there if file.suffix == ".yaml" for word in file.read_text().split()}
+    for file in there:
+        name = str(file.relative_to(SHARED))
+        known = name in claimed or file in named or any(file.match(pattern) for pattern in NO_INPUTS)
+        assert known, f"{name} is read by no test"
 
 
 @pytest.mark.parametrize("name", REAL_MAPS)
@@ -105,12 +156,15 @@ def test_maps_that_others_ship(name):
     assert (said in world.notes[0]) if said else not world.notes
 
 
-DRIVES = {  # how many moments they have
+DRIVES = {  # how many moments they have; None: as many as lines
     "euroc_v1_02/stamped_groundtruth.txt.gz": (read_truth, 16702),
     "euroc_v1_02/stamped_traj_estimate0.txt.gz": (read_truth, 1355),
+    **{f"euroc_v1_02/stamped_traj_estimate{k}.txt.gz": (read_truth, None) for k in range(1, 6)},
     "kitti_00/KITTI_00_gt.txt.gz": (read_truth, 4541),
     "mrclam7/Robot1_Groundtruth.dat.gz": (read_truth, 58389),
     "mrclam7/Robot1_Odometry.dat.gz": (read_odometry, 58598),
+    **{f"mrclam7/Robot{k}_Groundtruth.dat.gz": (read_truth, None) for k in (2, 3)},
+    **{f"mrclam7/Robot{k}_Odometry.dat.gz": (read_odometry, None) for k in (2, 3)},
     "plaza1/Plaza1_.mat:GT": (read_truth, 9658),
     "plaza1/Plaza1_.mat:DR": (read_odometry, 9658),
 }
@@ -128,6 +182,9 @@ def test_drives_that_others_ship(name):
     said = {"variable": variable} if variable else {}
     said |= {"kind": "increments"} if variable == "DR" else {}
     log = read(shared(DATA / file), **said)
+    if moments is None:
+        lines = gzip.decompress((DATA / file).read_bytes()).splitlines()
+        moments = sum(line[:1] not in b"#%" for line in lines) - getattr(log, "repeated", 0)
     assert len(log.times) == moments
 
 

@@ -1,4 +1,4 @@
-"""Why there is no layout: the words of an `InfeasibleError`, for someone who has to do something about it."""
+"""Why there is no layout: an `InfeasibleError` in words for someone who has to do something about it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from driftplan.arrays import Bools
+from driftplan.errors import InfeasibleError, Stretch
 from driftplan.layouts.placement.covering import Cover
 from driftplan.layouts.placement.cut_pool import Cut
 from driftplan.layouts.placement.drives import failures, worst_drifts
@@ -26,21 +27,30 @@ _FACTOR_TOLERANCE = 0.005  # relative: to which the least factor is found
 class Obstacle(NamedTuple):
     """A stretch of a route on which no site's reading lasts."""
 
-    route: int
-    start_m: float
-    end_m: float
+    stretch: Stretch
     least_drift: float  # rms that can be reached at the worst point of the stretch; a lower bound, exact for one kind
     sites: tuple[int, ...]  # those that come nearest to it, best first
 
 
-def explain(search: LimitSearch, limits: Sequence[float], cover: Cover) -> str:
-    """What to tell the user when ``cover`` has no layout, and whether a robot that fuses its readings has one."""
+def infeasible(
+    search: LimitSearch, limits: Sequence[float], cover: Cover, *, even_for_the_mean: bool = False
+) -> InfeasibleError:
+    """What to tell the user when ``cover`` has no layout."""
+    why, stretch = _explained(search, limits, cover)
+    mean = "systematic errors differ between drives, and no layout was found that keeps the limits for all: even for "
+    return InfeasibleError(f"{mean}their mean {why}" if even_for_the_mean else why, stretch)
+
+
+def _explained(search: LimitSearch, limits: Sequence[float], cover: Cover) -> tuple[str, Stretch | None]:
+    """Why, whether a robot that fuses its readings has a layout, and the stretch that this is about."""
     problem = search.problem
+    stretch: Stretch | None = None
     if cover.status is not Status.INFEASIBLE:
         ruled_out = f" (one would cost at least {cover.lower_bound:g})" if cover.lower_bound > 0 else ""
         return (
             f"no layout was found in time, nor was it proven that there is none{ruled_out}: raise time_limit, or begin "
-            "with a higher max_drift"
+            "with a higher max_drift",
+            None,
         )
     if cover.hopeless is not None and cover.hopeless.where[0] == -2:
         why = f"group {cover.hopeless.where[1]} demands more beacons than it has sites outside the forbidden areas"
@@ -50,7 +60,7 @@ def explain(search: LimitSearch, limits: Sequence[float], cover: Cover) -> str:
             found = fused_obstacle(problem, needs, cover.hopeless)
         else:
             found = obstacle(problem, needs, cover.hopeless)
-        why = _words_about_obstacle(problem, found, limits[found.route])
+        why, stretch = _words_about_obstacle(problem, found, limits[found.stretch.route]), found.stretch
     elif problem.rules and (free := search.cover(limits, ruled=False)).chosen is not None:
         number = int((free.chosen & ~problem.fixed).sum())
         why = (
@@ -59,8 +69,8 @@ def explain(search: LimitSearch, limits: Sequence[float], cover: Cover) -> str:
         )
     else:
         nearest = search.least_factor(limits, problem.fixed, 1.0, _FACTOR_TOLERANCE)
-        why = _words_about_nearest(problem, limits, nearest)
-    return why + _if_fused(problem, limits)
+        why, stretch = _about_nearest(problem, limits, nearest)
+    return why + _if_fused(problem, limits), stretch
 
 
 def _if_fused(problem: PlacementProblem, limits: Sequence[float]) -> str:
@@ -83,12 +93,16 @@ def _words_about_obstacle(problem: PlacementProblem, found: Obstacle, limit: flo
     confidence = scenario.confidence
     score, least = ("drift", "least") if confidence is None else (f"{100 * confidence:g} % radius", "least rms")
     return (
-        f"route {found.route}, from {found.start_m:.2f} m to {found.end_m:.2f} m: no sites keep the {score} under "
-        f"{limit:g} m there{spare}, the {least} that can be reached is {format_least(found.least_drift)}{helped}"
+        f"{_said(found.stretch)}: no sites keep the {score} under {limit:g} m there{spare}, the {least} that can be "
+        f"reached is {format_least(found.least_drift)}{helped}"
     )
 
 
-def _words_about_nearest(problem: PlacementProblem, limits: Sequence[float], nearest: LeastFactor) -> str:
+def _said(stretch: Stretch) -> str:
+    return f"route {stretch.route}, from {stretch.from_m:.2f} m to {stretch.to_m:.2f} m"
+
+
+def _about_nearest(problem: PlacementProblem, limits: Sequence[float], nearest: LeastFactor) -> tuple[str, Stretch]:
     """About the layout that comes nearest: where it breaks, by how much, and on which beacons."""
     scenario, chosen = problem.scenario, np.flatnonzero(nearest.chosen).tolist()
     beacons = [problem.sites[i] for i in chosen]
@@ -103,9 +117,11 @@ def _words_about_nearest(problem: PlacementProblem, limits: Sequence[float], nea
     lost = f" with {' and '.join(beacons[i].id for i in dead)} dead" if dead else ""
     helped = f", with {_named(problem, met[:_MAX_NAMED_BEACONS])} on this route" if met else ""
     reached = "the least that can be reached" if nearest.proven else "the best found"
+    stretch = Stretch(r, float(where[0]), float(where[-1]))
     return (
-        f"route {r}, from {where[0]:.2f} m to {where[-1]:.2f} m: no combination of the sites keeps all limits; "
-        f"{reached} is {format_least(worst[k])} there{lost} against a limit of {limits[r]:g} m{helped}"
+        f"{_said(stretch)}: no combination of the sites keeps all limits; {reached} is {format_least(worst[k])} "
+        f"there{lost} against a limit of {limits[r]:g} m{helped}",
+        stretch,
     )
 
 
@@ -124,7 +140,7 @@ def obstacle(problem: PlacementProblem, requirements: DriftRequirements, hopeles
     last = min(end + 1, len(distance) - 1)
     best = (_nearest(requirements, route, j, redundancy) for j in range(begin, end + 1))
     least, sites = max(best, key=lambda pair: pair[0])
-    return Obstacle(route, float(distance[begin]), float(distance[last]), least, sites)
+    return Obstacle(Stretch(route, float(distance[begin]), float(distance[last])), least, sites)
 
 
 def fused_obstacle(problem: PlacementProblem, requirements: FusedRequirements, hopeless: Cut) -> Obstacle:
@@ -141,10 +157,10 @@ def fused_obstacle(problem: PlacementProblem, requirements: FusedRequirements, h
         beyond[places] = True
     first, last = _around(int(places[-1]), beyond)
     before = dict.fromkeys(reading.site for here in route.readings[:border][::-1] for reading in here)
-    start_m, end_m = profile.distance[[first, last]].tolist()
+    stretch = Stretch(r, *profile.distance[[first, last]].tolist())
     least_m = float(profile.rms[first : last + 1].max())
     least_m = least_m if least_m > requirements.limits_m[r] else scenario.worst(drift)
-    return Obstacle(r, start_m, end_m, least_m, tuple(before)[:_MAX_NEAREST_SITES])
+    return Obstacle(stretch, least_m, tuple(before)[:_MAX_NEAREST_SITES])
 
 
 def _around(k: int, which: Bools) -> tuple[int, int]:

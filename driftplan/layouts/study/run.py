@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from driftplan.arrays import whole
 from driftplan.beacons.beacon import Beacon
@@ -17,17 +17,14 @@ from driftplan.layouts.study.inputs import CellTask, Inputs
 from driftplan.layouts.study.results import appending, read_rows
 from driftplan.layouts.study.study import Cell, Study
 from driftplan.layouts.study.work import DONE, FAILED, OUT_OF_TIME, Row, Workshop
-from driftplan.tables import data_frame
-
-if TYPE_CHECKING:
-    import pandas
+from driftplan.tables import Tabular
 
 Progress = Callable[[int, int, float], None]  # cells done, of how many, seconds left
 _NOT_IN_TABLE = ("key", "spent", "layout", "ends")
 
 
 @dataclass(frozen=True, eq=False)
-class StudyResult:
+class StudyResult(Tabular):
     """A study and what is known of its cells.
 
     Attributes
@@ -58,9 +55,12 @@ class StudyResult:
             if (row := self.rows.get(task.key)) is not None
         ]  # fmt: skip
 
-    def table(self) -> pandas.DataFrame:
-        """`to_dicts` as a DataFrame; needs pandas."""
-        return data_frame(self.to_dicts())
+    def columns(self) -> dict[str, list[object]]:
+        rows = self.to_dicts()
+        return {key: [row.get(key, "") for row in rows] for key in dict.fromkeys(key for row in rows for key in row)}
+
+    def words(self) -> str:
+        return f"{self.study.title}: {len(self.cells)} cells, {self.missing} of them not done yet"
 
     def beacons(self, cell: int) -> tuple[Beacon, ...]:
         """The beacons of a cell that is done: those that were there, and those that were placed."""

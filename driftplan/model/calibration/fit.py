@@ -44,7 +44,7 @@ from driftplan.model.calibration.relative_errors import RelativeErrors, segment_
 from driftplan.model.calibration.resampling import laid_on_truth
 from driftplan.model.calibration.segment_sets import SegmentSet, drives_of, segment_set
 from driftplan.model.noise import OdometryNoise
-from driftplan.tables import table
+from driftplan.tables import Tabular, table
 
 PARAMETERS = SYSTEMATIC + RANDOM
 
@@ -55,7 +55,7 @@ _STRAIGHT_RAD = 0.2  # turned per longest segment: below, nothing is learnt abou
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class NoiseFit:
+class NoiseFit(Tabular):
     """A noise model fitted to recordings; made by `fit_noise`, shown by ``print``.
 
     Attributes
@@ -132,16 +132,29 @@ class NoiseFit:
     def _repr_html_(self) -> str:
         return f"<pre>{escape(str(self))}</pre>"
 
-    def __str__(self) -> str:
-        names, intervals = list(self.intervals), self.intervals.values()
-        rates = table(
+    def to_dicts(self) -> list[dict[str, Any]]:
+        """One row per fitted rate, in the units of `OdometryNoise`."""
+        return [
             {
-                "rate": names,
-                "fitted": [f"{getattr(self.noise, name):.4g}" for name in names],
-                "std error": [f"{self.std_errors[name]:.2g}" for name in names],
-                f"{100 * self.confidence:.3g} % interval": [f"{low:.4g} .. {high:.4g}" for low, high in intervals],
+                "rate": name,
+                "fitted": getattr(self.noise, name),
+                "std_error": self.std_errors[name],
+                "low": low,
+                "high": high,
             }
-        )
+            for name, (low, high) in self.intervals.items()
+        ]
+
+    def columns(self) -> dict[str, list[str]]:
+        rows = self.to_dicts()
+        return {
+            "rate": [row["rate"] for row in rows],
+            "fitted": [f"{row['fitted']:.4g}" for row in rows],
+            "std error": [f"{row['std_error']:.2g}" for row in rows],
+            f"{100 * self.confidence:.3g} % interval": [f"{row['low']:.4g} .. {row['high']:.4g}" for row in rows],
+        }
+
+    def __str__(self) -> str:
         reference = f"white errors of the reference: {self.truth_position_std_m:.2g} m"
         if self.check.has_heading:
             reference += f", {degrees(self.truth_heading_std):.2g} deg"
@@ -150,7 +163,7 @@ class NoiseFit:
         seen = f"of {drives} drives" if drives > 1 else "a guess after one drive: as much as the fit's own error"
         spreads = ", ".join(f"{name} {value:.2g}" for name, value in self.between_drives.items())
         lines = [
-            rates,
+            table(self.columns()),
             *([f"from drive to drive ({seen}): {spreads}"] if spreads else []),
             "",
             reference,

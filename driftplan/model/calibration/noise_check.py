@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import hypot
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +19,7 @@ from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_sets import SegmentSet, drives_of, segment_set
 from driftplan.model.calibration.segments import TruthNoise
 from driftplan.model.noise import BETWEEN_DRIVES, OdometryNoise
-from driftplan.tables import decimals, table
+from driftplan.tables import Tabular, decimals, table
 
 Estimate = OdometryLog | ArrayLike
 Truth = Trajectory | ArrayLike
@@ -64,7 +64,7 @@ class LengthCheck(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SegmentCheck:
+class SegmentCheck(Tabular):
     """What `fit_noise` and `check_noise` found at each length, and what to make of it.
 
     Attributes
@@ -107,7 +107,11 @@ class SegmentCheck:
             f"{max(shares):.0f} % of their errors."
         )
 
-    def __str__(self) -> str:
+    def to_dicts(self) -> list[dict[str, Any]]:
+        """One row per length, by the names of `LengthCheck`."""
+        return [row._asdict() for row in self.lengths]
+
+    def columns(self) -> dict[str, list[str]]:
         rows = self.lengths
         columns = {
             "length m": [f"{row.length_m:.3g}" for row in rows],
@@ -122,8 +126,11 @@ class SegmentCheck:
             shares = ((row.coverage[k], row.coverage_error[k]) for row in rows)
             columns[f"{100 * level:g} %"] = [f"{100 * share:5.1f} (±{200 * error:3.0f})" for share, error in shares]
         columns["NEES"] = decimals([row.mean_nees for row in rows], 2)
+        return columns
+
+    def __str__(self) -> str:
         head = "errors of segments, measured and predicted; shares inside the predicted regions (± 2 standard errors)"
-        return f"{head}\n{table(columns)}"
+        return f"{head}\n{table(self.columns())}"
 
 
 def check_noise(
@@ -146,6 +153,14 @@ def check_noise(
     noise : of the continuous model (no ``step_m``), without ``heading_distance_corr``
     estimates, truths, lengths_m, use_heading, time_offset_s, heading_offset, max_gap_s : as for `fit_noise`
     truth_position_std_m, truth_heading_std : white errors of the reference: metres per coordinate, rad
+
+    Examples
+    --------
+    >>> from driftplan.model.calibration.simulated_log import simulate_log
+    >>> noise = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3)
+    >>> check = check_noise(noise, *simulate_log(5 * [(0, 0), (5, 0), (5, 5), (0, 5)], noise, rng=1))
+    >>> [bool(0.5 < row.measured_rms_m / row.predicted_rms_m < 2) for row in check.lengths[:3]]
+    [True, True, True]
     """
     if noise.step_m is not None or noise.heading_distance_corr != 0:
         raise ValueError(f"expected a noise of the continuous model without heading_distance_corr, got {noise!r}")

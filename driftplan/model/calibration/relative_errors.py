@@ -20,7 +20,7 @@ from driftplan.arrays import Floats, Ints, finite, whole
 from driftplan.model.calibration.matched_drive import MatchedDrive, match
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_sets import SegmentSet
-from driftplan.tables import decimals, table
+from driftplan.tables import Tabular, decimals
 
 KITTI_LENGTHS_M = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
 Pairs = Literal["kitti", "evo"]
@@ -47,7 +47,7 @@ class RelativeError(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RelativeErrors:
+class RelativeErrors(Tabular):
     """Relative pose errors by length, and over all segments.
 
     Attributes
@@ -60,16 +60,18 @@ class RelativeErrors:
     translation_percent: float
     rotation_deg_per_m: float
 
-    def __str__(self) -> str:
+    def to_dicts(self) -> list[dict[str, Any]]:
+        """One row per length, by the names of `RelativeError`."""
+        return [row._asdict() for row in self.lengths]
+
+    def columns(self) -> dict[str, list[Any]]:
         rows = self.lengths
-        return table(
-            {
-                "length m": [*(f"{row.length_m:.4g}" for row in rows), "all"],
-                "segments": [*(row.segments for row in rows), sum(row.segments for row in rows)],
-                "drift %": decimals([*(row.translation_percent for row in rows), self.translation_percent], 3),
-                "deg/m": decimals([*(row.rotation_deg_per_m for row in rows), self.rotation_deg_per_m], 5),
-            }
-        )
+        return {
+            "length m": [*(f"{row.length_m:.4g}" for row in rows), "all"],
+            "segments": [*(row.segments for row in rows), sum(row.segments for row in rows)],
+            "drift %": decimals([*(row.translation_percent for row in rows), self.translation_percent], 3),
+            "deg/m": decimals([*(row.rotation_deg_per_m for row in rows), self.rotation_deg_per_m], 5),
+        }
 
 
 def relative_errors(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,12 +17,13 @@ from driftplan.arrays import Floats, finite
 from driftplan.model.spatial.moments import SpatialMoments, rotate, scan
 from driftplan.model.spatial.rotations import RotationNoise, orthonormal
 from driftplan.model.spatial.steps import checked_array, read_steps
+from driftplan.tables import Tabular, numbers, rows_of
 
 _AT_ONCE = 4096  # steps per scan: a few megabytes, which stay in the cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SpatialDrift:
+class SpatialDrift(Tabular):
     """Drift e = estimated minus true position in space; made by `predict_drift_3d` and `predict_flight_drift`.
 
     Attributes
@@ -36,6 +38,28 @@ class SpatialDrift:
     distance: Floats
     bias: Floats
     cov: Floats
+
+    def __repr__(self) -> str:
+        return f"SpatialDrift(shape={self.rms.shape}, greatest rms={np.max(self.rms):.4g} m)"
+
+    __str__ = words = __repr__
+
+    def to_dicts(self) -> list[dict[str, Any]]:
+        """One row per point, metres and m², by the names of the plane and ``z``."""
+        axes = "xyz"
+        columns = {
+            "distance_m": self.distance,
+            **{f"{axis}_m": self.position[..., k] for k, axis in enumerate(axes)},
+            "rms_m": self.rms,
+            **{f"bias_{axis}_m": self.bias[..., k] for k, axis in enumerate(axes)},
+            **{f"cov_{axes[j]}{axes[k]}_m2": self.cov[..., j, k] for j in range(3) for k in range(j, 3)},
+        }
+        return rows_of(columns)
+
+    def columns(self) -> dict[str, list[str]]:
+        """In at most about twenty rows."""
+        rows = self.to_dicts()
+        return numbers(rows[:: max(len(rows) // 20, 1)], 3, "distance_m", "x_m", "y_m", "z_m", "rms_m")
 
     @property
     def trace(self) -> Floats:

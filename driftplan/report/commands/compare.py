@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
 from driftplan.report.commands.option import Command, Group, Idle, Option, input_file, label
-from driftplan.report.records import drift_columns, record
+from driftplan.report.records import record
 
 if TYPE_CHECKING:
     from driftplan import Comparison, Drift, OdometryNoise, Route, World
@@ -69,8 +69,8 @@ def rows_of(routes: Mapping[str, Route | Drift], world: World) -> list[dict[str,
 
 def at_end(drift: Drift) -> dict[str, float]:
     """Everything about the drift at the end."""
-    columns = {key: float(value) for key, value in drift_columns(drift.end).items()}
-    return {key: value for key, value in columns.items() if key not in ("distance_m", "x_m", "y_m")}
+    (row,) = drift.end.to_dicts()
+    return {key: value for key, value in row.items() if key not in ("distance_m", "x_m", "y_m")}
 
 
 def how_found(route: Route) -> dict[str, Any]:

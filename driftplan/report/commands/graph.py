@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
 from driftplan.report.commands.option import Command, Group, Idle, Option
-from driftplan.report.records import drift_as_json, drift_table
+from driftplan.report.records import drift_table
 from driftplan.tables import decimals, digits, table
 
 if TYPE_CHECKING:
@@ -49,8 +49,8 @@ def run(args: argparse.Namespace) -> Answer:
         shown = sorted(edges, key=lambda edge: -edge["penalty"])[:_MAX_EDGES]
         columns: dict[str, Any] = {key: [edge[key] for edge in shown] for key in ("id", "start", "goal")}
         for key in ("rms_m", "drift_since_beacon_m", "nearest_beacon_m"):
-            if key in edges[0]:
-                columns[key.replace("_", " ")] = digits([edge[key] or float("nan") for edge in shown])[0]
+            if any(key in edge for edge in edges):
+                columns[key.replace("_", " ")] = digits([edge.get(key, float("nan")) for edge in shown])[0]
         parts = [f"{len(edges)} edges, those that add most first", table(columns)]
         return "\n".join([*parts, *(["", ways.text()] if ways else [])])
 
@@ -91,7 +91,7 @@ def ways_on_graph(
         return "\n".join(parts[:-1])
 
     def payload() -> dict[str, Any]:
-        return {"routes": {n: {"nodes": way.nodes, "waypoints": drift_as_json(way.drift)} for n, way in ways.items()}}
+        return {"routes": {n: {"nodes": way.nodes, "waypoints": way.drift.to_dicts()} for n, way in ways.items()}}
 
     return Answer(
         payload=payload,

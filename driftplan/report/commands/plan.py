@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> Answer:
         return _on_graph(args)
     from driftplan.report.figures.comparison import plot_comparison
     from driftplan.report.figures.itinerary import plot_itinerary
-    from driftplan.report.records import beyond_linear_text, drift_as_json, drift_geojson, drift_table
+    from driftplan.report.records import beyond_linear_text, drift_geojson, drift_table
 
     noise, world = shared.noise_from(args), shared.world_from(args)
     talk(f"planning on {args.map} with {args.planner}{shared.search_effort(args)}")
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> Answer:
             "estimator": args.estimator,
             "route": {
                 **summary(),
-                "waypoints": drift_as_json(route.drift),
+                "waypoints": route.drift.to_dicts(),
                 "beyond_linear_m": route.drift.beyond_linear.tolist(),
             },
         },

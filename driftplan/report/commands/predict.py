@@ -14,7 +14,7 @@ def run(args: argparse.Namespace) -> Answer:
     """Drift at every waypoint, or at the distances asked for."""
     from driftplan import drift_with_beacons, load_beacons, predict_drift, read_path
     from driftplan.report.figures.comparison import plot_comparison
-    from driftplan.report.records import beyond_linear_text, drift_as_json, drift_table
+    from driftplan.report.records import beyond_linear_text, drift_table
 
     noise, heading = shared.noise_from(args), shared.start_heading_from(args)
     given: dict[str, Any] = {"start_heading": heading, "estimator": args.estimator}
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> Answer:
                 {
                     "file": file,
                     "length_m": length,
-                    "points": drift_as_json(points),
+                    "points": points.to_dicts(),
                     "beyond_linear_m": drift.beyond_linear.tolist(),
                 }
                 for (file, length, points), drift in zip(shown, drifts, strict=True)

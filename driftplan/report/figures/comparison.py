@@ -42,6 +42,13 @@ def plot_comparison(
     figure : an empty figure to draw into, such as ``pyplot.figure(layout="constrained")``; default: a new one that
         knows nothing of pyplot
     confidence : of the error ellipses
+
+    Examples
+    --------
+    >>> from driftplan import OdometryNoise, predict_drift
+    >>> drift = predict_drift([(0, 0), (3, 0), (3, 1)], OdometryNoise(heading_var_per_m=1e-4))
+    >>> plot_comparison(None, {"round the corner": drift}).axes[0].get_title()
+    'round the corner: rms drift of 0.0351 m at the end'
     """
     if not routes:
         raise ValueError("expected at least one route to draw, got none")

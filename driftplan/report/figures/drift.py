@@ -35,6 +35,14 @@ def plot_drift(
     -------
     list of Line2D
         The rms, and the radius if asked for.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from driftplan import OdometryNoise, predict_drift
+    >>> drift = predict_drift([(0, 0), (3, 0), (3, 1)], OdometryNoise(heading_var_per_m=1e-4))
+    >>> [line.get_label() for line in plot_drift(drift, ax=Figure().subplots(), label="mine", radius_at=0.95)]
+    ['mine', '95 % within this radius']
     """
     ax = style.current_axes(ax)
     drift = drift_of(route)

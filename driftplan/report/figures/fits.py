@@ -39,6 +39,14 @@ def plot_fit(
     Parameters
     ----------
     others : mapping of label to SegmentCheck, optional: checks of the fit on other drives, from `NoiseFit.check_on`
+
+    Examples
+    --------
+    >>> from driftplan import OdometryNoise, fit_noise, simulate_log
+    >>> drive = 5 * [(0, 0), (5, 0), (5, 5), (0, 5)]
+    >>> fit = fit_noise(*simulate_log(drive, OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3), rng=1))
+    >>> len(plot_fit(fit).axes)
+    5
     """
     checks = {FITTED: fit.check, **(others or {})}
     headed, rows = fit.check.has_heading, fit.check.lengths

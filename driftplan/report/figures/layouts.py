@@ -54,6 +54,13 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
 
     Up to twelve routes are named at their starts, with arrows the way they are driven. ``ax`` is pyplot's current Axes
     unless given; ``line_kwargs`` go to the routes' LineCollection untouched.
+
+    >>> from matplotlib.figure import Figure
+    >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
+    >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
+    >>> [mark.get_label() for mark in plot_layout(layout, ax=Figure().subplots()).beacons]
+    ['new beacon']
     """
     from matplotlib.collections import LineCollection
 
@@ -107,6 +114,15 @@ def plot_sawtooth(
     routes : which to draw with a style and a label; default: the five that come nearest to their limits, the others
         thin and grey
     **line_kwargs : go to the lines of ``routes`` untouched; these are returned, in order
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
+    >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
+    >>> [line.get_label() for line in plot_sawtooth(layout, ax=Figure().subplots())]
+    ['route 0']
     """
     ax = style.current_axes(ax)
     share = np.array(layout.worst_drifts) / np.array(layout.max_drift)
@@ -132,7 +148,15 @@ def plot_sawtooth(
 
 def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwargs: Any) -> Line2D:
     """Draw the worst drift that a number of beacons can hold, as from `driftplan.layouts.place.beacon_tradeoff`; points
-    not proven to be the best are hollow."""
+    not proven to be the best are hollow.
+
+    >>> from matplotlib.figure import Figure
+    >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
+    >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
+    >>> plot_tradeoff([layout], ax=Figure().subplots()).get_ydata().tolist()
+    [1]
+    """
     from matplotlib.ticker import MaxNLocator
 
     ax = style.current_axes(ax)
@@ -158,6 +182,13 @@ def plot_importance(layout: Layout, *, ax: Axes | None = None, **bar_kwargs: Any
     """Draw, for every beacon, the worst drift on any route if it alone is dead, and the limit.
 
     Beacons whose failure hurts most are on top; of more than 25 the others are left out.
+
+    >>> from matplotlib.figure import Figure
+    >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
+    >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
+    >>> [round(float(bar.get_width()), 3) for bar in plot_importance(layout, ax=Figure().subplots())]
+    [0.577]
     """
     ax = style.current_axes(ax)
     served = [x for x in layout.importance if x.routes]
@@ -176,7 +207,14 @@ def plot_importance(layout: Layout, *, ax: Axes | None = None, **bar_kwargs: Any
 
 
 def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
-    """The layout on its map, the sawtooth of its routes and the importance of its beacons, in one figure."""
+    """The layout on its map, the sawtooth of its routes and the importance of its beacons, in one figure.
+
+    >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
+    >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
+    >>> layout_figure(layout).axes[0].get_title()
+    '1 beacon (proven fewest) keep 1 route under 0.5 m; worst 0.467 m'
+    """
     shape = _map_shape(layout)
     figure = style.new_figure(figure, 12.0, 12.0 * shape * 0.85 + 4.2)
     grid = figure.add_gridspec(2, 2, height_ratios=(12.0 * shape * 0.85, 3.6), width_ratios=(2.0, 1.0))

@@ -43,7 +43,14 @@ class RouteArtists(NamedTuple):
 
 
 def plot_world(world: World, *, ax: Axes | None = None, **obstacle_kwargs: Any) -> WorldArtists:
-    """Draw a map: obstacles as drawn (not inflated), zones hatched, axes in metres and of equal scale."""
+    """Draw a map: obstacles as drawn (not inflated), zones hatched, axes in metres and of equal scale.
+
+    >>> from matplotlib.figure import Figure
+    >>> from driftplan import World
+    >>> world = World.from_polygons([[(2, 0), (3, 0), (3, 4), (2, 4)]], bounds=(0, 0, 5, 4), robot_radius=0.4)
+    >>> plot_world(world, ax=Figure().subplots()).obstacles.get_label()
+    'obstacle'
+    """
     from shapely.plotting import patch_from_polygon
 
     ax = style.current_axes(ax)
@@ -82,6 +89,14 @@ def plot_route(
     spacing_m : metres between ellipses; default: a round number that gives about 8. The end always has one.
     magnify : enlargement of the ellipses, told in the legend; default: as much as it takes to see them
         (`magnification`)
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from driftplan import OdometryNoise, predict_drift
+    >>> drift = predict_drift([(0, 0), (3, 0), (3, 1)], OdometryNoise(heading_var_per_m=1e-4))
+    >>> plot_route(drift, ax=Figure().subplots(), magnify=2).ellipses[0].get_label()
+    '95 % error ellipse every 0.5 m, drawn 2 × its size'
     """
     from matplotlib.patches import Ellipse
 

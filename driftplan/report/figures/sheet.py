@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from driftplan.files import head
 from driftplan.layouts.layout import Layout, installer_columns, installer_table
 from driftplan.report.figures import style
 from driftplan.report.figures.layouts import found_in_words, map_box
@@ -29,9 +30,16 @@ _ROW_MM, _LEAST_ROW_MM = 5.0, 2.4
 
 
 def layout_pdf(layout: Layout) -> bytes:
-    """The sheet as PDF, one page A3, to be printed as it is: `layout_sheet`."""
+    """The sheet as PDF, one page A3, to be printed as it is: `layout_sheet`.
+
+    >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
+    >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
+    >>> layout_pdf(layout)[:4]
+    b'%PDF'
+    """
     page = io.BytesIO()
-    layout_sheet(layout).savefig(page, format="pdf", metadata={"CreationDate": None})
+    layout_sheet(layout).savefig(page, format="pdf", metadata={"CreationDate": None, "Subject": head("map")[2:-1]})
     return page.getvalue()
 
 

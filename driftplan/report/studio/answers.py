@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from math import inf, isfinite
@@ -29,8 +28,6 @@ from driftplan.planning.routes import plan_route
 from driftplan.planning.status import Status
 from driftplan.report.studio.exchange import WRITTEN, read
 from driftplan.world.world import World
-
-_STRETCH = re.compile(r"route (\d+), from ([\d.]+) m to ([\d.]+) m")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,9 +117,7 @@ class Answers:
         except _CanBeKept as err:
             return {"message": str(err)}
         except InfeasibleError as err:
-            found = _STRETCH.search(str(err))
-            where = (-1, 0.0, 0.0) if found is None else (int(found[1]), float(found[2]), float(found[3]))
-            return {"infeasible": str(err), **dict(zip(("route", "from_m", "to_m"), where, strict=True))}
+            return {"infeasible": str(err), **({} if err.stretch is None else err.stretch._asdict())}
         words = (
             f"{len(layout.beacons)} new, at least {layout.lower_bound:g} needed; greatest drift "
             f"{layout.worst_drift:.3g} m. {layout.note}"
@@ -165,13 +160,14 @@ def _start_fix(scene: Scene) -> Fix | None:
 
 def _plan(scene: Scene, world: World, noise: OdometryNoise, start: list[float], goal: list[float]) -> dict[str, Any]:
     """The route of least drift and the shortest one, with the beacons that are alive."""
-    beacons, estimator = [*map(beacon_of, _alive(scene))], scene["estimator"]
-    given = {"beacons": beacons, "estimator": estimator} if beacons else {}
-    route = plan_route(world, world.nearest_free(start), world.nearest_free(goal), noise, **given)
-    found = []
+    beacons, fix, estimator = [*map(beacon_of, _alive(scene))], _start_fix(scene), scene["estimator"]
+    ends = world.nearest_free(start), world.nearest_free(goal)
+    route = plan_route(world, *ends, noise, beacons=beacons, estimator=estimator, start_fix=fix)
+    fixes, found = [] if fix is None else [fix], []
     for name, one in (("least drift", route), ("shortest", route.shortest)):
         if one is not None:
-            rms = float(drift_with_beacons(one, noise, beacons, world, estimator=estimator).end.rms)
+            drift = drift_with_beacons(one, noise, beacons, world, fixes=fixes, estimator=estimator)
+            rms = float(drift.end.rms)
             found.append({"name": name, "points": one.path.tolist(), "length_m": one.length, "rms_m": rms})
     return {"routes": found}
 

@@ -37,6 +37,13 @@ def studio_widget(
     Raises
     ------
     ImportError : without anywidget: ``pip install 'driftplan[notebook]'``
+
+    Examples
+    --------
+    >>> from driftplan import BeaconKind
+    >>> tag = Beacon(BeaconKind.rfid(range_m=1.5, position_std_m=0.1), x=3.0, y=0.0, id="A7")
+    >>> studio_widget(None, [[(0, 0), (10, 0)]], OdometryNoise(heading_var_per_m=1e-3), beacons=[tag]).beacons == (tag,)
+    True
     """
     try:
         from anywidget import AnyWidget
@@ -57,11 +64,24 @@ def studio_widget(
         def beacons(self) -> tuple[Beacon, ...]:
             return tuple(beacon_of(one) for one in self.scene["beacons"] if not one.get("dead"))
 
+    stopped: set[Any] = set()  # questions whose answers nobody waits for
+
     def answer(widget: Any, message: dict[str, Any]) -> None:
         known = {"id": message.get("id")}
-        tell = lambda news: widget.send({**known, "progress": news})  # noqa: E731
+
+        def tell(news: dict[str, Any]) -> None:
+            if known["id"] in stopped:
+                raise ConnectionAbortedError("stopped")
+            widget.send({**known, "progress": news})
+
         widget.send({**known, **answers.answer(str(message.get("what")), message.get("question", {}), tell)})
 
+    def hear(widget: Any, message: dict[str, Any], _: Any) -> None:
+        if message.get("what") == "stop":
+            stopped.add(message.get("id"))
+        else:
+            threading.Thread(target=answer, args=(widget, message), daemon=True).start()
+
     widget = StudioWidget(scene=scene)
-    widget.on_msg(lambda _, message, __: threading.Thread(target=answer, args=(widget, message), daemon=True).start())
+    widget.on_msg(hear)
     return widget
