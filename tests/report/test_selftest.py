@@ -1,17 +1,20 @@
-"""driftplan selftest: it passes where all is well, and notices a formula that is broken."""
+"""driftplan selftest: it passes where all is well, and notices what is broken."""
 
 from __future__ import annotations
 
 import json
 import subprocess
 import sys
-from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from driftplan.model.drift import Drift, PointDrift
+from driftplan.layouts.placement.requirements import DriftRequirements
+from driftplan.model import elements, filter_state
+from driftplan.model.calibration.segment_sets import SegmentSet
+from driftplan.model.readings import Resets
 from driftplan.report.commands import selftest
-from driftplan.world.world import World
+from driftplan.world.inflation import Inflation
 
 TEST_EXTRAS = ("pytest", "hypothesis", "mpmath", "pandas", "filterpy", "ezdxf", "rosbags", "anywidget", "distributed")
 
@@ -32,44 +35,42 @@ def test_a_healthy_copy_passes_without_the_libraries_of_tests():
     assert "numpy" in said["versions"]
 
 
-def doubled(function):
-    return lambda *args, **given: 2 * function(*args, **given)
+def unequal(length, curvature, noise, run_moments=elements.run_moments):
+    return run_moments(length, curvature, noise.scaled(1.02))
 
 
-def broken_rms(monkeypatch):
-    monkeypatch.setattr(PointDrift, "rms", property(lambda self: 1.01 * self.moments.N.real**0.5))
+def noisier(self, noise, windows=SegmentSet.windows):
+    return windows(self, noise.scaled(3.0))
 
 
-def broken_turns(monkeypatch):
-    from driftplan.model import elements
-
-    turns = elements.turn_moments
-    monkeypatch.setattr(elements, "turn_moments", lambda turn, noise: turns(0.5 * turn, noise))
-    monkeypatch.setattr("driftplan.model.readings.Resets.apply", lambda self, before: before)
+def twice(self, sites, route, slot, count=1, at_least=DriftRequirements._at_least):
+    return at_least(self, sites, route, slot, count + 1)
 
 
-def broken_walls(monkeypatch):
-    free = World.free.func
-    monkeypatch.setattr(World, "free", property(lambda self: free(self).buffer(-1.0)))
+BROKEN = {  # what is checked, and what is wrong: a run 2 % too noisy, a filter or robot that reads nothing, …
+    "model": (elements, "run_moments", unequal),
+    "simulation": (filter_state, "_read_row", lambda P, mean, row: None),
+    "simulation ": (Resets, "apply", lambda self, before: before),
+    "plan": (Inflation, "segments_free", lambda self, a, b: np.ones(a.shape[:-1], dtype=bool)),
+    "placement": (DriftRequirements, "_at_least", twice),
+    "fit": (SegmentSet, "windows", noisier),
+}
 
 
-def broken_search(monkeypatch):
-    from driftplan.layouts import layout
-
-    monkeypatch.setattr(layout.Layout, "lower_bound", property(lambda self: 1.0), raising=False)
-
-
-def broken_fit(monkeypatch):
-    from driftplan.model.calibration import fit
-
-    found = fit.fit_noise
-    monkeypatch.setattr(
-        "driftplan.fit_noise",
-        lambda *args, **given: replace(
-            found(*args, **given), intervals={name: (0.5, 0.6) for name in selftest_names()}
-        ),
-    )
+@pytest.mark.parametrize("part", BROKEN)
+def test_what_is_broken_is_noticed_with_exit_code_1(run, monkeypatch, part):
+    monkeypatch.setattr(selftest, "_PARTS", {part.strip(): selftest._PARTS[part.strip()]})
+    monkeypatch.setattr(selftest, "_DRIVES", 2000)
+    monkeypatch.setattr(*BROKEN[part])
+    code, out, _ = run("selftest")
+    assert code == 1
+    assert "FAILED" in out
 
 
-def selftest_names():
-    return ("heading_var_per_m", "distance_var_per_m", "distance_scale_error")
+def test_a_part_that_cannot_be_run_is_a_failure_and_the_others_go_on(run, monkeypatch):
+    monkeypatch.setattr(selftest, "_PARTS", {"plan": lambda: iter([1 / 0]), "model": selftest._PARTS["model"]})
+    code, out, _ = run("selftest", "--json")
+    said = json.loads(out)
+    assert (code, said["passed"]) == (1, False)
+    assert [check["holds"] for check in said["checks"]] == [False, True, True, True]
+    assert "ZeroDivisionError" in said["checks"][0]["what"]

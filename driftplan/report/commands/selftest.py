@@ -53,13 +53,11 @@ def _straight() -> Iterator[Check]:
 
 
 def _simulated() -> Iterator[Check]:
-    import numpy as np
-
     from driftplan import Fix, OdometryNoise, predict_drift, simulate_drift
 
     rates: dict[str, Any] = {"heading_var_per_m": 1e-3, "heading_var_per_rad": 1e-3, "distance_var_per_m": 2e-3}
     noise = OdometryNoise(**rates, distance_scale_error=0.01)
-    fix = Fix(s_m=8.0, position_cov=0.01 * np.eye(2))
+    fix = Fix.full(8.0, position_std_m=0.1, heading_std=0.02)
     for robot, fixes, linear in (("reset", (), 0.0), ("reset", (fix,), 0.0), ("filter", (fix,), 0.03)):
         asked: dict[str, Any] = {"fixes": fixes, "estimator": robot}
         got = float(predict_drift(_PATH, noise, **asked).end.rms) ** 2
