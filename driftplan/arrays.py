@@ -161,7 +161,7 @@ def point_of(name: str, value: ArrayLike) -> tuple[float, float]:
 
 def bounds_of(value: Sequence[float]) -> tuple[float, float, float, float]:
     try:
-        bounds = tuple(float(v) for v in value)
+        bounds = tuple(number("a bound", v) for v in value)
     except (TypeError, ValueError, OverflowError):
         bounds = ()
     if len(bounds) != 4 or not all(isfinite(v) for v in bounds) or bounds[0] >= bounds[2] or bounds[1] >= bounds[3]:

@@ -15,6 +15,7 @@ from driftplan.arrays import Floats, Ints, bounded, finite, not_negative, positi
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.passes import passes_of
 from driftplan.beacons.readings import waypoints_of
+from driftplan.world.shapes import polygon_of
 from driftplan.world.world import World
 
 
@@ -231,6 +232,8 @@ def route_sites(routes: Sequence[Any], spacing_m: float, *, forbidden: Sequence[
     [[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]]
     """
     spacing = positive("spacing_m", spacing_m)
+    if len(routes) == 0:
+        raise ValueError("expected routes, got none")
     xy = np.concatenate([_along(shapely.LineString(waypoints_of(route)), spacing) for route in routes])
     _, first = np.unique(np.round(xy, 6), axis=0, return_index=True)
     return allowed(xy[np.sort(first)], forbidden)
@@ -239,7 +242,7 @@ def route_sites(routes: Sequence[Any], spacing_m: float, *, forbidden: Sequence[
 def allowed(xy: Floats, forbidden: Sequence[Any]) -> Floats:
     """The points outside all ``forbidden`` areas: shapely polygons, or (n, 2) arrays of corners."""
     for area in forbidden:
-        polygon = area if isinstance(area, shapely.Geometry) else shapely.Polygon(np.asarray(area, dtype=float))
+        polygon = polygon_of("a forbidden area", area)
         xy = xy[~shapely.intersects_xy(polygon, xy[:, 0], xy[:, 1])]
     return xy
 

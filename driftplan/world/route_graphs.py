@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, Ints, point_of
+from driftplan.arrays import Floats, Ints, point_of, points_of
 from driftplan.errors import MapError, naming
 from driftplan.files import VERSION, plain_numbers, read_bytes
 from driftplan.world.building_map import building_lanes
@@ -57,7 +57,10 @@ class RouteGraph:
     @classmethod
     def of_routes(cls, routes: Sequence[Floats]) -> RouteGraph:
         """The corners of routes, and their legs."""
-        legs = np.concatenate([np.stack([route[:-1], route[1:]], axis=1) for route in routes])
+        if len(routes) == 0:
+            raise ValueError("expected one route or more, got none")
+        paths = [points_of("a route", route) for route in routes]
+        legs = np.concatenate([np.stack([path[:-1], path[1:]], axis=-2).reshape(-1, 2, 2) for path in paths])
         xy, ends = np.unique(legs.reshape(-1, 2), axis=0, return_inverse=True)
         edges = np.unique(ends.reshape(-1, 2), axis=0)
         return cls.numbered(xy, edges)
