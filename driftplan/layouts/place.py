@@ -16,7 +16,7 @@ from driftplan.layouts.layout import Layout
 from driftplan.layouts.placement.covering import Progress
 from driftplan.layouts.placement.drives import worst_of_failures
 from driftplan.layouts.placement.placement_diagnosis import infeasible
-from driftplan.layouts.placement.problem import LimitSearch, PlacementProblem, placement_problem
+from driftplan.layouts.placement.problem import LimitSearch, PlacementProblem, Stations, placement_problem
 from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
@@ -103,12 +103,30 @@ def place_beacons(
     >>> len(layout.beacons), layout.proven, layout.worst_drift < 0.6
     (3, True, True)
     """
-    began = time.monotonic()
+    began, asked = time.monotonic(), DriftLimit.of(limit)
     if not (isinstance(time_limit, (int, float)) and time_limit > 0):
         raise ValueError(f"expected time_limit > 0 s, got {time_limit!r}")
-    asked = DriftLimit.of(limit)
     scenario = Scenario.of(world, routes, noise, asked, start_fix, estimator)
-    problem = placement_problem(scenario, Sites.of(sites), max_beacons=max_beacons, budget=budget)
+    return place_at(
+        Sites.of(sites), scenario, asked, began=began, max_beacons=max_beacons, budget=budget,
+        drift_tolerance=drift_tolerance, time_limit=time_limit, progress=progress,
+    )  # fmt: skip
+
+
+def place_at(
+    sites: Sites | Stations,
+    scenario: Scenario,
+    asked: DriftLimit,
+    *,
+    began: float,
+    max_beacons: int | None = None,
+    budget: float | None = None,
+    drift_tolerance: float = 0.005,
+    time_limit: float = 60.0,
+    progress: Progress | None = None,
+) -> Layout:
+    """`place_beacons`, ``began`` then by the monotonic clock, at stations that several placements may share."""
+    problem = placement_problem(scenario, sites, max_beacons=max_beacons, budget=budget)
 
     def tell(_: float, cost: float, bound: float) -> None:
         if progress is not None:
@@ -165,14 +183,15 @@ def beacon_tradeoff(
     whole("max_beacons", max_beacons, least=0)
     began = time.monotonic()
     limit = DriftLimit(redundancy=redundancy, confidence=confidence)
-    scenario, allowed = Scenario.of(world, routes, noise, limit, start_fix, estimator), Sites.of(sites)
+    scenario = Scenario.of(world, routes, noise, limit, start_fix, estimator)
+    stations = Stations(scenario, Sites.of(sites))
     curve: list[Layout] = []
     search: LimitSearch | None = None
     for count in range(max_beacons + 1):
         left = time_limit - (time.monotonic() - began)
         if left <= 0 and curve:
             break
-        problem = placement_problem(scenario, allowed, max_beacons=count, budget=budget)
+        problem = placement_problem(scenario, stations, max_beacons=count, budget=budget)
         start = time.monotonic()
         deadline = _deadline(start, max(left, 0.1), scenario)
         search = search.like(problem, deadline) if search else LimitSearch.of(problem, None, deadline)

@@ -10,10 +10,10 @@ import numpy as np
 
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
-from driftplan.beacons.readings import BeaconColumns, drift_with_beacons, waypoints_of
+from driftplan.beacons.readings import BeaconColumns, drift_with_beacons, readings_on, waypoints_of
 from driftplan.model.drift import Drift, PointDrift
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.readings import Estimator, Fix, checked_estimator
+from driftplan.model.readings import Estimator, Fix, Readings, checked_estimator
 from driftplan.model.worst import worst_radius, worst_rms
 from driftplan.planning.request import DriftLimit
 from driftplan.world.world import World
@@ -68,6 +68,11 @@ class Scenario:
         fixes = () if self.start_fix is None else (self.start_fix,)
         path, estimator = self.routes[route], self.estimator
         return drift_with_beacons(path, self.noise, beacons, self.world, fixes=fixes, estimator=estimator)
+
+    def readings(self, beacons: Sequence[Beacon]) -> tuple[Readings, ...]:
+        """What could be read of beacons on every route."""
+        columns = BeaconColumns.of(beacons)
+        return tuple(readings_on(path, columns, self.world) for path in self.routes)
 
     def score(self, drift: PointDrift) -> Floats:
         """The score that limits are about: rms, or the radius at the confidence."""

@@ -33,12 +33,17 @@ def scenario_of(instance, start_fix=None):
     )
 
 
+def fused(instance):
+    scenario = scenario_of(instance)
+    return fused_routes(scenario, scenario.readings(instance.sites))
+
+
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("seed", [600, pytest.param(601, marks=pytest.mark.slow)])
 def test_the_greatest_drift_of_a_set_of_sites_is_that_of_the_prediction(name, seed, one_of_them):
     instance, start_fix = one_of_them(name, seed), Fix.full(0.0, position_std_m=0.2, heading_std=0.03)
     scenario, rng = scenario_of(instance, start_fix), np.random.default_rng(seed)
-    routes = fused_routes(scenario, instance.sites)
+    routes = fused_routes(scenario, scenario.readings(instance.sites))
     for _ in range(6):
         chosen = set(np.flatnonzero(rng.random(len(instance.sites)) < 0.5).tolist())
         for r, route in enumerate(routes):
@@ -54,7 +59,7 @@ def test_the_greatest_drift_of_a_set_of_sites_is_that_of_the_prediction(name, se
 @pytest.mark.parametrize("seed", [610, pytest.param(611, marks=pytest.mark.slow)])
 def test_a_site_more_never_hurts(name, seed, one_of_them):
     instance = one_of_them(name, seed)
-    for route in fused_routes(scenario_of(instance), instance.sites):
+    for route in fused(instance):
         worst = {s: route.worst(set(instance.members(s))) for s in range(2 ** len(instance.sites))}
         for s, drift in worst.items():
             for i in range(len(instance.sites)):
@@ -65,7 +70,7 @@ def test_a_site_more_never_hurts(name, seed, one_of_them):
 @pytest.mark.parametrize("seed", [620, pytest.param(621, marks=pytest.mark.slow)])
 def test_every_cut_is_kept_by_every_layout_that_holds_and_missed_by_the_one_asked_about(name, seed, one_of_them):
     instance = replace(one_of_them(name, seed), estimator="filter")
-    routes, limits = fused_routes(scenario_of(instance), instance.sites), [instance.limit] * len(instance.paths)
+    routes, limits = fused(instance), [instance.limit] * len(instance.paths)
     requirements, n = FusedRequirements(routes, limits, instance.redundancy), len(instance.sites)
     layouts = np.array([[s >> i & 1 for i in range(n)] for s in range(2**n)], dtype=bool)
     good = layouts[[instance.acceptable(s) for s in range(2**n)]]
@@ -114,7 +119,7 @@ def test_the_trade_off_falls_and_is_that_of_brute_force():
     path = np.array([(0.0, 0.0), (40.0, 0.0)])
     curve = beacon_tradeoff(None, path, NOISE, Sites(TAG, spacing_m=4.0), max_beacons=3, estimator="filter")
     sites = [Beacon(TAG, x, 0.0) for x in np.arange(0.0, 41.0, 4.0)]
-    (route,) = fused_routes(curve[0].scenario, sites)
+    (route,) = fused_routes(curve[0].scenario, curve[0].scenario.readings(sites))
     for layout in curve:
         least = min(route.worst(set(some)) for some in combinations(range(len(sites)), len(layout.beacons)))
         assert least * (1 - 1e-9) <= layout.worst_drift <= least * 1.006
@@ -169,6 +174,6 @@ def test_where_the_heading_is_too_uncertain_for_a_filter_the_layout_says_so():
 def test_the_layout_that_the_search_starts_from_holds_wherever_one_does(seed, one_of_them):
     instance = replace(one_of_them("mixed", seed), estimator="filter", redundancy=1)
     limits, n = [instance.limit] * len(instance.paths), len(instance.sites)
-    requirements = FusedRequirements(fused_routes(scenario_of(instance), instance.sites), limits)
+    requirements = FusedRequirements(fused(instance), limits)
     start = requirements.driven_along(np.zeros(n, dtype=bool))
     assert (not requirements.cuts(start)) == instance.acceptable(2**n - 1)

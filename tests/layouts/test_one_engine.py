@@ -38,7 +38,8 @@ KINDS = [
 def worst_of_each_engine(path, noise, beacons, start_fix=None):
     """The greatest rms by prediction, itinerary and placement, metres."""
     path, fixes = np.asarray(path, dtype=float), [] if start_fix is None else [start_fix]
-    table = route_table(Scenario.of(None, path, noise, DriftLimit(), start_fix), beacons, 0.1)
+    scenario = Scenario.of(None, path, noise, DriftLimit(), start_fix)
+    table = route_table(scenario, scenario.readings(beacons), 0.1)
     everyone = drives_of(table, np.ones(len(beacons), dtype=bool), np.array([0]))
     return (
         worst_rms(drift_with_beacons(path, noise, beacons, fixes=fixes)),
@@ -99,7 +100,7 @@ def test_one_change_of_what_a_filter_makes_of_a_reading_changes_every_engine(mon
             ItineraryCheck(None, PLAIN, Reliance(beacons=tuple(tags), min_capture=0.0, estimator="filter"))
             .verdict(path)
             .worst,
-            fused_routes(scenario, tags)[0].worst(frozenset({0, 1})),
+            fused_routes(scenario, scenario.readings(tags))[0].worst(frozenset({0, 1})),
             float(worst[0, 0] ** 0.5),
         )
 

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from driftplan import OdometryNoise, StudyError, run_study, save_noise, study_html
+import driftplan
+from driftplan import DriftplanError, OdometryNoise, StudyError, run_study, save_noise, study_html
 from driftplan.layouts.study.answers import answers_of
-from driftplan.layouts.study.inputs import digest
+from driftplan.layouts.study.executors import Deal
+from driftplan.layouts.study.inputs import Trips, digest
 from driftplan.layouts.study.results import appending, read_rows
 from driftplan.layouts.study.run import planned_study
 from driftplan.layouts.study.schema import Place, check, study_schema
@@ -149,6 +153,22 @@ def test_every_key_of_a_scenario_is_in_the_key_of_its_cells():
     assert len(keys) == 18
 
 
+def test_keys_of_cells_follow_the_sources_that_rows_depend_on(tmp_path):
+    ask = "from driftplan.layouts.study.inputs import sources_digest; print(sources_digest())"
+    package = Path(driftplan.__file__).parent
+    shutil.copytree(package, tmp_path / "driftplan", ignore=shutil.ignore_patterns("__pycache__", "maps", "samples"))
+
+    def digest_there():
+        here = {**os.environ, "PYTHONPATH": str(tmp_path)}
+        return subprocess.run([sys.executable, "-c", ask], env=here, cwd=tmp_path, capture_output=True, check=True)
+
+    first = digest_there().stdout
+    for name, same in (("report/cli.py", True), ("model/noise.py", False)):
+        with (tmp_path / "driftplan" / name).open("a") as file:
+            file.write("# a change\n")
+        assert (digest_there().stdout == first) is same, name
+
+
 @given(st.lists(st.floats(allow_nan=False), min_size=1, max_size=4), st.integers(0, 3))
 def test_digests_tell_contents_apart_and_nothing_else(values, k):
     array = np.array(values)
@@ -207,6 +227,16 @@ def test_what_is_infeasible_is_an_answer_and_what_fails_is_tried_again_when_aske
     assert [task.key for task in done] == [planned_study(study).tasks[1].key]
     assert run_study(study, results=file, retry=True).to_dicts() == rows
     assert [task.key for task in done][1:] == [key]
+
+
+@pytest.mark.parametrize("estimator", ["reset", "filter"])
+def test_cells_that_share_stations_answer_as_each_alone(estimator):
+    study = {**LINE, "estimator": estimator, "vary": {**LIMITS["vary"], "redundancy": [1, 2], "max_beacons": [2, 9]}}
+    together, alone = planned_study(study), planned_study(study)
+    for task in together.tasks:
+        mine, own = together.workshop.row(task), Workshop(alone.inputs.shared).row(task)
+        assert {**mine, "spent": None} == {**own, "spent": None}
+    assert len(together.workshop._kept) == 1
 
 
 def test_whatever_goes_wrong_in_a_cell_is_its_row(monkeypatch):
@@ -316,6 +346,25 @@ def test_the_report_holds_everything_and_names_no_other_place(limits):
 # Workers
 
 
+@given(st.lists(st.integers(0, 4), max_size=30), st.integers(1, 4), st.randoms())
+def test_every_task_is_dealt_once_and_no_worker_leaves_its_routes_before_all_are_taken(seeds, count, random):
+    tasks = [
+        SimpleNamespace(world="", trips="t", noise="", plain={"minimise": "length", "seed": seed}) for seed in seeds
+    ]
+    deal, left, has, dealt = Deal({"t": Trips(random=1)}, tasks), set(seeds), {}, []
+    while (task := deal.next(worker := random.randrange(count))) is not None:
+        dealt.append(id(task))
+        seed = task.plain["seed"]
+        if has.get(worker) != seed and left:
+            assert seed in left  # it begins one that nobody has
+        has[worker], left = seed, left - {seed}
+        if random.random() < 0.1:
+            deal.again(task)
+            dealt.pop()
+            left = set()
+    assert sorted(dealt) == sorted(map(id, tasks))
+
+
 @pytest.mark.slow
 def test_processes_make_the_same_rows_to_the_last_bit(limits):
     assert run_study(LIMITS, "processes", workers=2).to_dicts() == limits.to_dicts()
@@ -336,31 +385,73 @@ def test_a_worker_that_dies_once_costs_nothing(monkeypatch, limits):
     assert _rows_with_deaths(monkeypatch, dies=1) == limits.to_dicts()
 
 
-def _rows_with_deaths(monkeypatch, dies):
+def _rows_with_deaths(monkeypatch, dies, executor="processes"):
     from driftplan.layouts.study import executors
 
-    begin, left = executors._Worker.begin, [dies]
+    begin, left = executors.Child.begin, [dies]
 
-    def deadly(self, task, attempt):
-        begin(self, task, attempt)
+    def deadly(self, task):
+        begin(self, task)
         if task.number == 1 and left[0]:
             left[0] -= 1
             os.kill(self._process.pid, signal.SIGKILL)
 
-    monkeypatch.setattr(executors._Worker, "begin", deadly)
-    return run_study(LIMITS, "processes", workers=2).to_dicts()
+    with monkeypatch.context() as patched:
+        patched.setattr(executors.Child, "begin", deadly)
+        return run_study(LIMITS, executor, workers=2 if executor == "processes" else None).to_dicts()
 
 
-def test_a_worker_that_never_ends_is_ended(monkeypatch):
+@pytest.fixture
+def stuck(monkeypatch):
+    """Children stop before they begin, and are soon late."""
     from driftplan.layouts.study import executors
 
-    begin = executors._Worker.begin
+    begin = executors.Child.begin
 
-    def stuck(self, task, attempt):
+    def stopped(self, task):
         os.kill(self._process.pid, signal.SIGSTOP)
-        begin(self, task, attempt)
+        begin(self, task)
 
     monkeypatch.setattr(executors, "_GRACE_S", 0.1)
-    monkeypatch.setattr(executors._Worker, "begin", stuck)
-    (row,) = run_study({**LINE, "time_limit_s": 0.01}, "processes", workers=1).to_dicts()
+    monkeypatch.setattr(executors.Child, "begin", stopped)
+
+
+def check_given_up(rows):
+    (row,) = rows.to_dicts()
     assert (row["outcome"], "long after the time limit" in row["why"]) == ("failed", True)
+
+
+def test_a_worker_that_never_ends_is_ended(stuck):
+    check_given_up(run_study({**LINE, "time_limit_s": 0.01}, "processes", workers=1))
+
+
+@pytest.fixture(scope="module")
+def client():
+    """Of a cluster in this process."""
+    distributed = pytest.importorskip("distributed")
+    options = {"n_workers": 1, "threads_per_worker": 2, "processes": False, "dashboard_address": None}
+    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+        yield client
+
+
+@pytest.mark.slow
+def test_a_cell_that_never_ends_on_a_cluster_is_ended(stuck, client):
+    check_given_up(run_study({**LINE, "time_limit_s": 0.01}, client))
+
+
+@pytest.mark.slow
+def test_a_cell_that_kills_what_does_it_costs_a_cluster_itself_only(monkeypatch, client, limits):
+    rows = _rows_with_deaths(monkeypatch, dies=99, executor=client)
+    assert [row["outcome"] for row in rows] == ["done", "failed", "done", "done", "done", "done"]
+    assert "the process died over it, with status -9" in rows[1]["why"]
+    assert rows[2:] == limits.to_dicts()[2:]
+
+
+@pytest.mark.slow
+def test_a_cluster_with_another_driftplan_is_refused(monkeypatch, client):
+    from driftplan.layouts.study import cluster
+
+    digests = iter(["mine", "theirs"])
+    monkeypatch.setattr(cluster, "sources_digest", lambda: next(digests))
+    with pytest.raises(DriftplanError, match="has another driftplan than this process: install the same"):
+        run_study(LINE, client)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -27,6 +28,7 @@ vary:
   seed: {from: 1, to: 10}
 """
 PATIENCE_S = 240.0  # of a loaded machine
+TRIES = 3
 pytestmark = pytest.mark.slow
 
 
@@ -76,11 +78,38 @@ def check_rows(folder, alone):
     assert planned_study(folder / "study.yaml").to_dicts() == alone.to_dicts()
 
 
+def seconds_of(*processes):
+    """Processor time of processes and of those of their children that are dead, from Linux's table."""
+    fields = [Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()[11:15] for process in processes]
+    return sum(int(ticks) for those in fields for ticks in those) / os.sysconf("SC_CLK_TCK")
+
+
+def cells_seconds(rows):
+    return sum(row["spent"]["processor_s"] for row in rows.rows.values())
+
+
+def children_seconds():
+    spent = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return spent.ru_utime + spent.ru_stime
+
+
 def test_two_processes_do_what_one_does_at_the_same_cost(alone, tmp_path):
-    rows = run_study(alone.study, "processes", workers=2, results=tmp_path / "two.jsonl")
-    assert rows.to_dicts() == alone.to_dicts()
-    one, two = (sum(row["spent"]["processor_s"] for row in found.rows.values()) for found in (alone, rows))
-    assert one / two > 0.7  # the efficiency that two cores of their own would have; 0.85 on a quiet machine
+    """The efficiency that two cores of their own would have: processor time of one worker over that of two, start and
+    routes planned twice included, times the share of the time in which both had a cell. Wall clocks cannot tell on a
+    machine that others use; and since these slow each other down the least of a few runs of each is taken."""
+    cost = {1: [], 2: []}
+    for attempt in range(TRIES):
+        for count in (1, 2):
+            begin, before = time.monotonic(), children_seconds()
+            rows = run_study(alone.study, "processes", workers=count, results=tmp_path / f"{attempt}.{count}.jsonl")
+            wall = time.monotonic() - begin
+            cost[count].append(children_seconds() - before)
+            assert rows.to_dicts() == alone.to_dicts()
+        at_work = sum(row["spent"]["seconds"] for row in rows.rows.values()) / (2 * wall)
+        if min(cost[1]) / min(cost[2]) > 0.85:
+            break
+    assert min(cost[1]) / min(cost[2]) > 0.85
+    assert at_work > 0.7  # what remains is the start of the workers, a second of a core
 
 
 def test_killing_the_runner_and_its_workers_loses_nothing(alone, tmp_path):
@@ -162,6 +191,25 @@ def cluster(tmp_path):
     made = Cluster(tmp_path)
     yield made
     made.close()
+
+
+def test_a_cluster_of_two_workers_does_what_one_process_does_at_the_same_cost(alone, tmp_path, cluster):
+    from distributed import Client
+
+    costs, alone_s = [], [cells_seconds(alone)]
+    with Client(cluster.address) as client:
+        client.wait_for_workers(2)
+        for attempt in range(TRIES):
+            before = seconds_of(*cluster.workers)
+            rows = run_study(alone.study, client, results=tmp_path / f"{attempt}.jsonl")
+            costs.append(seconds_of(*cluster.workers) - before)
+            assert rows.to_dicts() == alone.to_dicts()
+            if min(alone_s) / min(costs) > 0.85:
+                break
+            alone_s.append(
+                cells_seconds(run_study(alone.study, "processes", workers=1, results=tmp_path / f"{attempt}.1.jsonl"))
+            )
+    assert min(alone_s) / min(costs) > 0.85
 
 
 def test_killing_the_runner_workers_and_the_scheduler_of_a_cluster_loses_nothing(alone, tmp_path, cluster):

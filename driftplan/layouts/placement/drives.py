@@ -192,9 +192,9 @@ def worst_drifts(scenario: Scenario, beacons: Sequence[Beacon], cases: Sequence[
         alive = [(r, [b for k, b in enumerate(beacons) if k not in dead]) for r, dead in cases]
         return np.array([scenario.worst(scenario.drift(r, living)) for r, living in alive])
     if scenario.estimator == "filter":
-        routes, everyone = fused_routes(scenario, beacons), frozenset(range(len(beacons)))
+        routes, everyone = fused_routes(scenario, scenario.readings(beacons)), frozenset(range(len(beacons)))
         return np.array([routes[r].worst(everyone.difference(dead)) for r, dead in cases])
-    table = route_table(scenario, beacons)
+    table = route_table(scenario, scenario.readings(beacons))
     readings = [np.arange(len(table.site))[table.readings_of(r)] for r, _ in cases]
     readings = [e[~np.isin(table.site[e], dead)] for e, (_, dead) in zip(readings, cases, strict=True)]
     drive = np.repeat(np.arange(len(cases)), [len(e) for e in readings])

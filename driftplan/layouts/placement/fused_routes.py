@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from driftplan.arrays import Floats
-from driftplan.beacons.beacon import Beacon
-from driftplan.beacons.readings import BeaconColumns, floor_of, readings_on
+from driftplan.beacons.readings import floor_of
 from driftplan.layouts.placement.route_table import SegmentedRoute
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.covariance import Legs, legs
 from driftplan.model.filter_state import FilterState, LegColumns, Row
 from driftplan.model.fusion import belief_at_start
+from driftplan.model.readings import Readings
 
 NEVER = -1  # stands for a border at which a limit fails where none does
 
@@ -172,14 +172,12 @@ class FusedRoute:
         return [(first, last) for first, (last, next_) in stretches if last not in (NEVER, next_)]
 
 
-def fused_routes(scenario: Scenario, sites: Sequence[Beacon]) -> tuple[FusedRoute, ...]:
-    """The routes of a scenario with the readings of all ``sites``; no odometry with a known systematic error, which a
-    filter does not correct: then more beacons may be worse."""
-    columns, start = BeaconColumns.of(sites), belief_at_start(scenario.start_fix)
-    found = []
-    for path in scenario.routes:
-        readings = readings_on(path, columns, scenario.world)
-        segmented = SegmentedRoute(*floor_of(path, scenario.noise, scenario.world), readings)
+def fused_routes(scenario: Scenario, readings: Sequence[Readings]) -> tuple[FusedRoute, ...]:
+    """The routes of a scenario with the readings on each (`Scenario.readings`); no odometry with a known systematic
+    error, which a filter does not correct: then more beacons may be worse."""
+    start, found = belief_at_start(scenario.start_fix), []
+    for path, here in zip(scenario.routes, readings, strict=True):
+        segmented = SegmentedRoute(*floor_of(path, scenario.noise, scenario.world), here)
         route = _route(segmented, complex(*path[0]), start)
         if route.legs.shift.any():
             raise ValueError(

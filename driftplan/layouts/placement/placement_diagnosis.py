@@ -13,7 +13,6 @@ from driftplan.layouts.placement.covering import Cover
 from driftplan.layouts.placement.cut_pool import Cut
 from driftplan.layouts.placement.drives import failures, worst_drifts
 from driftplan.layouts.placement.fused_requirements import FusedRequirements
-from driftplan.layouts.placement.fused_routes import fused_routes
 from driftplan.layouts.placement.problem import LeastFactor, LimitSearch, PlacementProblem
 from driftplan.layouts.placement.requirements import DriftRequirements
 from driftplan.planning.request import format_least
@@ -78,7 +77,7 @@ def _if_fused(problem: PlacementProblem, limits: Sequence[float]) -> str:
     if problem.scenario.estimator == "filter" or problem.scenario.confidence is not None:
         return ""
     try:
-        routes = fused_routes(problem.scenario, problem.sites)
+        routes = problem.stations.fused_routes(problem.scenario)
     except ValueError:  # its odometry has a known systematic error
         return ""
     if not FusedRequirements(routes, limits, problem.scenario.redundancy).cuts(np.ones(len(problem.sites), dtype=bool)):

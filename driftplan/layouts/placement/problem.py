@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,49 +26,79 @@ from driftplan.planning.status import Status
 _MIN_LIMIT_SHARE = 0.02  # without a limit, perfect beacons: segments are cut for this share of the drift without any
 
 
+class Stations:
+    """Sites on routes, one by one, and what is read of them there: all that no limit and no rule changes, so that many
+    placements can share it.
+
+    Attributes
+    ----------
+    listed : of ``asked``
+    beacons : all of them, new ones first, then those that exist
+    readings : of these, on every route
+    """
+
+    def __init__(self, scenario: Scenario, asked: Sites) -> None:
+        self.asked, self.listed = asked, asked.listed(scenario.world, scenario.routes)
+        self.beacons = (*self.listed.new, *self.listed.existing)
+        self.readings = scenario.readings(self.beacons)
+        self._fused: tuple[tuple[Any, ...], tuple[FusedRoute, ...]] | None = None
+
+    def fused_routes(self, scenario: Scenario) -> tuple[FusedRoute, ...]:
+        """The routes for a robot that fuses; the last ones are kept."""
+        key = scenario.noise, scenario.start_fix
+        if self._fused is None or self._fused[0] != key:
+            self._fused = key, fused_routes(scenario, self.readings)
+        return self._fused[1]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlacementProblem:
-    """Sites (new ones, then existing beacons), what they cost, and which combinations are allowed."""
+    """Sites, what they cost, and which combinations are allowed."""
 
     scenario: Scenario
-    sites: tuple[Beacon, ...]
+    stations: Stations
     cost: Floats  # (sites,), 0 for existing ones
     fixed: Bools  # (sites,) which exist
     demands: tuple[Cut, ...]  # as `covering.cheapest_cover` takes them
     caps: tuple[Cut, ...]  # likewise
     rules: tuple[str, ...]  # what the caps are, for messages
 
+    @property
+    def sites(self) -> tuple[Beacon, ...]:
+        return self.stations.beacons
+
+    @property
+    def existing(self) -> tuple[Beacon, ...]:
+        return self.stations.listed.existing
+
     def chosen(self, which: Bools) -> tuple[Beacon, ...]:
         """The new beacons of a layout."""
         return tuple(self.sites[i] for i in np.flatnonzero(which & ~self.fixed))
 
-    @property
-    def existing(self) -> tuple[Beacon, ...]:
-        return tuple(self.sites[i] for i in np.flatnonzero(self.fixed))
-
 
 def placement_problem(
-    scenario: Scenario, sites: Sites, *, max_beacons: int | None = None, budget: float | None = None
+    scenario: Scenario, sites: Sites | Stations, *, max_beacons: int | None = None, budget: float | None = None
 ) -> PlacementProblem:
     """The problem that the arguments of `driftplan.layouts.place.place_beacons` describe."""
-    listed = sites.listed(scenario.world, scenario.routes)
+    stations = sites if isinstance(sites, Stations) else Stations(scenario, sites)
+    listed, asked = stations.listed, stations.asked
     number = len(listed.new)
-    everyone, new = (*listed.new, *listed.existing), np.arange(number)
-    demands, caps, rules = _groups(sites.groups, listed.members)
+    new = np.arange(number)
+    demands, caps, rules = _groups(asked.groups, listed.members)
     if max_beacons is not None:
         caps.append(Cut(new, -np.ones(number), -float(whole("max_beacons", max_beacons, least=0))))
         rules.append(f"max_beacons={max_beacons}")
     if budget is not None:
         caps.append(Cut(new, -listed.costs, -not_negative("budget", budget)))
         rules.append(f"budget={budget:g}")
-    if sites.min_spacing_m > 0:
-        caps += _too_close(everyone, number, sites.min_spacing_m)
-        rules.append(f"min_spacing_m={sites.min_spacing_m:g}")
+    if asked.min_spacing_m > 0:
+        caps += _too_close(stations.beacons, number, asked.min_spacing_m)
+        rules.append(f"min_spacing_m={asked.min_spacing_m:g}")
     return PlacementProblem(
         scenario=scenario,
-        sites=everyone,
+        stations=stations,
         cost=np.concatenate([listed.costs, np.zeros(len(listed.existing))]),
-        fixed=np.arange(len(everyone)) >= number,
+        fixed=np.arange(len(stations.beacons)) >= number,
         demands=tuple(demands),
         caps=tuple(caps),
         rules=tuple(rules),
@@ -141,9 +171,9 @@ class LimitSearch:
     ) -> LimitSearch:
         """On tables for the smallest limit that will be asked for (None: the smallest worth asking for)."""
         if problem.scenario.estimator == "filter":
-            return cls(problem, fused_routes(problem.scenario, problem.sites), deadline, progress)
+            return cls(problem, problem.stations.fused_routes(problem.scenario), deadline, progress)
         limit_m = _least_limit_m(problem) if least_limit_m is None else least_limit_m
-        return cls(problem, route_table(problem.scenario, problem.sites, limit_m), deadline, progress)
+        return cls(problem, route_table(problem.scenario, problem.stations.readings, limit_m), deadline, progress)
 
     def like(self, problem: PlacementProblem, deadline: float) -> LimitSearch:
         """The same tables for other rules."""

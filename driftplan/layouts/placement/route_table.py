@@ -18,8 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from driftplan.arrays import Floats, Ints, bounded
-from driftplan.beacons.beacon import Beacon
-from driftplan.beacons.readings import BeaconColumns, floor_of, readings_on
+from driftplan.beacons.readings import floor_of
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.elements import of_legs
 from driftplan.model.heading_laws import law_moments
@@ -106,13 +105,10 @@ class RouteTable:
         return of_legs(turn, lengths, turn, self.noise_of[segment, None], self.noises)
 
 
-def route_table(scenario: Scenario, sites: Sequence[Beacon], least_limit_m: float = np.inf) -> RouteTable:
-    """The routes of a scenario with the readings of all ``sites``, for limits of at least so many metres."""
-    columns, noise, world = BeaconColumns.of(sites), scenario.noise, scenario.world
-    rows = [
-        SegmentedRoute(*floor_of(path, noise, world), readings_on(path, columns, world), least_limit_m)
-        for path in scenario.routes
-    ]
+def route_table(scenario: Scenario, readings: Sequence[Readings], least_limit_m: float = np.inf) -> RouteTable:
+    """The routes of a scenario with the readings on each (`Scenario.readings`), for limits of at least so many m."""
+    floors = (floor_of(path, scenario.noise, scenario.world) for path in scenario.routes)
+    rows = [SegmentedRoute(*floor, here, least_limit_m) for floor, here in zip(floors, readings, strict=True)]
     return _joined(rows, scenario.start_fix)
 
 

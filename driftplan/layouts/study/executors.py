@@ -4,19 +4,21 @@ and tasks, and gives every task back with its row, in any order; rows do not dep
 from __future__ import annotations
 
 import os
+import pickle
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from itertools import islice
 from multiprocessing.connection import Pipe, wait
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryFile
+from typing import IO, Any
 
 from driftplan.errors import DriftplanError
 from driftplan.layouts.study.inputs import CellTask, digest
-from driftplan.layouts.study.work import FAILED, Row, Workshop, row_of
+from driftplan.layouts.study.work import FAILED, Row, Workshop, routes_key, row_of
 
 Done = Iterator[tuple[CellTask, Row]]
 _PATIENCE, _GRACE_S = 2.0, 60.0  # times a cell's limit, and then so many seconds, before its worker is ended
@@ -34,86 +36,123 @@ def here(shared: Mapping[str, Any], tasks: Iterable[CellTask]) -> Done:
 # Processes
 
 
-def in_processes(shared: Mapping[str, Any], tasks: Iterable[CellTask], count: int) -> Done:
+def in_processes(shared: Mapping[str, Any], tasks: Sequence[CellTask], count: int) -> Done:
     """In so many processes of this machine.
 
     A process that dies takes the cell that it was at with it: that is tried again, after the others, and once it has
     cost three it is a row that says so. One that does not end long after its cell's time limit is ended.
     """
-    todo = [(task, 1) for task in tasks][::-1]
-    workers: list[_Worker] = []
-    try:
-        while todo or any(worker.task for worker in workers):
-            while todo and len(workers) < count:
-                workers.append(_Worker(shared))
+    deal, left, deaths = Deal(shared, tasks), len(tasks), Counter[str]()
+    workers: list[Child] = []
+    with kept_shared(shared) as file:
+        try:
+            while left:
+                while len(workers) < min(count, left):
+                    workers.append(Child(file))
+                for worker in workers:
+                    if worker.task is None and (task := deal.next(worker)) is not None:
+                        worker.begin(task)
+                ready = wait([worker.link for worker in workers], timeout=1.0)
+                for worker in list(workers):
+                    task = worker.task
+                    if worker.link not in ready and not worker.late:
+                        continue
+                    row = worker.answer()
+                    if worker.status is not None:
+                        workers.remove(worker)
+                    if task is None:
+                        continue
+                    if row is None and deaths[task.key] < _TRIES - 1:
+                        deaths[task.key] += 1
+                        deal.again(task)
+                        continue
+                    left -= 1
+                    said = f"{_TRIES} workers died over it, the last with status {worker.status}"
+                    yield task, row or lost(task, said)
+        finally:
             for worker in workers:
-                if todo and worker.task is None:
-                    worker.begin(*todo.pop())
-            ready = wait([worker.link for worker in workers], timeout=1.0)
-            for worker in list(workers):
-                task, late = worker.task, worker.late
-                if worker.link not in ready and not late:
-                    continue
-                row = None if late else worker.answer()
-                if row is None:
-                    worker.end()
-                    workers.remove(worker)
-                if task is None:
-                    continue
-                if row is not None:
-                    yield task, row
-                elif late:
-                    yield task, _lost(task, "its worker was ended long after the time limit")
-                elif worker.attempt < _TRIES:
-                    todo.insert(0, (task, worker.attempt + 1))
-                else:
-                    yield task, _lost(task, f"{_TRIES} workers died over it, the last with status {worker.status}")
-    finally:
-        for worker in workers:
-            worker.end()
+                worker.end()
 
 
-class _Worker:
-    """A process that does one task at a time. It ends when this one does, however that ends."""
+class Deal:
+    """Tasks for workers, each of which goes on with those on the routes that it has planned. When all routes are taken
+    it helps with those that most is left of."""
 
-    def __init__(self, shared: Mapping[str, Any]) -> None:
+    def __init__(self, shared: Mapping[str, Any], tasks: Iterable[CellTask]) -> None:
+        sets: dict[tuple[Any, ...], list[CellTask]] = {}
+        for task in tasks:
+            sets.setdefault(routes_key(shared, task), []).append(task)
+        self._untouched = [those[::-1] for those in sets.values()][::-1]
+        self._of: dict[Any, list[CellTask]] = {}
+
+    def next(self, worker: Hashable) -> CellTask | None:
+        """What a worker is to do; None where nothing is left."""
+        mine = self._of.get(worker)
+        if not mine:
+            mine = self._untouched.pop() if self._untouched else max(self._of.values(), key=len, default=[])
+            self._of[worker] = mine
+        return mine.pop() if mine else None
+
+    def again(self, task: CellTask) -> None:
+        """A task that has to be done again, after the others."""
+        self._untouched.insert(0, [task])
+
+
+def kept_shared(shared: Mapping[str, Any]) -> IO[bytes]:
+    """A file without a name that has the shared inputs, for children to read, however many and whenever they begin."""
+    file = TemporaryFile()  # noqa: SIM115
+    pickle.dump(dict(shared), file, protocol=pickle.HIGHEST_PROTOCOL)
+    file.flush()
+    return file
+
+
+class Child:
+    """A process that does one task at a time. It ends when this one does, however that ends.
+
+    Attributes
+    ----------
+    task : what it is at
+    status : how the process ended, once it has
+    """
+
+    def __init__(self, shared: IO[bytes]) -> None:
         self.link, theirs = Pipe()
         self.task: CellTask | None = None
-        self.attempt, self._until, self.status = 0, 0.0, 0
+        self.status: int | None = None
+        self._until, descriptors = 0.0, (theirs.fileno(), shared.fileno())
         paths = [str(Path(__file__).parents[3]), *filter(None, [os.environ.get("PYTHONPATH")])]
         one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "driftplan.layouts.study.worker", str(theirs.fileno())],
-            pass_fds=[theirs.fileno()],
+            [sys.executable, "-m", "driftplan.layouts.study.worker", *map(str, descriptors)],
+            pass_fds=descriptors,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             process_group=0,  # Ctrl-C is for this process, which ends its workers
             env={**os.environ, **one_thread, "PYTHONPATH": os.pathsep.join(paths)},
         )
         theirs.close()
-        self._send(dict(shared))
 
-    def _send(self, thing: Any) -> None:
-        with suppress(OSError):  # it is dead, which the next answer says
-            self.link.send(thing)
-
-    def begin(self, task: CellTask, attempt: int) -> None:
-        self.task, self.attempt = task, attempt
-        self._until = time.monotonic() + _PATIENCE * task.plain["time_limit_s"] + _GRACE_S
-        self._send(task)
+    def begin(self, task: CellTask) -> None:
+        self.task, self._until = task, time.monotonic() + _PATIENCE * task.plain["time_limit_s"] + _GRACE_S
+        with suppress(OSError):  # it is dead, which the answer says
+            self.link.send(task)
 
     @property
     def late(self) -> bool:
         return self.task is not None and time.monotonic() > self._until
 
     def answer(self) -> Row | None:
-        """The row of the task; None if the process is dead."""
-        self.task = None
+        """The row of the task, waited for; None if the process is dead. Where that is late it is ended."""
+        task, self.task = self.task, None
         try:
-            row: Row = self.link.recv()
+            if self.link.poll(max(self._until - time.monotonic(), 0.0)):
+                row: Row = self.link.recv()
+                return row
         except (OSError, EOFError):
+            self.end()
             return None
-        return row
+        self.end()
+        return None if task is None else lost(task, "its worker was ended long after the time limit")
 
     def end(self) -> None:
         self._process.kill()
@@ -121,7 +160,7 @@ class _Worker:
         self.link.close()
 
 
-def _lost(task: CellTask, why: str) -> Row:
+def lost(task: CellTask, why: str) -> Row:
     return row_of(task, {"outcome": FAILED, "why": f"the cell was given up: {why}"}, {})
 
 
@@ -130,38 +169,44 @@ def _lost(task: CellTask, why: str) -> Row:
 
 def on_cluster(client: Any, shared: Mapping[str, Any], tasks: Iterable[CellTask]) -> Done:
     """On a cluster. The shared inputs go to every worker once, those that join later too; a task is half a kilobyte.
+    A worker has a child for each of its threads, so that a cell that does not end, or kills, costs that only.
 
     A worker that dies costs the cells it was at, which the cluster gives to others; only a cell over which several
     died is a row that says so.
 
     Raises
     ------
-    DriftplanError : if the scheduler goes away
+    DriftplanError : if the scheduler goes away, or a worker has another driftplan than this process
     """
     from distributed import CancelledError, as_completed
 
     from driftplan.layouts.study.cluster import KeepShared, row_on_worker
 
     name = f"driftplan-{digest(sorted(shared))}"
-    client.register_plugin(KeepShared(name, dict(shared)))
-    todo, of, under_way = iter(tasks), dict[str, CellTask](), as_completed(loop=client.loop)
+    client.register_plugin(KeepShared(name, shared))
+    deal, under_way = Deal(shared, tasks), as_completed(loop=client.loop)
+    of: dict[str, tuple[CellTask, str]] = {}  # the worker that it is meant for
 
     def send() -> None:
-        """As many as the workers there are now will soon need."""
-        room = _WAITING * max(sum(client.nthreads().values()), 1) - len(of)
-        for task in islice(todo, max(room, 0)):
-            future = client.submit(row_on_worker, name, task, key=f"{name}-{task.key}", pure=False)
-            of[future.key] = task
-            under_way.add(future)
+        """As many as the workers there are now will soon need; if others are free these take them."""
+        waiting = Counter(worker for _, worker in of.values())
+        for worker, threads in (client.nthreads() or {"": 1}).items():
+            where = {"workers": [worker], "allow_other_workers": True} if worker else {}
+            for _ in range(_WAITING * threads - waiting[worker]):
+                if (task := deal.next(worker)) is not None:
+                    options = {"key": f"{name}-{task.key}", "pure": False, "retries": _TRIES - 1, **where}
+                    future = client.submit(row_on_worker, name, task, **options)
+                    of[future.key] = task, worker
+                    under_way.add(future)
 
     try:
         send()
         for future in under_way:
-            task = of.pop(future.key)
+            task, _ = of.pop(future.key)
             if future.status == "cancelled":
                 raise CancelledError(future.key)
             error = future.exception()
-            yield task, future.result() if error is None else _lost(task, f"{type(error).__name__}: {error}")
+            yield task, future.result() if error is None else lost(task, f"{type(error).__name__}: {error}")
             send()
         client.unregister_worker_plugin(name)
     except (CancelledError, OSError, TimeoutError) as err:

@@ -7,8 +7,7 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from functools import partial
-from importlib.metadata import version
+from functools import cache, partial
 from math import radians
 from pathlib import Path
 from typing import Any
@@ -33,6 +32,7 @@ from driftplan.world.trajectories import read_path
 _MAP = ("map", "robot_radius_m", "unknown_is_free", "cell_size_m", "level", "keepout", "zones")
 _TRIPS = ("routes", "trips", "graph")
 _SITES = ("beacon", "sites", "existing")
+_SHOWING = ("report", "page", "literature")  # parts of driftplan on which no row depends
 _SPREAD = ("heading_deg", "distance_m", "after_m", "heading_deg_per_full_turn")  # of `OdometryNoise.from_std`
 _PLAIN: Values = {  # keys whose values a task holds as they are, and what they are unless said
     "limit_m": None, "confidence": None, "redundancy": 1, "estimator": "reset", "max_beacons": None, "budget": None,
@@ -46,7 +46,7 @@ class CellTask:
 
     Attributes
     ----------
-    key : a hash of all that determines the cell, contents of files and driftplan's version included
+    key : a hash of all that determines the cell, contents of files and driftplan's sources included
     world, noise, trips, sites : keys of `Inputs.shared`
     plain : the other keys of the scenario
     """
@@ -102,7 +102,6 @@ class Inputs:
         self.shared: dict[str, Any] = {}
         self._folder = study.path.parent if study.path else Path()
         self._known: dict[str, str] = {}
-        self._version = version("driftplan")
 
     def task(self, cell: Cell) -> CellTask:
         """What a worker is told of a cell.
@@ -120,7 +119,7 @@ class Inputs:
         )
         plain = {key: scenario.get(key, default) for key, default in _PLAIN.items()}
         self._check(scenario, plain)
-        text = json.dumps([self._version, parts, plain], sort_keys=True)
+        text = json.dumps([sources_digest(), parts, plain], sort_keys=True)
         return CellTask(cell.number, hashlib.sha256(text.encode()).hexdigest()[:32], *parts, plain)
 
     def _digest(self, section: str, keys: tuple[str, ...], scenario: Values, make: Callable[[Values], Any]) -> str:
@@ -252,6 +251,17 @@ def start_fix(fix: Values | None) -> Fix | None:
         return None
     heading = radians(fix.get("heading_std_deg", 0.0))
     return Fix.full(0.0, position_std_m=fix.get("position_std_m", 0.0), heading_std=heading)
+
+
+@cache
+def sources_digest() -> str:
+    """A hash of the part of driftplan that rows depend on, as it is installed: of two versions, released or in the
+    making, that differ in it."""
+    top, hasher = Path(__file__).parents[2], hashlib.sha256()
+    for file in sorted(top.rglob("*.py")):
+        if file.relative_to(top).parts[0] not in _SHOWING:
+            hasher.update(f"{file.relative_to(top)}:{file.stat().st_size}:".encode() + file.read_bytes())
+    return hasher.hexdigest()[:32]
 
 
 def digest(value: Any) -> str:

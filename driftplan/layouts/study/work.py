@@ -16,7 +16,8 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import beacon_fixes, floor_of
 from driftplan.errors import DriftplanError, InfeasibleError
 from driftplan.layouts.layout import Layout
-from driftplan.layouts.place import place_beacons
+from driftplan.layouts.place import place_at
+from driftplan.layouts.placement.problem import Stations
 from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import Sites, route_sites, wall_sites
 from driftplan.layouts.study.inputs import CellTask, SitesAsked, Trips, start_fix
@@ -31,7 +32,7 @@ from driftplan.world.world import World
 Row = dict[str, Any]
 Routes = tuple[Floats, ...]
 DONE, INFEASIBLE, OUT_OF_TIME, FAILED = "done", "infeasible", "out of time", "failed"
-_MOST_KEPT = 64  # sets of routes of a worker
+_MOST_ROUTES, _MOST_STATIONS = 64, 8  # sets of routes that a worker keeps; of stations on these
 
 
 class Workshop:
@@ -40,10 +41,11 @@ class Workshop:
     def __init__(self, shared: Mapping[str, Any]) -> None:
         self.shared, self._planning = shared, Lock()
         self._routes: dict[tuple[Any, ...], Routes] = {}
+        self._kept: dict[tuple[Any, ...], Stations] = {}
 
     def row(self, task: CellTask) -> Row:
         """What came out for a cell: whatever goes wrong in it is said in its row."""
-        began, cpu = time.monotonic(), time.thread_time()
+        began, cpu = time.monotonic(), time.process_time()
         try:
             found = self._answer(task)
         except InfeasibleError as err:
@@ -52,47 +54,66 @@ class Workshop:
         except Exception as err:
             kind = "" if isinstance(err, (DriftplanError, ValueError)) else f"{type(err).__name__}: "
             found = {"outcome": FAILED, "why": f"{kind}{err}"}
-        spent = {"seconds": time.monotonic() - began, "processor_s": time.thread_time() - cpu}
+        spent = {"seconds": time.monotonic() - began, "processor_s": time.process_time() - cpu}
         return row_of(task, found, {name: round(s, 3) for name, s in spent.items()})
 
     def _answer(self, task: CellTask) -> Row:
         asked, plain = self.shared[task.sites], task.plain
         routes, world, noise = self.routes(task), self.shared[task.world], self.shared[task.noise]
         limit = DriftLimit(plain["limit_m"], plain["redundancy"], plain["confidence"])
-        start, beacons, found = start_fix(plain["start"]), asked.existing, {}
+        scenario = Scenario.of(world, routes, noise, limit, start_fix(plain["start"]), plain["estimator"])
+        began, beacons, found = time.monotonic(), asked.existing, {}
         if asked.kinds or asked.points is not None:
-            layout = place_beacons(
-                world, routes, noise, limit, sites_for(asked, world, routes),
-                max_beacons=plain["max_beacons"], budget=plain["budget"], estimator=plain["estimator"],
-                start_fix=start, time_limit=plain["time_limit_s"],
+            layout = place_at(
+                self._stations(task, scenario), scenario, limit, began=began,
+                max_beacons=plain["max_beacons"], budget=plain["budget"], time_limit=plain["time_limit_s"],
             )  # fmt: skip
-            scenario, beacons = layout.scenario, (*layout.existing, *layout.beacons)
+            beacons, worst = layout.everyone, layout.worst_drifts
             found = _of_layout(layout, asked.all_kinds)
         else:
-            scenario = Scenario.of(world, routes, noise, limit, start, plain["estimator"])
+            worst = tuple(scenario.worst(scenario.drift(r, beacons)) for r in range(len(routes)))
         if plain["simulated_drives"]:
             found |= _simulated(scenario, beacons, plain["simulated_drives"], plain["seed"])
-        worst = [scenario.worst(scenario.drift(r, beacons)) for r in range(len(routes))]
         length = sum(float(np.hypot(*np.diff(route, axis=0).T).sum()) for route in routes)
         drift = {"worst_drift_m": max(worst), "worst_route": int(np.argmax(worst))}
         return {"outcome": DONE, **drift, "routes": len(routes), "route_m": length, **found}
 
-    # Routes
+    # What cells share
+
+    def _stations(self, task: CellTask, scenario: Scenario) -> Stations:
+        """The sites of a cell on its routes, the same for all cells that have both."""
+        key = *routes_key(self.shared, task), task.sites
+        with self._planning:
+            if key not in self._kept:
+                sites = sites_for(self.shared[task.sites], scenario.world, scenario.routes)
+                _keep(self._kept, _MOST_STATIONS, key, Stations(scenario, sites))
+            return self._kept[key]
 
     def routes(self, task: CellTask) -> Routes:
         """The routes of a cell, planned once for all cells that drive the same ones."""
         trips: Trips = self.shared[task.trips]
         if trips.routes:
             return trips.routes
-        plain = task.plain
-        decides = task.noise if trips.graph is not None or plain["minimise"] != "length" else ""
-        key = (task.world, task.trips, plain["minimise"], decides, plain["seed"] if trips.random else 0)
+        plain, key = task.plain, routes_key(self.shared, task)
         with self._planning:
             if key not in self._routes:
-                if len(self._routes) >= _MOST_KEPT:
-                    self._routes.pop(next(iter(self._routes)))
-                self._routes[key] = _planned(self.shared[task.world], trips, self.shared[task.noise], plain)
+                planned = _planned(self.shared[task.world], trips, self.shared[task.noise], plain)
+                _keep(self._routes, _MOST_ROUTES, key, planned)
             return self._routes[key]
+
+
+def _keep(kept: dict[Any, Any], most: int, key: Any, value: Any) -> None:
+    """One more, in the place of the oldest where there are so many."""
+    if len(kept) >= most:
+        kept.pop(next(iter(kept)))
+    kept[key] = value
+
+
+def routes_key(shared: Mapping[str, Any], task: CellTask) -> tuple[Any, ...]:
+    """The same for cells on the same routes."""
+    trips, plain = shared[task.trips], task.plain
+    decides = task.noise if trips.graph is not None or plain["minimise"] != "length" else ""
+    return task.world, task.trips, plain["minimise"], decides, plain["seed"] if trips.random else 0
 
 
 def row_of(task: CellTask, found: Row, spent: Row) -> Row:
