@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, finite, number, point_of, positive, whole
+from driftplan.arrays import Floats, finite, instance, number, point_of, positive, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns
 from driftplan.errors import GoalError, NoPathError, PlannerError, StartError
@@ -194,8 +194,7 @@ class PlanRequest:
     began: float = field(default_factory=lambda: time.monotonic())  # when the clock of the call began to run
 
     def __post_init__(self) -> None:
-        if not isinstance(self.noise, OdometryNoise):
-            raise ValueError(f"expected an OdometryNoise, got {self.noise!r}")
+        instance("noise", self.noise, OdometryNoise)
         check_objective(self.minimise)
         if self.iterations is not None:
             whole("iterations", self.iterations, least=1)

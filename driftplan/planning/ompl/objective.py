@@ -12,6 +12,7 @@ from typing import Any
 
 from ompl import base as ob
 
+from driftplan.arrays import instance
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.cost import CostRates
@@ -83,8 +84,7 @@ class DriftObjective(ob.OptimizationObjective):
         super().__init__(si)
         space = si.getStateSpace()
         kind = space_kind(space)
-        if not isinstance(noise, OdometryNoise):
-            raise ValueError(f"expected an OdometryNoise, got {noise!r}")
+        instance("noise", noise, OdometryNoise)
         if not (isfinite(length_weight) and length_weight >= 0):
             raise ValueError(f"expected length_weight >= 0 m²/m, got {length_weight!r}")
         check_floor_plan(world, kind)
