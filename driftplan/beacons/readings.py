@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Bools, Floats, Ints, as_plane
+from driftplan.arrays import Bools, Floats, Ints
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.passes import Passes, Views, passes_of
 from driftplan.model.drift import Drift, PointDrift, predict_drift
@@ -71,21 +71,7 @@ def beacon_fixes(path: Any, beacons: Sequence[Beacon], world: World | None = Non
     >>> [fix.s_m for fix in beacon_fixes([(0, 0), (10, 0)], [Beacon(tag, x=4.0, y=0.0)])]
     [3.0, 5.0]
     """
-    found = readings_on(waypoints_of(path), BeaconColumns.of(beacons), world)
-    found = found[np.lexsort((found.rank, found.s_m))]
-    return [_fix(found, k) for k in range(len(found))]
-
-
-def _fix(found: Readings, k: int) -> Fix:
-    """A beacon's reading as a fix."""
-    measured = {"heading_std": found.heading_var, "range_std_m": found.range_var, "bearing_std": found.bearing_var}
-    return Fix(
-        s_m=float(found.s_m[k]),
-        position_cov=None if np.isnan(found.square[k]) else found.square[k] / 2 * np.eye(2),
-        detection_probability=float(found.chance[k]),
-        anchor=None if np.isnan(found.anchor[k]) else as_plane(found.anchor[k]),
-        **{name: None if np.isnan(var[k]) else float(var[k]) ** 0.5 for name, var in measured.items()},
-    )
+    return readings_on(waypoints_of(path), BeaconColumns.of(beacons), world).fixes()
 
 
 def drift_with_beacons(
@@ -288,9 +274,8 @@ def chances_of_passes(path: Floats, passes: Passes, beacons: BeaconColumns, arri
     k, leg = np.nonzero((begins < end[:, None]) & (begins + lengths > start[:, None]))
     along = (steps @ _PLANE / np.where(lengths > 0, lengths, 1.0))[leg]
     low, high = np.maximum(start[k] - begins[leg], 0.0), np.minimum(end[k] - begins[leg], lengths[leg])
-    variance, axes = np.linalg.eigh(arrival.cov)
-    errors = (np.sqrt(np.maximum(variance, 0.0))[:, None, :] * _standard_errors()) @ np.swapaxes(axes, -1, -2) @ _PLANE
-    places = ((beacons.xy[passes.beacon] + arrival.bias) @ _PLANE)[:, None] + errors  # beside the path as planned
+    # the beacons beside the path as planned
+    places = gaussian_points(beacons.xy[passes.beacon] + arrival.bias, arrival.cov, _ERRORS) @ _PLANE
     offset = (places[k] - (path[leg] @ _PLANE)[:, None]) * np.conj(along)[:, None]  # along and across the leg
     beyond = offset.real - np.clip(offset.real, low[:, None], high[:, None])
     square = np.minimum.reduceat(beyond**2 + offset.imag**2, np.searchsorted(k, np.arange(len(start))), axis=0)
@@ -306,12 +291,20 @@ def _near(passes: Passes, window: Floats) -> tuple[Floats, Floats]:
     return start, end
 
 
+def gaussian_points(mean: Floats, cov: Floats, count: int) -> Floats:
+    """Points of equal probability of Gaussians with means (n, d) and covariances (n, d, d), (n, count, d)."""
+    variance, axes = np.linalg.eigh(cov)
+    spread = axes * np.sqrt(np.maximum(variance, 0.0))[:, None, :]
+    return np.asarray(mean[:, None] + _standard_points(count, mean.shape[1]) @ np.swapaxes(spread, 1, 2))
+
+
 @cache
-def _standard_errors() -> Floats:
-    """Points of equal probability of the standard normal distribution of the plane, (`_ERRORS`, 2): a lattice of
-    Roberts's R2 sequence."""
+def _standard_points(count: int, dimensions: int) -> Floats:
+    """The same of the standard normal distribution: a lattice of Roberts's sequence, whose steps are the powers of 1/x,
+    x the real root of x^(dimensions + 1) = x + 1."""
     from scipy.special import ndtri
 
-    golden = 1.324717957244746  # the real root of x³ = x + 1
-    k = np.arange(1, _ERRORS + 1)[:, None]
-    return np.asarray(ndtri((0.5 + k * np.array([1 / golden, 1 / golden**2])) % 1))
+    x = 1.0
+    for _ in range(60):  # a contraction
+        x = (1 + x) ** (1 / (dimensions + 1))
+    return np.asarray(ndtri((0.5 + np.arange(1, count + 1)[:, None] / x ** np.arange(1, dimensions + 1)) % 1))

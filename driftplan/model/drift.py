@@ -160,10 +160,11 @@ class Drift(PointDrift):
 
     runs: Runs
     noises: tuple[OdometryNoise, ...]
-    _noise_of_leg: Ints
+    leg_noises: Ints  # which of `noises` each leg of `runs` has
     _driven: Driven  # at every leg border
     _border_distance: Floats
     _beliefs: Beliefs | None = None  # of a robot with a filter
+    _readings: Readings | None = None
     _drives: tuple[tuple[float, Drift], ...] = ()  # weights and drifts, where systematic errors differ between drives
 
     @property
@@ -216,7 +217,7 @@ class Drift(PointDrift):
         if self._beliefs is None and not any(noise.turns_matter for noise in self.noises):
             return replace(begun, u=begun.u * np.exp(1j * turns))
         zero = np.zeros(turns.shape)
-        return self._onward(begun, np.arange(len(turns)), turns, zero, zero, self._noise_of_leg)
+        return self._onward(begun, np.arange(len(turns)), turns, zero, zero, self.leg_noises)
 
     def inside_legs(self, shares: Floats) -> Moments:
         """Moments at these shares (k,) of every leg's run, for one path, (legs, k)."""
@@ -226,8 +227,24 @@ class Drift(PointDrift):
         runs, last = self.runs, len(self.runs.lengths)
         border = np.repeat(np.arange(last)[:, None], len(shares), axis=1)
         begin = self._driven.leaving[border]
-        driven, which = runs.lengths[:, None] * shares, self._noise_of_leg[border]
+        driven, which = runs.lengths[:, None] * shares, self.leg_noises[border]
         return self._onward(begin, border, runs.turns[border], driven, runs.curvatures[border], which)
+
+    def simulated(self, distances_m: Floats, *, runs: int, rng: np.random.Generator | int = 0) -> Floats:
+        """Errors of as many robots as ``runs`` at these ascending distances (k,) along one path, after the readings
+        there, metres, (runs, k, 2): what `driftplan.simulate_drift` gives at places of which it is told."""
+        from driftplan.model.simulation import simulate_drift
+
+        cut, at, old = self.runs.cut(distances_m)
+        noises = [self.noises[k] for k in np.repeat(self.leg_noises, np.diff(old)).tolist()]
+        fixes = () if self._readings is None else self._readings.fixes()
+        errors = simulate_drift(cut, noises, runs=runs, rng=rng, fixes=fixes, estimator=self.estimator)
+        return errors[:, at]
+
+    @property
+    def estimator(self) -> Estimator:
+        """What the robot does with its readings."""
+        return "filter" if self.is_fused else "reset"
 
     @property
     def is_fused(self) -> bool:
@@ -307,7 +324,7 @@ class Drift(PointDrift):
         begin = Moments(*(pick(x, border) for x in self._driven.leaving.arrays()))
         driven = np.clip(s - pick(borders, border), 0.0, None)
         turns = np.where(driven > 0, pick(self.runs.turns, leg), 0.0)
-        curvatures, which = pick(self.runs.curvatures, leg), pick(self._noise_of_leg, leg)
+        curvatures, which = pick(self.runs.curvatures, leg), pick(self.leg_noises, leg)
         return PointDrift(s, self._onward(begin, border, turns, driven, curvatures, which))
 
 
@@ -378,8 +395,7 @@ def predict_drift(
         waypoints, noise_of_leg = borders[waypoints], np.repeat(noise_of_leg, np.diff(borders))
     beliefs: Beliefs | None = None
     if estimator == "filter":
-        noises, spread = spread_of(noises)
-        driven, beliefs = fuse(runs, noise_of_leg, noises, spread, start, readings, at)
+        driven, beliefs = fuse(runs, noise_of_leg, *spread_of(noises), start, readings, at)
     else:
         legs = of_legs(runs.turns, runs.lengths, runs.curvatures, noise_of_leg, noises)
         driven = drive(legs, start, readings, at)
@@ -387,7 +403,7 @@ def predict_drift(
     at_waypoints, moments = distance[..., waypoints], driven.leaving[..., waypoints]
     for array in (distance, at_waypoints, *(x for part in (moments, *driven) for x in part.arrays())):
         array.setflags(write=False)
-    return Drift(at_waypoints, moments, runs, noises, noise_of_leg, driven, distance, beliefs)
+    return Drift(at_waypoints, moments, runs, noises, noise_of_leg, driven, distance, beliefs, readings)
 
 
 def _averaged(moments: Sequence[tuple[float, Moments]]) -> Moments:

@@ -251,6 +251,21 @@ class Readings:
             lever=(turned - placed * turns) * law.d1,
         )
 
+    def fixes(self) -> list[Fix]:
+        """The same as fixes, in driving order."""
+        xx, yy, xy = (self.square + self.skew.real) / 2, (self.square - self.skew.real) / 2, self.skew.imag / 2
+        stds = {"heading_std": self.heading_var, "range_std_m": self.range_var, "bearing_std": self.bearing_var}
+        return [
+            Fix(
+                s_m=float(self.s_m[k]),
+                position_cov=np.array([[xx[k], xy[k]], [xy[k], yy[k]]]) if self.read_position[k] else None,
+                detection_probability=float(self.chance[k]),
+                anchor=None if np.isnan(self.anchor[k]) else as_plane(self.anchor[k]),
+                **{name: None if np.isnan(var[k]) else float(var[k]) ** 0.5 for name, var in stds.items()},
+            )
+            for k in np.lexsort((self.rank, self.s_m)).tolist()
+        ]
+
     def rows(self, k: int, position: complex) -> tuple[tuple[Row, ...], float | None]:
         """What the estimator ``filter`` makes of reading ``k``, taken at a true ``position`` (x + jy, metres): the
         numbers that are measured, and the chance, None for certainty."""

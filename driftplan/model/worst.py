@@ -55,7 +55,7 @@ def worst_rms(drift: Drift) -> float:
         return float(np.sqrt(max(greatest[0], _greatest_of_quartics(drift))))
     drives = [Departures(weight, one.departures(), one.noises) for weight, one in drift._drives]
     drives = drives or [Departures(1.0, begun, drift.noises)]
-    group, which = np.zeros(len(end), dtype=np.intp), drift._noise_of_leg
+    group, which = np.zeros(len(end), dtype=np.intp), drift.leg_noises
     return float(np.sqrt(_greatest_of_mixture(drives, drift.runs.lengths, which, end, group, greatest)[0]))
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from driftplan.model.drift import Drift
+from driftplan.planning.collision_chance import collision_chance
 from driftplan.planning.routes import Route
 from driftplan.tables import NONE, Rows, decimals, digits, yes_no
 from driftplan.world.world import World
@@ -20,7 +21,7 @@ class Comparison(Rows):
     ----------
     rows : one per route: name, length_m, rms_m, bias_m (its norm), radius95_m, all at the goal, planner (None for
         paths of your own), and estimator; how many beacons each counts on, where one does; collision_free, where
-        a world was given
+        a world was given; of collisions the chance, low, high and bound (`CollisionChance`), where asked for
     """
 
     def columns(self) -> dict[str, Iterable[object]]:
@@ -44,11 +45,18 @@ class Comparison(Rows):
         columns["planner"] = [row["planner"] or NONE for row in rows]
         if all("collision_free" in row for row in rows):
             columns["collision-free"] = yes_no(row["collision_free"] for row in rows)
+        if all("collision_probability" in row for row in rows):
+            columns["touches a wall %"] = [_percent(row["collision_probability"]) for row in rows]
+            columns["at most %"] = [_percent(row["collision_bound"]) for row in rows]
         return columns
 
 
 def compare_routes(
-    routes: Sequence[Route | Drift], names: Sequence[str] | None = None, *, world: World | None = None
+    routes: Sequence[Route | Drift],
+    names: Sequence[str] | None = None,
+    *,
+    world: World | None = None,
+    collisions: World | None = None,
 ) -> Comparison:
     """Length and drift of routes, side by side.
 
@@ -59,6 +67,7 @@ def compare_routes(
     names : default: what each minimises, "given" for paths of your own
     world : say of every route whether it is free of collisions there, so that paths through walls do not set the
         standard
+    collisions : say of every route how likely a robot of that world touches a wall there (`collision_chance`)
 
     Raises
     ------
@@ -81,7 +90,7 @@ def compare_routes(
         raise ValueError("expected at least one Route, as plan_route returns it, or Drift, as predict_drift does")
     if names is not None and len(names) != len(routes):
         raise ValueError(f"expected a name for each of {len(routes)} routes, got {len(names)}")
-    rows = tuple(_row(route, None if names is None else names[k], world) for k, route in enumerate(routes))
+    rows = tuple(_row(route, names[k] if names else None, world, collisions) for k, route in enumerate(routes))
     planned = [route if isinstance(route, Route) else None for route in routes]
     if any(route is not None and route.captures for route in planned):
         for row, route in zip(rows, planned, strict=True):
@@ -89,7 +98,7 @@ def compare_routes(
     return Comparison(rows=rows)
 
 
-def _row(route: Route | Drift, name: str | None, world: World | None) -> dict[str, Any]:
+def _row(route: Route | Drift, name: str | None, world: World | None, collisions: World | None) -> dict[str, Any]:
     drift, planned = (route, None) if isinstance(route, Drift) else (route.drift, route)
     end = drift.end
     row = {
@@ -99,8 +108,15 @@ def _row(route: Route | Drift, name: str | None, world: World | None) -> dict[st
         "bias_m": float(end.bias_norm),
         "radius95_m": float(end.radius(0.95)),
         "planner": planned.planner if planned else None,
-        "estimator": "filter" if drift.is_fused else "reset",
+        "estimator": drift.estimator,
     }
     if world is not None:
         row["collision_free"] = bool(world.segments_free(drift.xy[:-1], drift.xy[1:]).all())
+    if collisions is not None:
+        chance = collision_chance(drift, collisions)
+        row |= {f"collision_{key}": getattr(chance, key) for key in ("probability", "low", "high", "bound")}
     return row
+
+
+def _percent(probability: float) -> str:
+    return f"{100 * probability:.1f}"

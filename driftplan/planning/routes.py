@@ -18,6 +18,7 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator, Fix
 from driftplan.model.worst import worst_rms
 from driftplan.planning.bounds import least_end_drift, least_length, least_worst_drift
+from driftplan.planning.collision_chance import CollisionChance, collision_chance
 from driftplan.planning.request import (
     ROADMAP,
     DriftLimit,
@@ -115,6 +116,28 @@ class Route(Tabular):
     def shortest_length(self) -> float:
         """Of the shortest route found, drift or not, metres."""
         return (self.shortest or self).length
+
+    def collision_probability(
+        self, world: World, *, runs: int = 1000, spacing_m: float | None = None, seed: int = 0
+    ) -> CollisionChance:
+        """How likely the robot touches a wall on its way, as `driftplan.collision_chance` says.
+
+        Parameters
+        ----------
+        world : with the radius of the robot itself. A route of least drift goes round obstacles as near as its own
+            world lets it: plan it in a world of a greater radius, so that it keeps clear.
+        runs, spacing_m, seed : as for `driftplan.collision_chance`
+
+        Examples
+        --------
+        >>> wall = [(4, 0), (6, 0), (6, 7), (4, 7)]
+        >>> wide, real = (World.from_polygons([wall], bounds=(0, 0, 10, 10), robot_radius=r) for r in (0.8, 0.5))
+        >>> noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.1, after_m=10.0)
+        >>> route = plan_route(wide, (2, 2), (8, 2), noise, time_limit=0.3)
+        >>> 0.01 < route.collision_probability(real).probability < 0.2
+        True
+        """
+        return collision_chance(self.drift, world, runs=runs, spacing_m=spacing_m, seed=seed)
 
     @property
     def is_among_beacons(self) -> bool:

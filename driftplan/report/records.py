@@ -8,27 +8,41 @@ from enum import Enum
 from math import degrees, isfinite
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from driftplan.files import head, plain_numbers
-from driftplan.tables import decimals, digits, table
+from driftplan.model.drift import PointDrift
+from driftplan.tables import decimals, digits, rows_of, table
 
 if TYPE_CHECKING:
-    from driftplan.model.drift import Drift, PointDrift
+    from driftplan.arrays import Floats
+    from driftplan.model.drift import Drift
 
 
-def drift_table(drift: PointDrift) -> str:
-    """Drift at points as a table for people."""
+_MOST_ROWS = 15  # of a table of drift, unless its points were asked for one by one
+
+
+def drift_table(drift: PointDrift, *, most: int = _MOST_ROWS) -> str:
+    """Drift at points as a table for people; of more than ``most`` some, evenly, with the first and the last."""
+    count = len(drift.distance)
+    few = np.linspace(0, count - 1, min(most, count)).round().astype(int)
+    more = f"\n{count - len(few)} more points are not shown: --json has them all" if len(few) < count else ""
+    drift = PointDrift(drift.distance[few], drift.moments[few])
     rms, bias, radius = digits(drift.rms, drift.bias_norm, drift.radius(0.95))
     (heading,) = digits([degrees(std) for std in drift.heading_std], count=3)
-    return table(
-        {
-            "distance m": decimals(drift.distance, 2),
-            "x m": decimals(drift.xy[..., 0], 2),
-            "y m": decimals(drift.xy[..., 1], 2),
-            "rms m": rms,
-            "bias m": bias,
-            "95 % radius m": radius,
-            "heading std deg": heading,
-        }
+    return (
+        table(
+            {
+                "distance m": decimals(drift.distance, 2),
+                "x m": decimals(drift.xy[..., 0], 2),
+                "y m": decimals(drift.xy[..., 1], 2),
+                "rms m": rms,
+                "bias m": bias,
+                "95 % radius m": radius,
+                "heading std deg": heading,
+            }
+        )
+        + more
     )
 
 
@@ -72,6 +86,11 @@ def record(thing: object, *keys: str) -> dict[str, Any]:
     {'real': 1.0, 'imag_m': 2.0}
     """
     return {key: getattr(thing, key if hasattr(thing, key) else key.rpartition("_")[0]) for key in keys}
+
+
+def waypoints(path: Floats) -> list[dict[str, float]]:
+    """Points (n, 2) by the names that everything has."""
+    return rows_of({"x_m": path[:, 0], "y_m": path[:, 1]})
 
 
 def json_text(value: Any) -> str:

@@ -20,10 +20,9 @@ from driftplan.arrays import Floats, finite, number, positive
 from driftplan.errors import MapError, naming
 from driftplan.files import plain_numbers, read_bytes
 from driftplan.world.formats import Mark
-from driftplan.world.plain_data import read_yaml
+from driftplan.world.plain_data import MAX_YAML_BYTES, read_yaml
 from driftplan.world.world import World
 
-_MAX_BYTES = 5_000_000
 _MAX_THINGS = 20_000  # vertices, walls, lanes
 _WALL_M = 0.1
 _BEACON, _FACING = "driftplan_beacon", "driftplan_facing_deg"  # parameters of vertices that are beacons
@@ -68,7 +67,7 @@ def building_marks(path: Path, level: str | None = None) -> list[Mark]:
 def building_with_marks(path: Path, marks: Sequence[Mark], level: str | None = None) -> bytes:
     """The file as it is, and a vertex for every mark after the other ones, which keep their numbers."""
     name, _, _, scale = _level(path, level)
-    text = read_bytes(path, MapError, max_bytes=_MAX_BYTES).decode("utf-8-sig")
+    text = read_bytes(path, MapError, max_bytes=MAX_YAML_BYTES).decode("utf-8-sig")
     lines = []
     for mark in marks:
         x, y = (np.array([mark.x, mark.y]) / scale).round(9).tolist()
@@ -98,7 +97,7 @@ def _metres(path: Path, level: str | None) -> tuple[dict[str, Any], Floats]:
 
 def _level(path: Path, name: str | None) -> tuple[str, dict[str, Any], Floats, Floats]:
     """The name of a level, what is said about it, its vertices as they are, and what turns them into metres."""
-    held = read_yaml(path, MapError, max_bytes=_MAX_BYTES)
+    held = read_yaml(path, MapError)
     levels = held.get("levels") if isinstance(held, dict) else None
     if not (isinstance(levels, dict) and levels and all(isinstance(level, dict) for level in levels.values())):
         raise MapError(f"{path}: expected a building of Open-RMF, with levels by their names, got {short(held)}")

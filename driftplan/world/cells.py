@@ -10,7 +10,7 @@ import shapely
 from shapely import MultiPolygon
 
 from driftplan.arrays import Bools, Ints, positive, whole
-from driftplan.world.prepared_area import PreparedArea
+from driftplan.world.shapes import PreparedArea
 
 MAX_CELLS = 25_000_000  # 5000 x 5000: a map of 250 m at 0.05 m
 MAX_SIDES = 2_000_000  # between occupied and other cells

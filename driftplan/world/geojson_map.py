@@ -38,7 +38,6 @@ _PROJECT = (
     "project the map first, say to UTM (ogr2ogr -t_srs EPSG:32632), or give degrees an origin=(lon, lat) (--origin)"
 )
 _LEAST_EXTENT_M = 0.5  # of a map: no robot drives on less
-_MAX_BYTES = 20_000_000
 _MAX_DEPTH = 4  # of lists, in the coordinates of a MultiPolygon
 # Beyond these, merging the walls and growing them would take minutes; plans of buildings stay far below.
 _MAX_POSITIONS = 50_000
@@ -108,7 +107,7 @@ def read_features(
     path: Path, *, metres_whatever_crs: bool = False, origin: tuple[float, float] | None = None
 ) -> list[Any]:
     """The features of a GeoJSON FeatureCollection in metres, not looked into; a file that is none is a `MapError`."""
-    return features_of(path, read_json(path, max_bytes=_MAX_BYTES), metres_whatever_crs, origin)
+    return features_of(path, read_json(path), metres_whatever_crs, origin)
 
 
 def features_of(

@@ -11,7 +11,7 @@ import shapely
 from shapely import MultiPolygon
 
 from driftplan.arrays import Bools, Floats
-from driftplan.world.prepared_area import PreparedArea
+from driftplan.world.shapes import PreparedArea
 
 Bounds = tuple[float, float, float, float]
 

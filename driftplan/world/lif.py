@@ -22,7 +22,6 @@ from driftplan.files import plain_numbers
 from driftplan.world.formats import Mark
 from driftplan.world.plain_data import read_json
 
-_MAX_BYTES = 50_000_000
 _BEACON = "beacon"
 _TEXT, _NUMBER = "a text", "a number"
 _LAYOUT = {
@@ -70,7 +69,7 @@ class LifLayout(NamedTuple):
 
 def read_lif(path: Path, level: str | None = None) -> LifLayout:
     """A layout, which must be named where there are several."""
-    held = read_json(path, max_bytes=_MAX_BYTES)
+    held = read_json(path)
     with naming(path, MapError):
         _check("the file", held, _SCHEMA)
         version = held["metaInformation"]["lifVersion"]

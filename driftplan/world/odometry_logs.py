@@ -37,9 +37,8 @@ import numpy as np
 from driftplan.arrays import Complexes, Floats, positive
 from driftplan.errors import TrajectoryError, naming
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
+from driftplan.world.log_checks import in_order, misread, seconds
 from driftplan.world.log_formats import read_recording
-from driftplan.world.log_order import in_order, seconds
-from driftplan.world.log_plausibility import misread
 from driftplan.world.log_tables import Table, columns_of, name_and_unit, unit_size
 
 Kind = Literal["increments", "velocities", "poses"]

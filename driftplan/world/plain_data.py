@@ -14,8 +14,10 @@ import yaml
 from driftplan.errors import MapError
 from driftplan.files import FileError, read_bytes
 
+MAX_YAML_BYTES, MAX_JSON_BYTES = 5_000_000, 50_000_000  # of each a minute's reading at most
 
-def read_yaml(path: Path, error: FileError, *, max_bytes: int) -> Any:
+
+def read_yaml(path: Path, error: FileError, *, max_bytes: int = MAX_YAML_BYTES) -> Any:
     """What a YAML file holds, mappings as `Lined`. ``1e-4`` is a number, as in YAML 1.2 and for people."""
     text = read_bytes(path, error, max_bytes=max_bytes)
     try:
@@ -27,9 +29,9 @@ def read_yaml(path: Path, error: FileError, *, max_bytes: int) -> Any:
         raise error(f"{path}: not plain YAML: {' '.join(str(err).split())[:200]}") from err
 
 
-def read_json(path: Path, *, max_bytes: int) -> Any:
+def read_json(path: Path) -> Any:
     """What a JSON file holds."""
-    return json_of(path, read_bytes(path, MapError, max_bytes=max_bytes))
+    return json_of(path, read_bytes(path, MapError, max_bytes=MAX_JSON_BYTES))
 
 
 def json_of(path: Path, text: bytes) -> Any:

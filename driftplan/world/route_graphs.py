@@ -25,8 +25,8 @@ from driftplan.world.building_map import building_lanes
 from driftplan.world.formats import Format, Mark, format_of, own_options
 from driftplan.world.geojson_map import position_of, read_features
 from driftplan.world.lif import lif_bytes, read_lif
+from driftplan.world.plain_data import MAX_JSON_BYTES
 
-_MAX_BYTES = 20_000_000
 _SPACE = " \t\r\n"
 _LINES = ("LineString", "MultiLineString")
 
@@ -151,7 +151,7 @@ def _read_nav2(file: Path) -> RouteGraph:
             raise MapError(f"{file}: edge {number} leads to node {lost[0]}, which is not there")
     ends = np.array([[index[start], index[end]] for _, start, end in edges], dtype=int).reshape(-1, 2)
     with naming(file, MapError):
-        text = read_bytes(file, MapError, max_bytes=_MAX_BYTES).decode()
+        text = read_bytes(file, MapError, max_bytes=MAX_JSON_BYTES).decode()
     edge_ids, xy = tuple(number for number, *_ in edges), np.array([*nodes.values()]).reshape(-1, 2)
     return RouteGraph(tuple(nodes), xy, edge_ids, ends, tuple(metadata), text=text)
 

@@ -30,8 +30,7 @@ from driftplan.arrays import (
 )
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.inflation import Inflation
-from driftplan.world.prepared_area import PreparedArea
-from driftplan.world.shapes import polygon_of
+from driftplan.world.shapes import PreparedArea, polygon_of
 from driftplan.world.zones import Zone, ZoneIndex, ZonePieces
 
 _WALL_DEPTH = 1e-6  # m: a line of sight may graze a wall this deep, so that a beacon mounted on a wall can be seen

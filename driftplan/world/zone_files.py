@@ -23,11 +23,10 @@ from reprlib import repr as short
 import numpy as np
 
 from driftplan.errors import MapError, naming
-from driftplan.world.cell_pictures import read_header, read_pixels
 from driftplan.world.cells import area_of_cells
 from driftplan.world.formats import Format, format_of
 from driftplan.world.geojson_map import read_geojson_map, zone_noise
-from driftplan.world.ros_map import RULE_KEYS
+from driftplan.world.ros_map import RULE_KEYS, read_header, read_pixels
 from driftplan.world.zones import Zone
 
 _MOST_ZONES = 64  # each is cut out of every path

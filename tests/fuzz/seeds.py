@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 import driftplan as d
-from driftplan.world.trajectories import read_path
+from driftplan.world.route_files import read_path
 
 
 class Seed(NamedTuple):

@@ -11,9 +11,8 @@ import pytest
 import shapely
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.beacons.beacon_files import beacons_geojson, load_beacons
+from driftplan.beacons.beacon_files import beacons_geojson, fiducial_map, load_beacons, tags_yaml
 from driftplan.beacons.readings import beacon_passes, drift_with_beacons
-from driftplan.beacons.tag_files import fiducial_map, tags_yaml
 from driftplan.errors import MapError
 from driftplan.layouts.layout import (
     installer_columns,

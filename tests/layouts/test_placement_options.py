@@ -2,6 +2,7 @@
 
 import inspect
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -395,3 +396,18 @@ def test_candidates_are_where_they_should_be():
     kept = grid_sites(world, 0.5, forbidden=[shapely.box(0, 0, 5, 6)])
     assert 0 < len(kept) < len(grid)
     assert kept[:, 0].min() > 5
+
+
+@pytest.mark.parametrize(("spacing_m", "limit"), [(10.0, 0.4), (12.0, 0.5)])
+def test_where_sites_are_too_far_apart_the_next_spacing_to_try_is_told(spacing_m, limit):
+    noise, tag = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0), BeaconKind.rfid(1.5, 0.1)
+    with pytest.raises(InfeasibleError, match="m apart here: try") as told:
+        place_beacons(None, [(0, 0), (48, 0)], noise, limit, Sites(tag, spacing_m=spacing_m))
+    closer = float(re.search(r"try (\S+) m", str(told.value))[1])
+    assert place_beacons(None, [(0, 0), (48, 0)], noise, limit, Sites(tag, spacing_m=closer)).worst_drift <= limit
+
+
+def test_a_limit_below_what_a_tag_can_tell_is_explained_by_the_tag():
+    noise, tag = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0), BeaconKind.rfid(1.5, 0.1)
+    with pytest.raises(InfeasibleError, match=r"sqrt\(2\) x 0.1 = 0.141 m: take more accurate ones"):
+        place_beacons(None, [(0, 0), (40, 0)], noise, 0.14, tag)

@@ -59,7 +59,7 @@ def test_many_trips_are_planned_in_one_go(run, refused, tmp_path):
     code, out, err = run("plan", "office", "--trips", trips, "--minimise", "length", "--json")
     assert code == 0, err
     rows = json.loads(out)["routes"]
-    assert [row["waypoints"][0] for row in rows] == [[2, 3], [30, 16]]
+    assert [[*row["waypoints"][0].values()] for row in rows] == [[2, 3], [30, 16]]
     assert rows[0]["length_m"] == pytest.approx(rows[1]["length_m"], rel=0.01)
     assert all(row["collision_free"] for row in rows)
     refused(

@@ -12,7 +12,7 @@ from driftplan.files import write_files
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.report.records import drift_geojson, drift_table, json_text, path_csv
-from driftplan.world.trajectories import read_path
+from driftplan.world.route_files import read_path
 
 NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.1, after_m=10.0)
 DRIFT = predict_drift([(0, 0), (10, 0), (10, -7.5)], NOISE)
@@ -49,6 +49,16 @@ def test_the_table_shows_degrees_and_lines_its_columns_up():
     assert len({len(line) for line in lines}) == 1
     assert float(lines[-1].split()[3]) == pytest.approx(DRIFT.end.rms, rel=1e-3)
     assert float(lines[-1].split()[-1]) == pytest.approx(np.degrees(DRIFT.end.heading_std), rel=1e-2)
+
+
+def test_the_table_of_a_long_path_shows_some_rows_and_says_of_how_many():
+    drift = predict_drift([(0.5 * k, 0) for k in range(65)], NOISE)
+    _, *rows, last = drift_table(drift).splitlines()
+    assert [float(row.split()[0]) for row in (rows[0], rows[-1])] == [0.0, 32.0]
+    assert len(rows) == 15
+    assert last == "50 more points are not shown: --json has them all"
+    assert len(drift_table(drift, most=65).splitlines()) == 66
+    assert len(drift_table(drift.at([1.0, 2.0])).splitlines()) == 3
 
 
 def test_a_geojson_route_is_a_line_in_metres_with_its_drift():

@@ -59,6 +59,7 @@ def test_specks_go_and_walls_stay_as_they_are(grid, cells):
     )
 
 
+@pytest.mark.slow
 def test_too_many_cells_are_refused_with_what_loads_them(tmp_path):
     occupied = np.zeros((8000, 8000), dtype=bool)
     occupied[4000:4010, 1000:7000] = True
@@ -73,6 +74,23 @@ def test_too_many_cells_are_refused_with_what_loads_them(tmp_path):
     with pytest.raises(MapError, match="coarsen=2"):
         load_world(tmp_path / "a.map", robot_radius=0.2)
     assert load_world(tmp_path / "a.map", robot_radius=0.2, coarsen=3).bounds == (0, 0, 5001, 5001)
+
+
+@pytest.mark.slow
+def test_a_map_of_8000_x_8000_cells_with_sixty_thousand_specks_is_read_as_it_is_told(tmp_path):
+    rng = np.random.default_rng(0)
+    occupied = np.zeros((8000, 8000), dtype=bool)
+    occupied[rng.integers(0, 8000, 60_000), rng.integers(0, 8000, 60_000)] = True
+    occupied[4000:4010, 1000:7000] = True
+    file, asked = ros(tmp_path, occupied), {}
+    for said, more in ((r"coarsen=2 \(--coarsen 2\)", {"coarsen": 2}), (r"despeckle_m=0.1", {"despeckle_m": 0.1})):
+        with pytest.raises(MapError, match=said):
+            load_world(file, robot_radius=0.2, **asked)
+        asked |= more
+    world = load_world(file, robot_radius=0.2, **asked)
+    assert world.obstacles.buffer(1e-9).covers(shapely.box(50, 200, 350, 200.5))
+    assert len(world.obstacles.geoms) < 20  # specks of three cells or more in a row, by chance
+    assert len(world.notes) == 2
 
 
 def test_sixty_thousand_specks_are_refused_with_what_loads_them(tmp_path):

@@ -12,7 +12,7 @@ from driftplan.errors import TrajectoryError
 from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.odometry_logs import read_odometry, read_truth
-from driftplan.world.trajectories import read_path
+from driftplan.world.route_files import read_path
 
 NOISE = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3, distance_scale_error=0.02)
 LOG, TRUTH = simulate_log([(0, 0), (6, 0), (6, 3), (1, 3)], NOISE, rng=1, step_m=0.25)

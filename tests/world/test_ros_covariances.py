@@ -9,7 +9,7 @@ import yaml
 from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
-from driftplan.world.ros_covariances import ros_covariances
+from driftplan.world.noise_files import ros_covariances
 
 NOISE = OdometryNoise(
     heading_var_per_m=2e-3,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from driftplan.errors import TrajectoryError
-from driftplan.world.trajectories import read_path, read_trajectory
+from driftplan.world.route_files import read_path, read_trajectory
 
 DATA = Path(__file__).resolve().parents[2] / "../shared/data"
 

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.ompl.zone_lookup import ZoneLookup
 from driftplan.world.world import World
-from driftplan.world.zone_grid import ZoneGrid
-from driftplan.world.zones import Zone
+from driftplan.world.zones import Zone, ZoneGrid
 
 WET = OdometryNoise(heading_var_per_m=1e-3)
 

@@ -171,8 +171,10 @@ class CoDesign(Design, Tabular):
         return [
             {
                 "name": trip.name,
-                "start": trip.start,
-                "goal": trip.goal,
+                "start_x_m": trip.start[0],
+                "start_y_m": trip.start[1],
+                "goal_x_m": trip.goal[0],
+                "goal_y_m": trip.goal[1],
                 "weight": trip.weight,
                 "length_m": route.length,
                 "shortest_length_m": route.shortest_length,

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from driftplan.arrays import Bools
 from driftplan.errors import InfeasibleError, Stretch
@@ -59,7 +60,8 @@ def _explained(search: LimitSearch, limits: Sequence[float], cover: Cover) -> tu
             found = fused_obstacle(problem, needs, cover.hopeless)
         else:
             found = obstacle(problem, needs, cover.hopeless)
-        why, stretch = _words_about_obstacle(problem, found, limits[found.stretch.route]), found.stretch
+        limit, stretch = limits[found.stretch.route], found.stretch
+        why = _words_about_obstacle(problem, found, limit) + _next_to_try(problem, limit)
     elif problem.rules and (free := search.cover(limits, ruled=False)).chosen is not None:
         number = int((free.chosen & ~problem.fixed).sum())
         why = (
@@ -70,6 +72,20 @@ def _explained(search: LimitSearch, limits: Sequence[float], cover: Cover) -> tu
         nearest = search.least_factor(limits, problem.fixed, 1.0, _FACTOR_TOLERANCE)
         why, stretch = _about_nearest(problem, limits, nearest)
     return why + _if_fused(problem, limits), stretch
+
+
+def _next_to_try(problem: PlacementProblem, limit: float) -> str:
+    """What beacons, or what spacing, might hold a stretch that no site holds."""
+    scenario = problem.scenario
+    stds = [beacon.kind.position_std_m or 0.0 for beacon in problem.sites]
+    if scenario.estimator == "reset" and scenario.confidence is None and limit <= 2**0.5 * min(stds):
+        own = f"{min(stds):g} m per axis, an rms of sqrt(2) x {min(stds):g} = {2**0.5 * min(stds):.3g} m"
+        return f"; right after a reading the drift is that of the beacon itself, {own}: take more accurate ones"
+    xy = np.unique([beacon.xy for beacon in problem.sites], axis=0)
+    if len(xy) < 2:
+        return ""
+    apart = float(np.median(KDTree(xy).query(xy, k=2)[0][:, 1]))
+    return f"; sites are {apart:.3g} m apart here: try {apart / 2:.3g} m"
 
 
 def _if_fused(problem: PlacementProblem, limits: Sequence[float]) -> str:

@@ -26,8 +26,8 @@ from driftplan.model.readings import Fix
 from driftplan.planning.request import DriftLimit
 from driftplan.world.mapfiles import bundled_map, bundled_maps, load_world
 from driftplan.world.noise_files import load_noise
+from driftplan.world.route_files import read_path
 from driftplan.world.route_graphs import load_graph
-from driftplan.world.trajectories import read_path
 
 _MAP = ("map", "robot_radius_m", "unknown_is_free", "cell_size_m", "level", "keepout", "zones")
 _TRIPS = ("routes", "trips", "graph")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
@@ -32,8 +33,12 @@ def run(args: argparse.Namespace) -> Answer:
         for name, route in both(world, *shared.ends_from(args, world), noise, args, planner).items():
             routes[f"{name} ({planner})"] = route
     return Answer(
-        payload=lambda: {"map": args.map, "noise": shared.noise_as_json(noise), "routes": rows_of(routes, world)},
-        text=lambda: str(compared(routes, world)),
+        payload=lambda: {
+            "map": args.map,
+            "noise": shared.noise_as_json(noise),
+            "routes": rows_of(routes, world, robot_in(args, world)),
+        },
+        text=lambda: str(compared(routes, world, robot_in(args, world))),
         files={"picture": lambda: plot_comparison(world, routes)},
     )
 
@@ -50,18 +55,23 @@ def both(
     return {NAMES["drift"]: lowest, NAMES["length"]: lowest.shortest}
 
 
-def compared(routes: Mapping[str, Route | Drift], world: World) -> Comparison:
+def robot_in(args: argparse.Namespace, world: World) -> World | None:
+    """The same world for a robot of the radius that ``--collisions`` says, if it does."""
+    return None if args.collisions is None else replace(world, robot_radius=args.collisions)
+
+
+def compared(routes: Mapping[str, Route | Drift], world: World, collisions: World | None = None) -> Comparison:
     """The `Comparison` of routes by name."""
     from driftplan import compare_routes
 
-    return compare_routes(list(routes.values()), list(routes), world=world)
+    return compare_routes(list(routes.values()), list(routes), world=world, collisions=collisions)
 
 
-def rows_of(routes: Mapping[str, Route | Drift], world: World) -> list[dict[str, Any]]:
+def rows_of(routes: Mapping[str, Route | Drift], world: World, collisions: World | None = None) -> list[dict[str, Any]]:
     """Routes by the names of `compare_routes`, with all there is to say about their ends and how they were found."""
     from driftplan import Route
 
-    rows = compared(routes, world).to_dicts()
+    rows = compared(routes, world, collisions).to_dicts()
     for row, route in zip(rows, routes.values(), strict=True):
         row |= at_end(route.drift) | how_found(route) if isinstance(route, Route) else at_end(route)
     return rows
@@ -95,6 +105,8 @@ _PLANNERS = shared.SEARCH[0]._replace(
     default=None,
     how={"action": "append"},
 )
+COLLISIONS = Option("collisions", "M", "how likely a robot of this radius, metres, that steers by its estimate touches "
+                    "a wall; give --robot-radius a margin above it")
 _ENDS = (*shared.ENDS, shared.SNAP)
 COMMAND = Command(
     name="compare",
@@ -108,7 +120,7 @@ COMMAND = Command(
                how={"nargs": "*"}),
     ),
     groups=(
-        Group("planning", (*_ENDS, shared.START_HEADING, _PLANNERS, *shared.SEARCH[1:])),
+        Group("planning", (*_ENDS, shared.START_HEADING, _PLANNERS, *shared.SEARCH[1:], COLLISIONS)),
         shared.WORLD,
         *shared.NOISE,
     ),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, Progress, talk
 from driftplan.report.commands.option import Command, Group, Option, input_file
-from driftplan.report.records import record
+from driftplan.report.records import record, waypoints
 from driftplan.tables import numbers, table
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def design_as_json(found: CoDesign) -> dict[str, Any]:
             **row,
             **record(route, "worst_guaranteed_m"),
             "least_capture_probability": min((c.probability for c in route.captures), default=None),
-            "waypoints": route.path.tolist(),
+            "waypoints": waypoints(route.path),
         }
         for row, route in zip(found.to_dicts(), found.routes, strict=True)
     ]

@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
-from driftplan.report.commands.compare import NAMES, compared, rows_of
+from driftplan.report.commands.compare import COLLISIONS, NAMES, compared, robot_in, rows_of
 from driftplan.report.commands.option import Command, Group, Idle, Option
-from driftplan.report.records import record
+from driftplan.report.records import record, waypoints
 from driftplan.tables import numbers, table, yes_no
 
 _NOTHING = 0.005  # shares that are not worth a word
 _ONE_ROUTE = "it is about one route, not --trips"
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from driftplan import OdometryNoise, Route, World
 
 
@@ -28,6 +30,7 @@ def run(args: argparse.Namespace) -> Answer:
         raise ValueError("expected both --start and --goal, or --trips")
     if args.graph:
         return _on_graph(args)
+    from driftplan.report.figures.collisions import plot_collisions
     from driftplan.report.figures.comparison import plot_comparison
     from driftplan.report.figures.itinerary import plot_itinerary
     from driftplan.report.records import beyond_linear_text, drift_geojson, drift_table
@@ -40,8 +43,10 @@ def run(args: argparse.Namespace) -> Answer:
     if route.shortest is not None:
         routes[NAMES["length"]] = route.shortest
 
+    robot = robot_in(args, world)
+
     def summary() -> dict[str, Any]:
-        row, *shortest = rows_of(routes, world)
+        row, *shortest = rows_of(routes, world, robot)
         return (
             row
             | {"shortest": shortest[0] if shortest else None}
@@ -49,9 +54,14 @@ def run(args: argparse.Namespace) -> Answer:
         )
 
     def text() -> str:
-        words = [str(compared(routes, world)), *gained_in_words(route), bound_in_words(route)]
+        words = [str(compared(routes, world, robot)), *gained_in_words(route), bound_in_words(route)]
         words += ["", itinerary_text(among_beacons)] if among_beacons else []
         return "\n".join([*words, "", drift_table(route.drift)]) + beyond_linear_text(route.drift)
+
+    def picture() -> Figure:
+        if robot is not None:
+            return plot_collisions(world, route.collision_probability(robot))
+        return plot_itinerary(world, among_beacons) if among_beacons else plot_comparison(world, routes)
 
     return Answer(
         payload=lambda: {
@@ -68,9 +78,7 @@ def run(args: argparse.Namespace) -> Answer:
         files={
             **shared.route_files(lambda: route.drift),
             "geojson": lambda: drift_geojson(route.drift, {"noise": shared.noise_as_json(noise), **summary()}),
-            "picture": lambda: (
-                plot_itinerary(world, among_beacons) if among_beacons else plot_comparison(world, routes)
-            ),
+            "picture": picture,
         },
     )
 
@@ -118,8 +126,8 @@ def _many(args: argparse.Namespace) -> Answer:
             "noise": shared.noise_as_json(noise),
             "estimator": args.estimator,
             "routes": [
-                row | {"waypoints": drift.xy.tolist()}
-                for row, drift in zip(rows_of(routes, world), (route.drift for route in found), strict=True)
+                row | {"waypoints": waypoints(route.path)}
+                for row, route in zip(rows_of(routes, world), found, strict=True)
             ],
         },
         text=lambda: table({k: v for k, v in compared(routes, world).columns().items() if k != "above least %"}),
@@ -249,7 +257,7 @@ COMMAND = Command(
     arguments=(shared.MAP,),
     groups=(
         Group("planning", (
-            *shared.ENDS, _TRIPS, _GRAPH, shared.SNAP, *_GOALS, shared.START_HEADING, *shared.SEARCH,
+            *shared.ENDS, _TRIPS, _GRAPH, shared.SNAP, *_GOALS, shared.START_HEADING, *shared.SEARCH, COLLISIONS,
         )),
         shared.WORLD,
         _BEACONS,
@@ -258,13 +266,15 @@ COMMAND = Command(
     files={
         **shared.ROUTE_FILES,
         "geojson": "write the route and the drift along it as a GeoJSON LineString, coordinates in metres",
-        "picture": "draw the map, the route, its error ellipses and its drift against distance",
+        "picture": "draw the map, the route, its error ellipses and its drift against distance, or with --collisions "
+        "where it may touch walls",
     },
     idle=(
-        Idle(("start", "goal", "snap", "start_heading_deg", "planner", "iterations"), lambda args: bool(args.trips),
+        Idle(("start", "goal", "snap", "start_heading_deg", "planner", "iterations", "collisions"),
+             lambda args: bool(args.trips),
              _ONE_ROUTE),
         Idle(("trips", "snap", "minimise", "max_detour", "start_heading_deg", "planner", "time_limit", "iterations",
-              "seed", "estimator", "max_drift", "redundancy", "min_capture", "start_position_std_m",
+              "seed", "collisions", "estimator", "max_drift", "redundancy", "min_capture", "start_position_std_m",
               "start_heading_std_deg"), lambda args: bool(args.graph), "a way on a --graph is found without"),
         Idle(("redundancy", "min_capture", "estimator"), lambda args: not args.beacons,
              "there are no --beacons on the way"),

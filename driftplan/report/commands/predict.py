@@ -29,6 +29,7 @@ def run(args: argparse.Namespace) -> Answer:
         (file, float(drift.length), drift.at(args.at) if args.at else drift)
         for file, drift in zip(files, drifts, strict=True)
     ]
+    asked = {"most": len(args.at)} if args.at else {}
     return Answer(
         payload=lambda: {
             "noise": shared.noise_as_json(noise),
@@ -44,7 +45,7 @@ def run(args: argparse.Namespace) -> Answer:
             ],
         },
         text=lambda: "\n\n".join(
-            f"{file}: {length:.2f} m\n{drift_table(points)}{beyond_linear_text(drift)}"
+            f"{file}: {length:.2f} m\n{drift_table(points, **asked)}{beyond_linear_text(drift)}"
             for (file, length, points), drift in zip(shown, drifts, strict=True)
         ),
         files={"picture": lambda: plot_comparison(None, dict(zip(files, drifts, strict=True)))},

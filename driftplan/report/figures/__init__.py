@@ -8,7 +8,7 @@ style                           colours, markers and line styles, once; panels, 
 ellipses                        error ellipses: shape, places, magnification
 maps                            worlds, routes with their ellipses, beacons with their ranges
 drift                           drift against distance
-comparison, itinerary, layouts, designs, fits
+comparison, collisions, itinerary, layouts, designs, fits
                                 whole figures
 sheet                           the installers' page A3
 """

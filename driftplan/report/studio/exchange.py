@@ -10,11 +10,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.beacons.beacon_files import load_beacons
-from driftplan.beacons.tag_files import fiducial_map, static_transforms, tags_yaml
+from driftplan.beacons.beacon_files import fiducial_map, load_beacons, static_transforms, tags_yaml
 from driftplan.layouts.layout import InstallerRow, Layout, layout_csv, layout_dxf
 from driftplan.page.scene import Scene, beacon_of, beacon_said
-from driftplan.world.trajectories import read_path
+from driftplan.world.route_files import read_path
 
 _TAG_SIZE_M = 0.16  # of a tag in tags.yaml
 WRITTEN: dict[str, Callable[[Layout], bytes]] = {
