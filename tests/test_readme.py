@@ -52,6 +52,7 @@ def test_the_readmes_commands_run_in_the_order_printed_in_an_empty_folder(tmp_pa
     assert "Warning" not in done.stderr
 
 
+@pytest.mark.slow
 def test_the_sample_files_are_what_their_script_makes(tmp_path):
     """But for drawings and pages, in which libraries say their versions."""
     data = README.parent / "examples/data"

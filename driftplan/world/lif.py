@@ -163,13 +163,8 @@ def _check(where: str, held: Any, wanted: Any) -> None:
     if wanted == _NUMBER:
         number(where, held)
     elif not isinstance(held, str if wanted == _TEXT else type(wanted)):
-        kind = (
-            f"an object with {', '.join(wanted)}"
-            if isinstance(wanted, dict)
-            else "a list"
-            if wanted != _TEXT
-            else _TEXT
-        )
+        kind = _TEXT if wanted == _TEXT else "a list"
+        kind = f"an object with {', '.join(wanted)}" if isinstance(wanted, dict) else kind
         raise ValueError(f"expected {where} to be {kind}, got {short(held)}")
     elif isinstance(wanted, dict):
         for name, inner in wanted.items():

@@ -50,25 +50,15 @@ UNITS = {
 
 
 class Table(NamedTuple):
-    """What a file holds.
+    """What a file holds."""
 
-    Attributes
-    ----------
-    values : (n, k), in the file's units, see `named`
-    names, units : what the columns are called and measured in, where the file says so
-    names_are_a_comment : and so, perhaps, not names at all
-    lines : (n,), which line of the file each row stands in, from 1
-    notes : what was left out
-    text : which columns of the file hold no numbers, and were left out
-    """
-
-    values: Floats
-    names: tuple[str, ...] | None
-    units: tuple[str, ...] | None = None
-    names_are_a_comment: bool = False
-    lines: Ints = np.zeros(0, dtype=int)
-    notes: tuple[str, ...] = ()
-    text: tuple[int, ...] = ()
+    values: Floats  # (n, k), in the file's units, see `named`
+    names: tuple[str, ...] | None  # what the columns are called
+    units: tuple[str, ...] | None = None  # and measured in, where the file says so
+    names_are_a_comment: bool = False  # and so, perhaps, not names at all
+    lines: Ints = np.zeros(0, dtype=int)  # (n,), which line of the file each row stands in, from 1
+    notes: tuple[str, ...] = ()  # what was left out
+    text: tuple[int, ...] = ()  # which columns of the file hold no numbers, and were left out
 
 
 def read_table(

@@ -35,26 +35,19 @@ _PLACED = ("image", "resolution", "origin")
 
 @dataclass(frozen=True)
 class CellPicture:
-    """A YAML file and its picture.
+    """A YAML file and its picture."""
 
-    Attributes
-    ----------
-    image : where the picture is
-    resolution : metres per pixel
-    origin : the pose (x, y, yaw) of its lower left corner
-    values : of all keys of the YAML file
-    notes : what a person might not expect
-    """
-
-    image: Path
-    resolution: float
-    origin: tuple[float, float, float]
-    values: dict[Any, Any]
-    notes: tuple[str, ...] = ()
+    image: Path  # where the picture is
+    resolution: float  # metres per pixel
+    origin: tuple[float, float, float]  # the pose (x, y, yaw) of its lower left corner
+    values: dict[Any, Any]  # of all keys of the YAML file
+    notes: tuple[str, ...] = ()  # what a person might not expect
 
 
 def read_header(path: Path, required: Sequence[str], allowed: Sequence[str] | None = None) -> CellPicture:
     """What a YAML file says about its picture.
+
+    Both may come from anybody: sizes are checked before anything is read, and a name must not lead out of the folder.
 
     Other keys than those ``required`` and ``allowed`` are refused. With none ``allowed`` it is lenient, as map_server
     is: they are passed over, and a picture that is not where it was is looked for beside the file.

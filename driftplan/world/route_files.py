@@ -17,6 +17,7 @@ from driftplan.arrays import Complexes, Floats, as_plane, bounded, positive
 from driftplan.errors import TrajectoryError, naming
 from driftplan.files import head
 from driftplan.model.drift import Drift
+from driftplan.world.formats import Format
 from driftplan.world.log_formats import Role, is_bag, read_recording
 from driftplan.world.log_tables import Table, named, read_table
 from driftplan.world.odometry_logs import read_odometry, read_truth
@@ -52,8 +53,9 @@ def read_path(path: str | os.PathLike[str], *, variable: str | None = None) -> F
     [[0.0, 0.0], [5.0, 0.0], [5.0, 3.0]]
     """
     file = Path(path)
-    if file.suffix.lower() in (".yaml", ".yml"):
-        return read_ros_path(file)
+    for form in FORMATS:
+        if file.name.lower().endswith(form.suffixes):
+            return np.asarray(form.read(file))
     try:
         return _waypoints(file, read_table(file, variable))
     except TrajectoryError:
@@ -248,3 +250,7 @@ def _stamped(poses: Floats, frame: str, covariances: Sequence[str] = (), above: 
 
 def _number(value: Any) -> float:
     return round(float(value), _PLACES) + 0.0  # no minus before a zero
+
+
+# by the ends of their names; all others are told by what is in them: tables of waypoints, and recordings
+FORMATS = (Format("nav_msgs/Path", (".yaml", ".yml"), read_ros_path),)

@@ -48,6 +48,21 @@ def test_a_camera_that_looks_ahead_reads_what_is_ahead():
     np.testing.assert_allclose(beacon_passes([(10, 1), (0, 1)], ahead), [[5 - reach, 5.0]], atol=1e-6)
 
 
+def test_two_sides_of_a_wide_view_that_meet_in_a_point_are_one_pass():
+    # through the beacon itself, from behind and out in front: at the beacon it is seen from everywhere
+    wide = Beacon(tag(200.0), x=5.0, y=0.0, facing_deg=0.0)
+    np.testing.assert_allclose(beacon_passes([(0, 0), (10, 0)], wide), [[5.0, 9.0]], atol=1e-6)
+    np.testing.assert_allclose(beacon_passes([(10, 0), (0, 0)], wide), [[1.0, 5.0]], atol=1e-6)
+
+
+def test_on_the_border_of_a_view_it_is_seen_and_at_the_beacon_itself_always():
+    views = BeaconColumns.of([Beacon(tag(90.0, 90.0), x=0.0, y=0.0, facing_deg=0.0)]).views
+    away = np.array([(1.0, 1.0), (1.0, 1.0 + 1e-9), (0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 0.0)])
+    # towards the beacon, but the last: 45 degrees off, and just beyond
+    heading = np.array([np.pi * 5 / 4, np.pi * 5 / 4, 0.0, -np.pi / 2, np.pi * 3 / 4, np.pi * 3 / 4 - 1e-9])
+    assert views.at(np.zeros(6, dtype=int), away, heading).tolist() == [True, False, True, False, True, False]
+
+
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=60)
 def test_passes_are_where_the_beacon_is_seen(seed):

@@ -103,6 +103,31 @@ def callbacks() -> None:
     print(f"{'R^2, 1 zone':12} {'':>10} {took['empty']:6.3f}us {took['zones']:6.3f}us {ratio:11.2f}x")
 
 
+def many_zones() -> None:
+    """What further zones cost: motions of a tree's length, and across the map, among squares of floor."""
+    si = ob.SpaceInformation(ob.RealVectorStateSpace(2))
+    objectives = {}
+    for count in (10, 1000):
+        side = int(np.ceil(np.sqrt(count)))
+        width = 100 / side
+        corners = [(width * (k % side) - 50, width * (k // side) - 50) for k in range(count)]
+        zones = [Zone(shapely.box(x, y, x + 0.7 * width, y + 0.7 * width), NOISE.scaled(3.0)) for x, y in corners]
+        world = World.from_polygons([], bounds=(-50, -50, 50, 50), robot_radius=0.3, zones=zones)
+        objectives[str(count)] = DriftObjective(si, NOISE, (40.0, 10.0), world)
+    rng = np.random.default_rng(1)
+    for name, step_m in (("5 m", 5.0), ("long", np.inf)):
+        path, state = og.PathGeometric(si), si.allocState()
+        place = np.zeros(2)
+        for _ in range(MOTIONS + 1):
+            move = rng.uniform(-50, 50, 2) - place
+            place = place + move * min(1.0, step_m / np.hypot(*move))
+            state[0], state[1] = place.tolist()
+            path.append(state)
+        took = per_motion(path, objectives)
+        ratio = took["1000"] / took["10"]
+        print(f"R^2, {name} motions: 10 zones {took['10']:6.2f}us, 1000 zones {took['1000']:6.2f}us, {ratio:.2f}x")
+
+
 def growth(
     make_space: Callable[[], Any], world: World, start: tuple[float, ...], goal: tuple[float, ...], seconds: float
 ) -> dict[str, int]:
@@ -166,6 +191,7 @@ def main() -> None:
     ou.setLogLevel(ou.LOG_NONE)
     try:
         callbacks()
+        many_zones()
         trees()
     finally:
         ou.setLogLevel(level)

@@ -236,7 +236,7 @@ def test_installers_learn_the_side_of_the_wall(layout):
     assert installer_columns([*cases.values()])["mounted"] == [*cases]
 
 
-@pytest.mark.parametrize("count", [1, 120])
+@pytest.mark.parametrize("count", [1, pytest.param(120, marks=pytest.mark.slow)])
 def test_the_sheet_is_one_page_a3_to_a_round_scale(count):
     tags = tuple(Beacon(BeaconKind.rfid(1.5, 0.1), 0.3 * k, 1.5 + k % 3, f"T{k}", facing_deg=k) for k in range(count))
     layout = place_beacons(WORLD, ROUTES, NOISE, 9.0, Sites(SIGN, spacing_m=2.0, existing=tags))

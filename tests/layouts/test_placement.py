@@ -124,7 +124,7 @@ def test_the_200_instances_have_every_variation(one_of_them):
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=SLOW)])
 def test_with_a_confidence_the_optimum_is_that_of_brute_force(seed, make_instance, kinds_named):
-    instance = make_instance(500 + seed, kinds_named["mixed"], sites=(3, 4))
+    instance = make_instance(500 + seed, kinds_named["mixed"], sites=(3, 3) if seed == 0 else (3, 4))
     instance.confidence = 0.9
     check_against_brute_force(instance)
 

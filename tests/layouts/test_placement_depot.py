@@ -43,6 +43,7 @@ def routes_in(world, number, rng):
     return routes
 
 
+@pytest.mark.slow
 def test_twenty_routes_through_a_depot(depot):
     routes, limit = routes_in(depot, 20, np.random.default_rng(4)), 0.5
     layout = place_beacons(depot, routes, NOISE, limit, Sites(TAG, spacing_m=1.0))

@@ -164,7 +164,7 @@ def test_position_fixes_alone_cannot_hold_a_limit_for_ever_and_full_fixes_can():
 
 def test_kinds_may_be_mixed_and_the_dear_one_is_bought_where_it_pays():
     sign = BeaconKind.landmark(2.0, 0.05, 0.01, line_of_sight=False, cost=3.0)
-    layout = place_beacons(None, [(0, 0), (160, 0)], NOISE, 0.7, Sites([TAG, sign], spacing_m=5.0))
+    layout = place_beacons(None, [(0, 0), (120, 0)], NOISE, 0.7, Sites([TAG, sign], spacing_m=5.0))
     assert {b.kind.name for b in layout.beacons} == {"rfid", "landmark"}
     assert layout.cost == sum(b.kind.cost for b in layout.beacons)
     assert layout.proven

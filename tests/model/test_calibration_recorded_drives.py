@@ -44,6 +44,7 @@ def mower():
     return first, second, truth, fit_noise(first, truth)
 
 
+@pytest.mark.slow
 def test_the_first_half_of_a_mowers_drive_predicts_the_second(mower):
     _, second, truth, fit = mower
     check = fit.check_on(second, truth, lengths_m=np.geomspace(4, 100, FIGURE_LENGTHS))

@@ -148,6 +148,17 @@ def test_scan_works_on_batches():
         assert_same(states[k], scan(pieces[20 * k : 20 * (k + 1)], identity()), rtol=1e-14)
 
 
+def test_a_batch_is_cut_where_any_of_it_loses_its_coherence():
+    wild, calm = OdometryNoise(heading_var_per_step=30.0, step_m=1.0), OdometryNoise(heading_var_per_m=1e-4)
+    rows = [run_moments(np.ones(100), 0.0, noise) for noise in (calm, wild, calm)]
+    states = scan(Moments(*(np.stack(x) for x in zip(*(row.arrays() for row in rows), strict=True))), identity((3,)))
+    for k, row in enumerate(rows):
+        state = identity()
+        for i in range(100):
+            state = compose(state, row[i])
+        assert_same(states[k, 100], state, rtol=1e-11)
+
+
 @pytest.mark.parametrize("n", [10**4])
 def test_a_long_scan_keeps_its_digits(n):
     # against pairwise composition, whose rounding grows with log n only

@@ -7,10 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.model.drift import predict_drift
+from driftplan.model.drift import PointDrift, predict_drift
+from driftplan.model.elements import run_moments
+from driftplan.model.moments import Moments
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
-from driftplan.model.worst import greatest_between, worst_radius, worst_rms
+from driftplan.model.worst import _greatest_radius, bend_rates, ceiling, greatest_between, worst_radius, worst_rms
 
 PATH = np.array([(0, 0), (6, 4), (1, -6), (1, -6), (9, -6)], dtype=float)
 CIRCLING = OdometryNoise(heading_var_per_m=1e-6, heading_bias_per_m=0.5)
@@ -65,13 +67,71 @@ def test_where_drives_differ_the_greatest_average_counts_and_not_that_of_the_mea
     assert worst_rms(drift) > drift.rms.max()
 
 
-def test_a_turn_on_the_spot_counts_though_the_way_on_takes_the_robot_back():
+@pytest.mark.parametrize("estimator", ["reset", "filter"])
+def test_a_turn_on_the_spot_counts_though_the_way_on_takes_the_robot_back(estimator):
     # Out with a wrong heading, about face, and back: the lever shrinks from the turn on, but the turn's noise is there.
     noise = OdometryNoise(heading_var_per_m=1e-6, distance_var_per_rad=1e-3)
-    drift = predict_drift([(0, 0), (10, 0), (0, 0)], noise, fixes=FIXES[:1])
+    drift = predict_drift([(0, 0), (10, 0), (0, 0)], noise, fixes=FIXES[:1], estimator=estimator)
     far_end = float(drift.rms[1])
     assert worst_rms(drift) == pytest.approx(np.sqrt(far_end**2 + np.pi * 1e-3), rel=1e-12)
     assert worst_rms(drift) > drift.profile().rms.max() * 1.00001
+
+
+def test_how_fast_a_run_may_bend_in_numbers_worked_out_by_hand():
+    noise = OdometryNoise(
+        heading_var_per_m=0.04,
+        distance_var_per_m=0.01,
+        heading_distance_corr=0.5,
+        heading_bias_per_m=0.3,
+        distance_scale_error=0.1,
+    )
+    # c = 0.5 sqrt(0.04 0.01) = 0.01, γ = 0.1 + 0.005 j, μ = -0.02 + 0.3 j
+    rms_rate, fixed = bend_rates(noise)
+    assert rms_rate == pytest.approx(2 * np.sqrt(1.1**2 + 0.005**2) * np.sqrt(0.02**2 + 0.3**2), rel=1e-14)
+    assert fixed == pytest.approx(1e-4, rel=1e-14)
+
+
+@given(
+    q=st.floats(1e-6, 0.5),
+    bias=st.floats(-0.6, 0.6),
+    scale=st.floats(-0.3, 0.3),
+    corr=st.floats(-0.9, 0.9),
+    length=st.floats(0.1, 20.0),
+)
+@settings(max_examples=25)
+def test_no_run_bends_faster_nor_rises_above_the_ceiling_of_its_ends(q, bias, scale, corr, length):
+    noise = OdometryNoise(
+        heading_var_per_m=q,
+        distance_var_per_m=0.02,
+        heading_bias_per_m=bias,
+        distance_scale_error=scale,
+        heading_distance_corr=corr,
+    )
+    step = length / 400
+    N = run_moments(np.arange(401) * step, 0.0, noise).N.real
+    rms_rate, fixed = bend_rates(noise)
+    second = np.diff(N, 2) / step**2
+    assert (-second <= (rms_rate * np.sqrt(N.max()) + fixed) * (1 + 1e-6) + 1e-7).all()
+    ends, bend = N[[0, 200, 400]], np.array([rms_rate, fixed]) * (length / 2) ** 2 / 8
+    above = ceiling(ends[:-1], ends[1:], *np.repeat(bend, 2).reshape(2, 2))
+    assert (above >= [N[:201].max() * (1 - 1e-12), N[200:].max() * (1 - 1e-12)]).all()
+
+
+def test_a_ceiling_is_that_of_a_parabola_that_sags_as_much_as_it_may():
+    # Without a bend that grows with the rms: between 1 and 1 it rises by the sag, and not above 5 beside 1.
+    one = np.ones(3)
+    np.testing.assert_allclose(ceiling(one, one * [1, 5, 2], 0 * one, one), [2.0, 5.0, 1.5 + 1 + 1 / 16], rtol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [0.1, 100.0])
+def test_the_greatest_radius_may_be_where_the_rms_is_not_the_greatest(scale):
+    # A line spreads 1.96 rms at 95 %, a disc of the same rms 1.73: a disc a little larger holds its estimate better.
+    zero, disc = np.zeros(32), np.arange(32) < 16
+    N, e2 = scale**2 * np.where(disc, 1.01, 1.0), scale**2 * np.where(disc, 0.0, 1.0)
+    points = PointDrift(np.arange(32.0), Moments(zero + 1, zero, zero, zero, zero, zero, N, e2, zero, zero))
+    radius, place = _greatest_radius(points, 0.95)
+    assert radius == pytest.approx(1.959964 * scale, rel=1e-4)
+    assert place >= 16
 
 
 def test_the_drift_before_a_fix_counts():

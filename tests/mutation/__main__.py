@@ -1,10 +1,10 @@
 """Which small faults in the core the tests notice: ``make mutate``, or ``python -m tests.mutation [module ...]``.
 
 A sample of the mutants of every module in ``CORE`` is run, each in a process of its own in which the module has one
-fault, against the tests that are named for it. A mutant is killed if a test fails, or needs much longer than without
-the fault. The score is written to ``score.md``; mutants that change nothing that a test could see are listed in
-``equivalent.txt``, with why, and do not count. HYPOTHESIS_PROFILE=mutation is what the tests run under: the same
-examples as ever, not shrunk.
+fault, against those of the tests named for the module that call the faulty function, the quickest first. A mutant is
+killed if a test fails, or needs much longer than without the fault. The score is written to ``score.md``; mutants that
+change nothing that a test could see are listed in ``equivalent.txt``, with why, and do not count.
+HYPOTHESIS_PROFILE=mutation is what the tests run under: the same examples as ever, not shrunk.
 """
 
 from __future__ import annotations
@@ -12,11 +12,13 @@ from __future__ import annotations
 import argparse
 import importlib.abc
 import importlib.util
+import json
 import os
 import random
 import resource
 import signal
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -64,9 +66,11 @@ def main() -> int:
 def try_module(module: str, sample: int, seed: int, end: float) -> str:
     """The score of one module: a line of a table, and the survivors."""
     tests = [str(ROOT / "tests" / name) for name in CORE[module].split()]
-    quiet, seconds = run(None, tests, 1e4)
-    if quiet:
-        raise SystemExit(f"the tests of {module} fail without any fault")
+    calls = Calls(str(file_of(module)))
+    with tempfile.TemporaryDirectory() as folder:
+        if run(None, tests, 1e4, calls, Path(folder) / "calls"):
+            raise SystemExit(f"the tests of {module} fail without any fault")
+        calls.read(Path(folder) / "calls")
     known = equivalent(module)
     mutants = [m for m in mutants_of(file_of(module)) if m.name not in known]
     random.Random(seed).shuffle(mutants)
@@ -75,40 +79,101 @@ def try_module(module: str, sample: int, seed: int, end: float) -> str:
         if time.monotonic() > end:
             break
         tried += 1
-        if not run((f"driftplan.{module}", mutant), tests, PATIENCE * seconds + 5.0)[0]:
+        chosen, seconds = calls.tests_of(mutant.function)
+        if not chosen or not run((f"driftplan.{module}", mutant), chosen, PATIENCE * seconds + 5.0):
             survivors.append(f"    {file_of(module).name}:{mutant.line}  {mutant.name}")
             print("survives", survivors[-1], flush=True)
     share = (tried - len(survivors)) / max(tried, 1)
-    return "\n".join([f"{module:40} {tried - len(survivors):4} of {tried:4} {share:6.0%}", *sorted(survivors)])
+    of = f"of {len(mutants)} (and {len(known)} equivalent)"
+    return "\n".join([f"{module:40} {tried - len(survivors):4} of {tried:4} {share:6.0%}  {of}", *sorted(survivors)])
 
 
-def run(fault: tuple[str, Mutant] | None, tests: list[str], seconds: float) -> tuple[int, float]:
+def run(
+    fault: tuple[str, Mutant] | None,
+    tests: list[str],
+    seconds: float,
+    calls: Calls | None = None,
+    calls_to: Path | None = None,
+) -> int:
     """The exit status of the tests in a fork of this process, in which they may use so much of the processor."""
-    before = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
     if not (child := os.fork()):
         resource.setrlimit(resource.RLIMIT_CPU, (int(seconds) + 1, int(seconds) + 2))
         signal.alarm(int(10 * seconds) + 1)  # for those that sleep
         if fault:  # what the tests say without one is worth reading
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             os.dup2(1, 2)
-        status = _tests_pass(fault, tests)
+        status = _tests_pass(fault, tests, calls)
+        if calls and calls_to:
+            calls.write(calls_to)
         sys.stdout.flush()
         os._exit(status)
-    status = os.waitpid(child, 0)[1]
-    return status, sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2]) - before
+    return os.waitpid(child, 0)[1]
 
 
-def _tests_pass(fault: tuple[str, Mutant] | None, tests: list[str]) -> int:
+def _tests_pass(fault: tuple[str, Mutant] | None, tests: list[str], calls: Calls | None) -> int:
     import pytest
 
     try:
         if fault:
             sys.meta_path.insert(0, Faulty(*fault))
         plain = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-W", "ignore:Module already imported"]
-        return int(pytest.main([*plain, f"--rootdir={ROOT}", *tests]))
+        return int(pytest.main([*plain, f"--rootdir={ROOT}", *tests], plugins=[calls] if calls else []))
     except BaseException as err:  # a fault may show itself while a module is imported
         print(repr(err))
         return 1
+
+
+class Calls:
+    """A pytest plugin that notes which functions of a file each test calls, and its seconds of the processor."""
+
+    def __init__(self, file: str):
+        self.file = file
+        self.functions: dict[str, set[str]] = {}  # by test
+        self.seconds: dict[str, float] = {}
+
+    def pytest_sessionstart(self, session):
+        sys.settrace(self._note_elsewhere)  # from the first import on
+
+    def pytest_runtest_logstart(self, nodeid, location):
+        self.seconds[nodeid] = time.process_time()
+        self.functions[nodeid] = set()
+        self.now = self.functions[nodeid]
+        sys.settrace(self._note)
+
+    def pytest_runtest_logfinish(self, nodeid, location):
+        sys.settrace(None)
+        self.seconds[nodeid] = time.process_time() - self.seconds[nodeid]
+
+    def pytest_fixture_setup(self, fixturedef, request):
+        """What fixtures of wider scope call counts for every test."""
+        if fixturedef.scope != "function":
+            self.now = self.functions.setdefault("", set())
+
+    def pytest_runtest_call(self, item):
+        self.now = self.functions[item.nodeid]
+
+    def _note(self, frame, event, arg):
+        if frame.f_code.co_filename == self.file:
+            self.now.add(frame.f_code.co_name)
+
+    def _note_elsewhere(self, frame, event, arg):
+        if frame.f_code.co_filename == self.file:
+            self.functions.setdefault("", set()).add(frame.f_code.co_name)
+
+    def write(self, file: Path) -> None:
+        functions = {test: sorted(called) for test, called in self.functions.items()}
+        file.write_text(json.dumps([functions, self.seconds]))
+
+    def read(self, file: Path) -> None:
+        functions, self.seconds = json.loads(file.read_text())
+        self.functions = {test: set(called) for test, called in functions.items()}
+
+    def tests_of(self, function: str) -> tuple[list[str], float]:
+        """The tests that may notice a fault in a function, the quickest first, and the seconds they need."""
+        called_anyway = function in self.functions.get("", ())
+        tests = [test for test in self.seconds if called_anyway or function in self.functions[test]]
+        tests.sort(key=self.seconds.__getitem__)
+        return [str(ROOT / test) for test in tests], sum(self.seconds[test] for test in tests)
 
 
 class Faulty(importlib.abc.MetaPathFinder, importlib.abc.Loader):

@@ -40,6 +40,7 @@ class Mutant:
     """A module with one fault; ``name`` says which, and stays the same when lines above it come or go."""
 
     name: str
+    function: str
     line: int
     tree: ast.Module
     old: ast.AST
@@ -70,7 +71,7 @@ def mutants_of(file: Path) -> list[Mutant]:
                 name = f"{function.name}: {ast.unparse(old)} -> {ast.unparse(new)}".replace("\n", "; ")
                 same = sum(known.split(" #")[0] == name for known in found)  # the same words again in one function
                 name += f" #{same + 1}" * (same > 0)
-                found[name] = Mutant(name, getattr(old, "lineno", 0), tree, old, new)
+                found[name] = Mutant(name, function.name, getattr(old, "lineno", 0), tree, old, new)
     return list(found.values())
 
 

@@ -316,7 +316,9 @@ def test_robots_that_drive_the_itinerary_drift_as_predicted(kind):
 # Promises
 
 
-@pytest.mark.parametrize("minimise", ["length", "drift", "worst_drift"])
+@pytest.mark.parametrize(
+    "minimise", ["length", *(pytest.param(name, marks=pytest.mark.slow) for name in ("drift", "worst_drift"))]
+)
 def test_the_same_seed_gives_the_same_route_whatever_the_clock(minimise):
     beacons = [Beacon(SIGN, 22, 20), Beacon(SIGN, 40, 22), Beacon(SIGN, 58, 20)]
     asked = {"beacons": beacons, "max_drift": 1.6, "minimise": minimise, "max_nodes": 60, "seed": 3}

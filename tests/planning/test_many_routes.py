@@ -63,6 +63,7 @@ def test_where_the_graph_does_not_lead_the_way_over_the_triangles_does():
     assert route.rms < 1.001 * plan_route(world, (2, 8), (18, 2), NOISE, iterations=2).rms
 
 
+@pytest.mark.slow
 def test_the_graph_leads_wherever_free_space_does(monkeypatch):
     monkeypatch.setattr("driftplan.planning.roadmap.kept_graph.channel_route", lambda *_: pytest.fail("not by itself"))
     walls = [[(x, y), (x + 0.4, y), (x + 0.4, y + 38.2), (x, y + 38.2)] for x, y in ((10, -1), (20, 2.8), (30, 1.2))]

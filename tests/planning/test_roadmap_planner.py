@@ -286,7 +286,8 @@ def test_objectives_that_do_not_say_enough_are_refused_when_planning_starts(obje
         solve(setup, RoadmapPlanner(si, world=WORLD, beacons=SIGNS, **options))
 
 
-@pytest.mark.parametrize("extra", [pytest.param("", marks=pytest.mark.slow), "planner.why_not()"])
+@pytest.mark.parametrize("extra", ["", "planner.why_not()"])
+@pytest.mark.slow
 def test_ompls_benchmark_runs_it_and_nothing_leaks(extra):
     script = f"""
         from ompl import base as ob, geometric as og, tools as ot, util as ou

@@ -61,7 +61,7 @@ def test_every_planner_finds_a_safe_route_no_worse_than_its_shortest(planner):
     assert route.rms == pytest.approx(float(predict_drift(route.path, NOISE).end.rms), rel=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3))])
 @pytest.mark.parametrize(
     ("planner", "iterations"),
     [
@@ -200,7 +200,7 @@ def real(name):
     return load_world(DATA / file, robot_radius=radius), start, goal
 
 
-@pytest.mark.parametrize("name", REAL)
+@pytest.mark.parametrize("name", ["depot", pytest.param("berlin", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("planner", ["roadmap", pytest.param("bitstar", marks=pytest.mark.slow)])
 def test_real_maps_are_crossed_safely_and_as_predicted(name, planner):
     world, start, goal = real(name)

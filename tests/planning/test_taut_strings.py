@@ -147,7 +147,8 @@ def test_nowhere_to_go_and_no_way():
     assert taut_route(WALL, here, np.array([8.0, 2.0]), 1.1) is None  # the passage above the wall is 2 m wide
 
 
-@pytest.mark.parametrize(("name", "gap"), [("warehouse", 0.01), pytest.param("office", 0.02, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("name", "gap"), [("warehouse", 0.01), ("office", 0.02)])
+@pytest.mark.slow
 def test_on_the_bundled_maps_the_bound_is_near_the_route(name, gap):
     plain = load_world(bundled_map(name), robot_radius=0.3)
     world = World(obstacles=plain.obstacles, bounds=plain.bounds, robot_radius=0.3)

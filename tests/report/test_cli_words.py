@@ -163,8 +163,8 @@ def test_a_bound_is_said_for_what_it_covers_and_not_at_all_when_it_is_nothing(ro
 def test_a_path_comes_from_standard_input_and_one_goes_to_standard_output(run, room, searched, route, monkeypatch):
     printed = run("plan", room, *ENDS, "--csv", "-")
     lines = printed.out.splitlines()
-    assert lines[0] == "x_m,y_m"
-    assert len(lines) == 1 + len(route.path)
+    assert lines[:2] == ["# driftplan file version 1, frame map, metres", "x_m,y_m"]
+    assert len(lines) == 2 + len(route.path)
     assert "lowest drift" in printed.err
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(printed.out.encode())))
     answer = json.loads(run("predict", "-", "--heading-deg", 3, "--json").out)["paths"][0]

@@ -12,9 +12,9 @@ import pytest
 
 import driftplan as d
 from driftplan.beacons import beacon_files
-from driftplan.files import VERSION
+from driftplan.files import VERSION, head
 from driftplan.report.cli import main
-from driftplan.world import mapfiles, route_graphs, zone_files
+from driftplan.world import mapfiles, route_files, route_graphs, zone_files
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TABLE = [
@@ -79,6 +79,12 @@ def test_every_file_says_its_version_and_its_frame(file):
         assert f"driftplan file version {VERSION}, frame {frame}, metres" in text
 
 
+def test_the_page_writes_the_same_version_and_frame():
+    text = Path(d.__file__).with_name("page").joinpath("files.js").read_text()
+    assert head("of the robot").strip() in text
+    assert f'"driftplan": {{"version": {VERSION}, "frame": "map"}}' in text
+
+
 def test_other_tools_pass_over_the_head_of_a_table(tmp_path):
     table = pandas.read_csv(EXAMPLES / "data/formats/poses.csv", comment="#")
     assert table.shape[1] == 9
@@ -102,7 +108,7 @@ def test_the_hall_is_the_same_in_every_format_of_maps():
 
 def test_every_format_of_the_registries_is_in_the_table():
     suffixes = {s for cell in (row[1] for row in TABLE) for name in names(cell) for s in Path(name).suffixes}
-    for registry in (mapfiles, zone_files, route_graphs, beacon_files):
+    for registry in (mapfiles, zone_files, route_files, route_graphs, beacon_files):
         for form in registry.FORMATS:
             assert any(s.endswith(Path(f"a{suffix}").suffix) for suffix in form.suffixes for s in suffixes), form.name
 

@@ -52,7 +52,7 @@ world = dp.World.from_polygons(walls, bounds=(0, 0, 13, 10), robot_radius=0.3)
 noise = dp.OdometryNoise(heading_var_per_m=1e-3)
 plan = lambda seed: dp.plan_route(world, (1, 1), (12, 9), noise, iterations=1, seed=seed).path.tolist()
 with ThreadPoolExecutor(3) as pool:
-    assert list(pool.map(plan, range(6))) == list(map(plan, range(6)))
+    assert list(pool.map(plan, (0, 1, 0))) == list(map(plan, (0, 1, 0)))
 print("same")
 """
 

@@ -23,6 +23,12 @@ def plot_collisions(world: World, chance: CollisionChance, *, figure: Figure | N
     Parameters
     ----------
     figure : an empty figure to draw into; default: a new one that knows nothing of pyplot
+
+    >>> from driftplan import OdometryNoise, World, collision_chance, predict_drift
+    >>> world = World.from_polygons([[(0, 2), (9, 2), (9, 3), (0, 3)]], bounds=(0, -9, 9, 3), robot_radius=0.5)
+    >>> drift = predict_drift([(1, 1), (8, 1)], OdometryNoise(lateral_var_per_m=0.01))
+    >>> len(plot_collisions(world, collision_chance(drift, world)).axes)
+    3
     """
     from matplotlib.collections import LineCollection
 
