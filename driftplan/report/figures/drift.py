@@ -54,6 +54,7 @@ def plot_drift(
     if radius_at is not None:
         legend = f"{100 * radius_at:g} % within this radius"
         thin: dict[str, Any] = {"color": lines[0].get_color(), "linestyle": (0, (1, 1.5)), "linewidth": 1.2}
+        thin |= {"marker": lines[0].get_marker(), "markevery": marks, "markersize": 5, "markerfacecolor": "white"}
         lines += ax.plot(profile.distance, profile.radius(radius_at), label=legend, **thin)
     ax.set(xlabel="distance driven (m)", ylabel="rms drift (m)" if radius_at is None else "drift (m)")
     ax.update_datalim([(0.0, 0.0)])
