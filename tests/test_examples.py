@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import nbformat
 import pytest
+
+from driftplan.report.cli import build_parser
+from driftplan.report.commands.shared import kind_from, noise_from
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 NOTEBOOKS = sorted(EXAMPLES.glob("*.ipynb"))
@@ -31,6 +36,23 @@ def test_notebooks_run(file):
 
     notebook = nbformat.read(file, as_version=4)
     NotebookClient(notebook, timeout=900, kernel_name="python3", resources={"metadata": {"path": EXAMPLES}}).execute()
+
+
+def test_the_command_of_the_tags_notebook_asks_what_the_notebook_asks():
+    """Noise, kind of beacon and limit; the cells are not run for it."""
+    cells = nbformat.read(EXAMPLES / "warehouse_tags.ipynb", as_version=4).cells
+    asked: dict[str, object] = {}
+    exec("from driftplan import *", asked)
+    for line in "\n".join(cell.source for cell in cells if cell.cell_type == "code").splitlines():
+        if line.startswith(("noise = ", "marker = ", "LIMIT = ")):
+            exec(line, asked)
+    (command,) = re.findall(r"^driftplan (design .*)$", cells[-1].source, re.MULTILINE)
+    args = build_parser().parse_args(command.split())
+    assert noise_from(args) == asked["noise"]
+    assert (args.max_drift, args.redundancy, args.min_capture, args.price_per_m) == (asked["LIMIT"], 2, 0.0, 1.0)
+    given, wanted = kind_from(args, cost=args.beacon_price), asked["marker"]
+    assert given.heading_std == pytest.approx(wanted.heading_std, abs=1e-5)
+    assert replace(given, heading_std=wanted.heading_std, name=wanted.name) == wanted
 
 
 @pytest.mark.slow

@@ -153,7 +153,7 @@ class Zone:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "polygon", polygon_of("zone polygon", self.polygon))
-        instance("the noise of a zone", self.noise, OdometryNoise)
+        instance("noise", self.noise, OdometryNoise)
 
     @cached_property
     def sides(self) -> Floats:
@@ -242,7 +242,7 @@ def _crossing(a: Floats, along: Floats, begin: Floats, side: Floats) -> tuple[Fl
     """Where on segments they cross sides, as fractions; and whether they do."""
     to = begin - a
     slant = along[..., 0] * side[..., 1] - along[..., 1] * side[..., 0]
-    with np.errstate(divide="ignore", invalid="ignore"):  # parallel: never a crossing
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # parallel, or of no length: never a crossing
         at = (to[..., 0] * side[..., 1] - to[..., 1] * side[..., 0]) / slant
         on_side = (to[..., 0] * along[..., 1] - to[..., 1] * along[..., 0]) / slant
         return at, (at > 0) & (at < 1) & (np.abs(on_side - 0.5) <= 0.5 + _PAST_CORNER)

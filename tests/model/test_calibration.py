@@ -13,9 +13,9 @@ from driftplan.model.calibration.bootstrap import bootstrap
 from driftplan.model.calibration.chance import CLEAR_CHANCE, repetitions
 from driftplan.model.calibration.fit import PARAMETERS, estimated, fit_noise
 from driftplan.model.calibration.noise_check import HEAVY_TAILS_CHANCE, check_noise, check_segments, judged
-from driftplan.model.calibration.quasi_likelihood import bounded_step, models, solve
+from driftplan.model.calibration.quasi_likelihood import bounded_step, equations, models, solve
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
-from driftplan.model.calibration.segment_sets import segment_set
+from driftplan.model.calibration.segment_sets import drives_of, segment_set
 from driftplan.model.calibration.segments import TruthNoise
 from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
@@ -590,6 +590,40 @@ def test_a_fit_that_is_not_to_be_used_says_why(fit, monkeypatch):
         assert any(f"times the true distance: {words}" in fault for fault in odd.faults), odd.faults
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("distances", "turns", "heading", "said"),
+    [
+        (1e-5, 1.0, True, r"truth of one drive, got odometry that counts [\d.]+e-0\d times the true distance"),
+        (1e6, 1.0, True, r"truth of one drive, got odometry that counts [\d.]+e\+0\d times the true distance"),
+        (0.02, 1.5, True, ""),
+        (0.1, 1e-4, False, ""),
+        (0.3, 1e2, False, ""),
+        (0.1, 3e3, True, ""),
+    ],
+)
+def test_absurd_speeds_are_refused_in_plain_words_or_fitted_with_faults(distances, turns, heading, said):
+    rng = np.random.default_rng(0)
+    turned, moved = 0.1 * rng.standard_normal(300), 1 + 0.1 * rng.standard_normal(300)
+    places = np.cumsum(moved * np.exp(1j * np.cumsum(turned)))
+    times = np.arange(300.0)
+    log = OdometryLog.from_velocities(times, distances * moved, turns * rng.standard_normal(300))
+    truth = Trajectory(times, np.column_stack([places.real, places.imag]), np.cumsum(turned) if heading else None)
+    if said:
+        with pytest.raises(ValueError, match=said):
+            fit_noise(log, truth, resamples=100)
+        return
+    assert fit_noise(log, truth, resamples=100).faults
+
+
+def test_errors_that_no_noise_explains_are_refused_in_plain_words():
+    segments, _ = segment_set(drives_of(*recorded(length_m=60)))
+    n = len(segments.values)
+    cov, none = np.tile(np.diag([1.0, 1.0, -1.0]), (n, 1, 1)), np.zeros((n, 1, 3))
+    with pytest.raises(ValueError, match="expected errors that some noise explains, got odometry that counts"):
+        equations(segments, np.zeros((n, 3)), cov, none, np.zeros((n, 1, 3, 3)))
+
+
 def test_a_truth_that_begins_at_the_origin_where_odometry_does_not_is_noticed():
     log, truth = recorded(length_m=60)
     moved = Trajectory(truth.times, truth.xy - truth.xy[0], truth.heading)
@@ -606,7 +640,7 @@ def test_arguments_out_of_range_are_refused():
             fit_noise(log, truth, parameters=wrong)
     with pytest.raises(ValueError, match=r"expected confidence in \(0, 1\), got 95"):
         fit_noise(log, truth, confidence=95)
-    with pytest.raises(ValueError, match="expected resamples >= 100, got 10"):
+    with pytest.raises(ValueError, match="expected resamples a whole number >= 100, got 10"):
         fit_noise(log, truth, resamples=10)
     with pytest.raises(ValueError, match="expected lengths_m > 0"):
         fit_noise(log, truth, lengths_m=[0.0, 1.0])

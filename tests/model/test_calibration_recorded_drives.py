@@ -169,6 +169,20 @@ def test_two_robots_predict_the_third():
 
 @needs_data
 @pytest.mark.slow
+def test_regions_hold_the_drives_of_other_robots_as_often_as_they_say():
+    drives = robots()
+    held = {1: [], 2: []}  # share inside the 90 % regions, by how many robots were fitted
+    for checked in drives:
+        others = [k for k in drives if k != checked]
+        for fitted in (*([k] for k in others), others):
+            fit = fit_noise(*zip(*(drives[k] for k in fitted), strict=True))
+            held[len(fitted)].append(shares(fit.check_on(*drives[checked]), 1).mean())
+    assert 0.87 < np.mean(held[1]) < 0.93  # measured: 0.885, from 0.80 to 0.97 by pair
+    assert 0.87 < np.mean(held[2]) < 0.93  # measured: 0.916, from 0.89 to 0.93
+
+
+@needs_data
+@pytest.mark.slow
 def test_three_flights_predict_three_others_as_far_as_a_random_walk_can():
     truth = read_truth(DATA / "euroc_v1_02/stamped_groundtruth.txt.gz")
     flights = [(read_odometry(DATA / f"euroc_v1_02/stamped_traj_estimate{k}.txt.gz"), truth) for k in range(6)]

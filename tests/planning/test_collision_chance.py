@@ -41,10 +41,10 @@ def beside_a_wall(clearance: float) -> World:
 def test_a_lateral_random_walk_touches_a_wall_twice_as_often_as_it_ends_behind_it(clearance, var_per_m):
     """The reflection principle; between the 200 places looked at a walk comes a little farther than at them."""
     drift = predict_drift([(0, 0), (20, 0)], OdometryNoise(lateral_var_per_m=var_per_m))
-    chance = collision_chance(drift, beside_a_wall(clearance), runs=2000)
+    chance = collision_chance(drift, beside_a_wall(clearance), runs=1000)
     beyond = ndtr(-clearance / np.sqrt(20 * var_per_m))
     assert chance.at[-1] == pytest.approx(beyond, abs=0.01)
-    assert chance.probability == pytest.approx(2 * beyond, abs=0.01 + 0.14 * beyond + 3 * np.sqrt(beyond / 2000))
+    assert chance.probability == pytest.approx(2 * beyond, abs=0.01 + 0.14 * beyond + 3 * np.sqrt(beyond / 1000))
     assert chance.low < chance.probability < chance.high or beyond < 1e-3
     assert chance.bound >= min(2 * beyond, 1) * 0.95
 
@@ -124,16 +124,16 @@ def test_no_drift_touches_nothing_and_a_path_through_a_wall_always_does():
 
 
 def test_tags_and_margins_make_collisions_less_likely():
-    route = plan_route(WIDE, (3, 3), (36, 4), NOISE, time_limit=0.3)
+    route = plan_route(WIDE, (3, 3), (36, 4), NOISE, iterations=2)
     alone = route.collision_probability(HALL, runs=2000)
-    grazing = plan_route(HALL, (3, 3), (36, 4), NOISE, time_limit=0.3).collision_probability(HALL, runs=200)
+    grazing = plan_route(HALL, (3, 3), (36, 4), NOISE, iterations=2).collision_probability(HALL, runs=200)
     tagged = collision_chance(drift_with_beacons(route.path, NOISE, TAGS, HALL), HALL, runs=2000)
     assert tagged.high < alone.low
     assert alone.high < grazing.low
     table = compare_routes([route, drift_with_beacons(route.path, NOISE, TAGS, HALL)], collisions=HALL)
     rows = table.to_dicts()
     assert rows[0]["collision_low"] < alone.probability < rows[0]["collision_high"]
-    assert rows[1]["collision_probability"] < rows[0]["collision_probability"] <= rows[0]["collision_bound"]
+    assert rows[1]["collision_bound"] < rows[0]["collision_low"] < rows[0]["collision_bound"]
     assert "touches a wall %" in str(table)
     assert "touches a wall %" not in str(compare_routes([route]))
 

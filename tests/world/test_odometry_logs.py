@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from driftplan.errors import TrajectoryError
+from driftplan.model.calibration.fit import fit_noise
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.world.log_tables import read_table
 from driftplan.world.odometry_logs import read_odometry, read_truth
@@ -415,23 +417,55 @@ def test_a_kitti_file_that_moves_in_x_and_y_is_no_cameras(tmp_path):
 
 
 CASES = DATA.parent / "cases" / "logs"
+SAME_DRIVE = {  # files that hold the drive of odometry.csv or truth.csv, and what is said of them
+    "kitti_camera_frame.txt": "",
+    "odometry.csv": "",
+    "odometry_clock_back.csv": "the clock is set back by .* s in row .*: the log is cut there",
+    "odometry_degrees.csv": "",
+    "ros_echo.csv": "are taken for nanoseconds since 1970",
+    "truth.csv": "",
+    "truth_ns.csv": "are taken for nanoseconds since 1970",
+    "velocities.csv": "",
+    "velocities_kmh.csv": "",
+    "velocities_ns.csv": "are taken for nanoseconds since 1970",
+    "velocities_out_of_order.csv": "rows were not in the order of their times, and were sorted",
+}
+REFUSED = {
+    "kitti_lidar_frame.txt": "a frame with z upwards, as a lidar's or a robot's; write time, x, y, heading",
+    "pose_and_command.csv": "holds velocities and poses: say by kind which of them the odometry is",
+    "truth_wxyz.txt": "the headings do not follow the way driven; w first, qw qx qy qz, would fit",
+    "truth_x_y_yaw.txt": "times fall in 1544 of 2401 rows: is the first column no time",
+}
+needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="the cases are not here")
 
 
-@pytest.mark.skipif(not CASES.is_dir(), reason="the cases are not here")
-@pytest.mark.parametrize(
-    "name",
-    [
-        "odometry",
-        "odometry_clock_back",
-        "odometry_degrees",
-        "ros_echo",
-        "velocities",
-        "velocities_kmh",
-        "velocities_ns",
-        "velocities_out_of_order",
-    ],
-)
+@needs_cases
+@pytest.mark.parametrize("name", SAME_DRIVE)
 def test_logs_that_people_have_hold_the_same_drive(name):
-    log, whole = read_odometry(CASES / f"{name}.csv"), read_odometry(CASES / "odometry.csv")
+    truth = name.startswith(("truth", "kitti"))
+    log = (read_truth if truth else read_odometry)(CASES / name)
+    whole = read_truth(CASES / "truth.csv") if truth else read_odometry(CASES / "odometry.csv")
     np.testing.assert_allclose(log.positions, whole.positions[: len(log.times)], atol=0.05)
-    assert bool(log.notes) == (name in {"odometry_clock_back", "ros_echo", "velocities_ns", "velocities_out_of_order"})
+    assert len(log.notes) == bool(SAME_DRIVE[name])
+    assert re.search(SAME_DRIVE[name], "".join(log.notes))
+
+
+@needs_cases
+@pytest.mark.parametrize("name", REFUSED)
+def test_logs_that_can_be_read_in_two_ways_are_refused_with_the_cause(name):
+    with pytest.raises(TrajectoryError, match=REFUSED[name]):
+        (read_truth if name.startswith("truth") else read_odometry)(CASES / name)
+
+
+@needs_cases
+def test_every_log_that_people_have_is_tried():
+    assert {file.name for file in CASES.iterdir()} == {*SAME_DRIVE, *REFUSED}
+
+
+@needs_cases
+def test_odometry_as_its_own_truth_and_the_two_swapped_are_noticed():
+    odometry, truth = CASES / "odometry.csv", CASES / "truth.csv"
+    with pytest.raises(ValueError, match="got no error at all: are odometry and truth the same file"):
+        fit_noise(read_odometry(odometry), read_truth(odometry))
+    swapped = fit_noise(read_odometry(truth), read_truth(odometry), resamples=100)
+    assert "The truth begins at (0, 0), the odometry elsewhere: are the two swapped?" in swapped.notes

@@ -396,8 +396,18 @@ def test_bad_arguments_are_refused():
         world.zone_pieces([1, 2], [3, 4])
     with pytest.raises(ValueError, match="tolerance_m > 0, got 0"):
         world.corners(0)
-    with pytest.raises(ArgumentError, match=r"noise of a zone to be an OdometryNoise, got 0\.1"):
+    with pytest.raises(ArgumentError, match=r"noise to be an OdometryNoise, got 0\.1"):
         Zone(shapely.box(0, 0, 1, 1), 0.1)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("tiny", [5e-324, 1e-308, 1e-160])
+def test_legs_of_next_to_no_length_are_cut_like_others(tiny):
+    wet = Zone([(2, -1), (4, -1), (4, 1), (2, 1)], OdometryNoise(heading_var_per_m=1e-3))
+    world = World.from_polygons([], bounds=(-1, -1, 9, 9), robot_radius=0.1, zones=[wet])
+    path, zone = world.cut_at_zones([[0, 0], [tiny, 0], [3, 0]])
+    assert path.tolist() == [[0, 0], [tiny, 0], [2, 0], [3, 0]]
+    assert zone.tolist() == [-1, -1, 0]
 
 
 # Real maps

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Floats
+from driftplan.arrays import MAX_NUMBER, Floats
 from driftplan.model.calibration.quasi_likelihood import (
     RANDOM,
     SYSTEMATIC,
@@ -147,6 +147,7 @@ def between_drives(segments: SegmentSet, solution: Solution, std_errors: dict[st
     if drives > 1:
         spread = np.var(own, axis=0, ddof=1)  # of which each drive's own error is no part of the next drive's
         variances = np.maximum(spread - drives * error, 0.0) + np.maximum(error, spread / drives)
+    variances = np.minimum(variances, MAX_NUMBER)  # of what these drives do not tell at all
     return {BETWEEN_DRIVES[name]: sqrt(variance) for name, variance in zip(names, variances.tolist(), strict=True)}
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from driftplan.model.calibration.matched_drive import MatchedDrive
 from driftplan.model.calibration.noise_check import SegmentCheck
-from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC, Solution, drive_deviations
+from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC, Solution, drive_deviations, limits
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_sets import SegmentSet
 from driftplan.model.calibration.segments import TruthNoise
@@ -49,7 +49,7 @@ def fault_notes(segments: SegmentSet, solution: Solution, check: SegmentCheck) -
     faults = []
     if all(row.measured_rms_m > row.length_m for row in check.lengths):
         faults.append("The errors are larger than the segments are long: are odometry and truth of the same drive?")
-    ratio = _counted_over_true(segments)
+    ratio = segments.counted_over_true
     if not 0.5 < ratio < 2:
         unit = next(
             (unit for size, unit in _UNITS.items() if min(abs(ratio / size - 1), abs(ratio * size - 1)) < 0.1), ""
@@ -57,10 +57,12 @@ def fault_notes(segments: SegmentSet, solution: Solution, check: SegmentCheck) -
         faults.append(
             f"The odometry counts {ratio:.3g} times the true distance: " + (f"{unit}?" if unit else "check its units.")
         )
-    for name, bound in solution.at_bounds.items():
+    least, most = limits(segments, solution.names)
+    least = np.where(solution.bounded, -np.inf, least)  # variances may be 0
+    for k in np.flatnonzero((solution.theta <= least + 1e-6) | (solution.theta >= most * (1 - 1e-6))).tolist():
         faults.append(
-            f"{name} sits on its bound of {bound:g}: check units and signs of the odometry, and that the truth is of "
-            "the same drive."
+            f"{solution.names[k]} sits on its bound of {solution.theta[k]:.3g}: check units and signs of the odometry, "
+            "and that the truth is of the same drive."
         )
     if not solution.converged:
         longest = segments.bins[-1].length_m
@@ -69,15 +71,6 @@ def fault_notes(segments: SegmentSet, solution: Solution, check: SegmentCheck) -
             f"this one), give other lengths_m (the longest is {longest:.3g} m), or record more or longer drives."
         )
     return faults
-
-
-def _counted_over_true(segments: SegmentSet) -> float:
-    """Length of the odometry's chords over that of the true ones, over the shortest segments."""
-    steps, counted, true = segments.bins[0].steps, 0.0, 0.0
-    for part in segments.resampled:
-        counted += float(np.abs(part.estimate[steps::steps] - part.estimate[:-steps:steps]).sum())
-        true += float(np.abs(part.truth[steps::steps] - part.truth[:-steps:steps]).sum())
-    return counted / max(true, 1e-300)
 
 
 def swap_notes(drives: Sequence[tuple[OdometryLog, Trajectory]]) -> list[str]:

@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from driftplan.arrays import Floats
+from driftplan.arrays import MAX_NUMBER, Floats
 from driftplan.model.calibration.segment_sets import SegmentSet
 from driftplan.model.calibration.segments import TruthNoise
 from driftplan.model.noise import OdometryNoise
@@ -45,6 +45,7 @@ DRIVES_TO_HOLD_OUT = 3  # as many as these, and each is predicted from the other
 _EVENNESS = 0.2  # share of the average covariance in the weights
 _SLOWEST_SHRINK = 0.1  # a variance falls to no less than this share in one step: it may be needed to explain the rest
 _MIN_RELATIVE = {"distance_scale_error": -0.9, "heading_bias_per_rad": -0.9}  # at -1 nothing would be measured
+_MOST_SCALES = 1e6  # a variance above what would explain all errors so many times has no end: headings only go round
 _NEGLIGIBLE = 1e-2  # standard errors: a variance below is taken for 0
 _DERIVATIVE_STEP = 1e-3
 _DAMPED_AFTER = 10  # steps are halved, after as many again halved again
@@ -70,12 +71,6 @@ class Solution(NamedTuple):
     def bounded(self) -> NDArray[np.bool_]:
         """Which parameters are variances, (k,)."""
         return np.array([name not in SYSTEMATIC for name in self.names])
-
-    @property
-    def at_bounds(self) -> dict[str, float]:
-        """Relative errors as far out as they are let, and their bounds."""
-        values = dict(zip(self.names, self.theta.tolist(), strict=True))
-        return {name: low for name, low in _MIN_RELATIVE.items() if values.get(name, 0.0) <= low + 1e-6}
 
     def estimate_only(self) -> Solution:
         """Without what belongs to single observations."""
@@ -125,7 +120,7 @@ def solve(
         slowest = int(np.argmax(np.abs(step) / error))
         size = float(np.abs(step[slowest]) / error[slowest])
         damped = 0.5 ** (k // _DAMPED_AFTER) * step  # weights that follow the estimate can make it swing
-        model = Model(segments, names, _possible(names, model.theta + damped))
+        model = Model(segments, names, np.clip(model.theta + damped, *limits(segments, names)))
         if size < _CONVERGED:
             break
     vanishing = bounded & (model.theta < _NEGLIGIBLE * error)
@@ -179,21 +174,24 @@ def held_out(segments: SegmentSet, solution: Solution) -> tuple[Floats, Floats]:
     if parts < DRIVES_TO_HOLD_OUT:
         part, parts = np.minimum((segments.place_m / segments.total_m * _PARTS).astype(int), _PARTS - 1), _PARTS
     mean, cov = np.empty((len(part), 3)), np.empty((len(part), 3, 3))
-    whole = Model(segments, solution.names, solution.theta)
+    whole, bounds = Model(segments, solution.names, solution.theta), limits(segments, solution.names)
     for k in range(parts):
         mine, model = part == k, whole
         for _ in range(_HELD_OUT_STEPS):
             score, root = equations(segments, model.mean, model.cov, solution.d_mean, solution.d_cov)
             lowest = np.where(solution.bounded, -model.theta, -np.inf)
             step = bounded_step(information(root[~mine]), score[~mine].sum(axis=0), lowest)
-            model = Model(segments, solution.names, _possible(solution.names, model.theta + step))
+            model = Model(segments, solution.names, np.clip(model.theta + step, *bounds))
         mean[mine], cov[mine] = model.mean[mine], model.cov[mine]
     return mean, cov
 
 
-def _possible(names: Sequence[str], theta: Floats) -> Floats:
-    """Parameters no lower than they can be."""
-    return np.maximum(theta, [0.0 if name not in SYSTEMATIC else _MIN_RELATIVE.get(name, -np.inf) for name in names])
+def limits(segments: SegmentSet, names: Sequence[str]) -> tuple[Floats, Floats]:
+    """Least and greatest value of every parameter."""
+    _, scale = start_and_scale(segments, names)
+    least = [_MIN_RELATIVE.get(name, -np.inf) if name in SYSTEMATIC else 0.0 for name in names]
+    most = np.where([name in SYSTEMATIC for name in names], np.inf, np.minimum(_MOST_SCALES * scale, 0.5 * MAX_NUMBER))
+    return np.array(least), most
 
 
 class Model:
@@ -226,7 +224,13 @@ def equations(
     """Left side (n, k) and the root (n, k, 12) of its expected slope, for every observation: least squares in three
     whitened values and nine of their squares."""
     typical = (segments.by_bin(cov) + segments.floor())[segments.bin_of]
-    white = np.linalg.inv(np.linalg.cholesky((1 - _EVENNESS) * cov + _EVENNESS * typical))  # white' white = V
+    try:
+        white = np.linalg.inv(np.linalg.cholesky((1 - _EVENNESS) * cov + _EVENNESS * typical))  # white' white = V
+    except np.linalg.LinAlgError:
+        raise ValueError(
+            f"expected errors that some noise explains, got odometry that counts {segments.counted_over_true:.3g} "
+            "times the true distance and errors that none does: check units and columns of odometry and truth"
+        ) from None
     transposed = np.swapaxes(white, 1, 2)
     r = (white @ (segments.values - mean)[..., None])[..., 0]
     J = d_mean @ transposed
@@ -268,6 +272,6 @@ def start_and_scale(segments: SegmentSet, names: Sequence[str]) -> tuple[Floats,
 
 def normed(total: Floats) -> tuple[Floats, Floats]:
     """Information (..., k, k) with a unit diagonal, barely regularised, and the scales that made it so."""
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(total, axis1=-2, axis2=-1), 1e-300))
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(total, axis1=-2, axis2=-1), 1e-60))
     normed = total * scale[..., :, None] * scale[..., None, :]
     return normed + 1e-9 * np.eye(scale.shape[-1]), scale

@@ -24,6 +24,7 @@ _LONGEST_IN_ONE = 4  # and so many times in the shortest drive
 _MIN_KNOTS = 4  # samples in the shortest default segment, or in its half
 _MAX_EXTENTS = 4.0  # the longest default segment, in diagonals of the area driven in: beyond, a room tells no more
 _NO_ERROR = 1e-9  # of the longest segment, or rad: less is no error at all
+_MOST_COUNTED = 1e4  # times the true distance, or as small a part of it: no unit is so far off
 _FLOOR = 1e-6  # of the mean square of the observations of a length
 
 
@@ -88,6 +89,16 @@ class SegmentSet:
                 turned += float(np.abs(np.angle(chords[1:] * np.conj(chords[:-1]))).sum())
         return turned / self.total_m * self.bins[-1].length_m
 
+    @property
+    def counted_over_true(self) -> float:
+        """Length of the odometry's chords over that of the true ones, over the shortest segments."""
+        steps = self.bins[0].steps
+        counted, true = (
+            sum(float(np.abs(np.diff(positions[::steps])).sum()) for positions in way)
+            for way in zip(*((part.estimate, part.truth) for part in self.resampled), strict=True)
+        )
+        return counted / max(true, 1e-300)
+
     def by_bin(self, values: Floats) -> Floats:
         """Averages of values (n, ...) over the segments of every length, (bins, ...)."""
         return np.stack([values[self.bin_of == k].mean(axis=0) for k in range(len(self.bins))])
@@ -133,6 +144,12 @@ def segment_set(
         raise ValueError(_why_none(matched, float(lengths[0])))
     if (np.abs(segments.values).max(axis=0) <= _NO_ERROR * np.array([lengths[-1], lengths[-1], 1.0])).all():
         raise ValueError("expected odometry that drifts, got no error at all: are odometry and truth the same file?")
+    ratio = segments.counted_over_true
+    if not 1 / _MOST_COUNTED < ratio < _MOST_COUNTED:
+        raise ValueError(
+            f"expected odometry and truth of one drive, got odometry that counts {ratio:.3g} times the true distance: "
+            "check units and columns of both"
+        )
     return segments, matched
 
 

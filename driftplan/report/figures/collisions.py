@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from driftplan.arrays import arguments_checked
 from driftplan.report.figures import style
 from driftplan.report.figures.maps import plot_world
 
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from driftplan.world.world import World
 
 
-@arguments_checked()
 def plot_collisions(world: World, chance: CollisionChance, *, figure: Figure | None = None) -> Figure:
     """The route on the map, the darker the likelier the robot is in a wall there, and that chance against the distance
     with the share of simulated drives that have touched a wall by then.
@@ -25,6 +23,12 @@ def plot_collisions(world: World, chance: CollisionChance, *, figure: Figure | N
     Parameters
     ----------
     figure : an empty figure to draw into; default: a new one that knows nothing of pyplot
+
+    >>> from driftplan import OdometryNoise, World, collision_chance, predict_drift
+    >>> world = World.from_polygons([[(0, 2), (9, 2), (9, 3), (0, 3)]], bounds=(0, -9, 9, 3), robot_radius=0.5)
+    >>> drift = predict_drift([(1, 1), (8, 1)], OdometryNoise(lateral_var_per_m=0.01))
+    >>> len(plot_collisions(world, collision_chance(drift, world)).axes)
+    3
     """
     from matplotlib.collections import LineCollection
 

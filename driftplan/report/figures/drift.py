@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from driftplan.arrays import arguments_checked
 from driftplan.report.figures import style
 from driftplan.report.figures.maps import drift_of, mark_spacing_of, marked_profile
 
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from driftplan.planning.routes import Route
 
 
-@arguments_checked()
 def plot_drift(
     route: Route | Drift,
     *,
@@ -54,6 +52,7 @@ def plot_drift(
     if radius_at is not None:
         legend = f"{100 * radius_at:g} % within this radius"
         thin: dict[str, Any] = {"color": lines[0].get_color(), "linestyle": (0, (1, 1.5)), "linewidth": 1.2}
+        thin |= {"marker": lines[0].get_marker(), "markevery": marks, "markersize": 5, "markerfacecolor": "white"}
         lines += ax.plot(profile.distance, profile.radius(radius_at), label=legend, **thin)
     ax.set(xlabel="distance driven (m)", ylabel="rms drift (m)" if radius_at is None else "drift (m)")
     ax.update_datalim([(0.0, 0.0)])
