@@ -60,6 +60,9 @@ WRONG_VALUES = {
     "path to be .*complex": lambda: d.predict_drift([(0j, 0), (1j, 0)], NOISE),
     "goal to be .*complex": lambda: d.plan_route(WORLD, (1, 1), (2 + 0j, 2), NOISE),
     "path to be .*masked": lambda: d.predict_drift(np.ma.masked_less([(0, 0), (-1, 1)], 0), NOISE),
+    "distances_m": lambda: d.predict_drift(PATH, NOISE).simulated(None, runs=10),
+    "whole numbers edges": lambda: d.RouteGraph.numbered([(0, 0), (1, 1)], None),
+    "world to be a World": lambda: d.plan_route(WORLD, *ENDS, NOISE, iterations=1).collision_probability("hall"),
     "routes of 1": lambda: d.plot_sawtooth(LAYOUT, routes=[1]),
 }
 TOO_MANY = {
