@@ -113,6 +113,8 @@ def waypoints_of(path: Any) -> Floats:
     """The waypoints (n, 2) of a route (its ``path``) or of a plain array, checked."""
     raw = getattr(path, "path", path)
     try:
+        if np.iscomplexobj(raw):
+            raise TypeError("complex numbers are none")
         xy = np.asarray(raw, dtype=float)
     except (TypeError, ValueError, OverflowError) as err:
         raise ValueError(f"expected a path of numbers (n, 2), got {type(raw).__name__}: {err}") from None
