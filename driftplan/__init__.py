@@ -22,6 +22,10 @@ def __getattr__(name: str) -> Any:
     if name not in _MODULE_OF:
         raise AttributeError(f"module 'driftplan' has no attribute {name!r}")
     value = getattr(import_module(_MODULE_OF[name], __name__), name)
+    if callable(value):
+        from driftplan.door import with_door
+
+        value = with_door(value)
     globals()[name] = value
     return value
 

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import inspect
-import sys
-from collections.abc import Callable, Sequence
-from functools import wraps
+from collections.abc import Sequence
 from math import inf, isfinite
 from reprlib import repr as short
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, SupportsFloat, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from driftplan.errors import ArgumentError, KeywordError
-
-_Callable = TypeVar("_Callable", bound=Callable[..., Any])
+from driftplan.errors import ArgumentError
 
 Array = NDArray[Any]  # complex, or float where nothing turns: real pieces cost half
 Floats = NDArray[np.float64]
@@ -27,12 +22,18 @@ MAX_NUMBER = 1e13  # metres or anything: of greater ones products overflow
 _MIN_POSITIVE = 1e-50
 
 
+def is_number(value: object) -> bool:
+    if isinstance(value, (np.generic, np.ndarray)):  # which all have a __float__
+        return value.ndim == 0 and value.dtype.kind in "iuf" and not np.ma.is_masked(value)
+    return hasattr(type(value), "__float__") and not isinstance(value, bool)
+
+
 def number(name: str, value: object) -> float:
     """A finite number."""
-    if isinstance(value, bool) or not hasattr(value, "__float__") or np.ndim(value) != 0:  # type: ignore[arg-type]
+    if not is_number(value):
         raise ValueError(f"expected {name} to be a number, got {short(value)}")
     try:
-        result = float(value)
+        result = float(cast(SupportsFloat, value))
     except OverflowError:  # a whole number of 400 digits
         result = inf
     if not isfinite(result):
@@ -90,7 +91,10 @@ def bounded(what: str, count: float, most: float, remedy: str) -> float:
 def finite(name: str, values: Any, what: str = "numbers", *, most: float = MAX_NUMBER) -> Floats:
     """An array of finite numbers, none greater than ``most``; ``what`` they are, for the message."""
     try:
-        array = np.asarray(values, dtype=float)
+        array = np.asarray(values)
+        if array.dtype.kind in "cmM" or np.ma.is_masked(values):
+            raise ValueError("complex numbers, times and masked values are none")
+        array = array.astype(float, copy=False)
     except (TypeError, ValueError, OverflowError) as err:
         raise ValueError(f"expected {name} to be {what}, got {type(values).__name__}: {err}") from None
     if not np.isfinite(array).all():
@@ -156,106 +160,12 @@ def point_of(name: str, value: ArrayLike) -> tuple[float, float]:
 
 
 def bounds_of(value: Sequence[float]) -> tuple[float, float, float, float]:
-    bounds = tuple(float(v) for v in value)
+    try:
+        bounds = tuple(number("a bound", v) for v in value)
+    except (TypeError, ValueError, OverflowError):
+        bounds = ()
     if len(bounds) != 4 or not all(isfinite(v) for v in bounds) or bounds[0] >= bounds[2] or bounds[1] >= bounds[3]:
-        raise ValueError(f"expected bounds (xmin, ymin, xmax, ymax), finite and not empty, got {bounds!r}")
+        raise ValueError(
+            f"expected bounds (xmin, ymin, xmax, ymax), finite and not empty, got {bounds or short(value)}"
+        )
     return bounds
-
-
-def arguments_checked(**values: type | str) -> Callable[[_Callable], _Callable]:
-    """A decorator of public functions and dataclasses: an unknown keyword is answered with the nearest known one, and
-    what should be one of driftplan's own objects, or a sequence of them, by its annotation, and is not, with what was
-    expected.
-
-    ``values`` are parameters that are frozen values: their fields are known names too, and the answer says where they
-    go; or, as a string, what is written instead of a keyword that one might expect.
-
-    Examples
-    --------
-    >>> @arguments_checked()
-    ... def wait(time_limit=1.0): ...
-    >>> wait(timelimit=3.0)
-    Traceback (most recent call last):
-    driftplan.errors.KeywordError: wait() has no keyword 'timelimit': did you mean time_limit?
-    """
-
-    def decorate(function: _Callable) -> _Callable:
-        called = cast(Any, function).__init__ if isinstance(function, type) else function
-        signature = inspect.signature(function)
-        known = tuple(signature.parameters)
-        any_keyword = any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values())
-        places = known if not isinstance(function, type) else ("self", *known)
-        objects: dict[str, _Object] = {}
-
-        @wraps(called)
-        def checked(*args: Any, **given: Any) -> Any:
-            if not objects:  # not before the module is complete
-                objects.update(_objects_of(signature))
-            for name in given:
-                if name not in known and not any_keyword:
-                    nearest = _nearest(name, known, values)
-                    raise KeywordError(f"{function.__name__}() has no keyword {name!r}: {nearest}")
-            for name, value in (*zip(places, args, strict=False), *given.items()):
-                if name in objects:
-                    objects[name].check(name, value)
-            return called(*args, **given)
-
-        if isinstance(function, type):
-            cast(Any, function).__init__ = checked
-            return function
-        return cast(_Callable, checked)
-
-    return decorate
-
-
-_OMPL = ("SpaceInformation", "PathGeometric", "PathControl", "OptimizationObjective")
-
-
-class _Object(NamedTuple):
-    """What an annotation asks for: one of some classes, by their names, or a sequence of them."""
-
-    classes: frozenset[str]
-    several: bool
-
-    def check(self, name: str, value: object) -> None:
-        wanted = " or ".join(sorted(self.classes - {"NoneType"}))
-        if not self.several:
-            wanted, wrong = f"a{'n' * (wanted[0] in 'AEIOU')} {wanted}", [] if self._holds(value) else [value]
-        elif isinstance(value, (list, tuple)):
-            wanted, wrong = f"{wanted} objects", [item for item in value if not self._holds(item)]
-        else:
-            wanted = f"a sequence of {wanted}"
-            wrong = [] if isinstance(value, Sequence) and not isinstance(value, str) else [value]
-        if wrong:
-            raise ArgumentError(f"expected {name} to be {wanted}, got {short(wrong[0])}")
-
-    def _holds(self, value: object) -> bool:
-        return any(c.__name__ in self.classes for c in type(value).__mro__)
-
-
-def _objects_of(signature: inspect.Signature) -> dict[str, _Object]:
-    """The parameters whose annotations name nothing but public classes of driftplan's, some of OMPL's, and None."""
-    public = {*sys.modules["driftplan"].__all__, *_OMPL, "None"}
-    found = {}
-    for name, parameter in signature.parameters.items():
-        several, _, annotation = str(parameter.annotation).rpartition("[")
-        classes = {part.rpartition(".")[2] for part in annotation.removesuffix("]").split(" | ")}
-        if classes - {"None"} and classes <= public and several in ("", "Sequence"):
-            found[name] = _Object(frozenset(c.replace("None", "NoneType") for c in classes), bool(several))
-    return found
-
-
-def _nearest(name: str, known: Sequence[str], values: dict[str, type | str]) -> str:
-    """What was probably meant, in words."""
-    from difflib import get_close_matches
-
-    inside = {
-        field: f"{parameter}={value.__name__}({field}=…)"
-        for parameter, value in values.items()
-        if isinstance(value, type)
-        for field in inspect.signature(value).parameters
-    }
-    inside |= {name: value for name, value in values.items() if isinstance(value, str)}
-    places = {**inside, **{own: own for own in known}}
-    close = [name] if name in places else get_close_matches(name, places, n=1)
-    return f"did you mean {places[close[0]]}?" if close else f"expected {', '.join(known)}"

@@ -13,11 +13,9 @@ from html import escape
 from math import floor, isfinite, log10
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 if TYPE_CHECKING:
     import pandas
+    from numpy.typing import ArrayLike
 
 NONE = "-"  # what a cell says that has no number
 
@@ -124,6 +122,8 @@ def rows_of(columns: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
     >>> rows_of({"x_m": [1.0, 2.0], "y_m": [3.0, 4.0]})
     [{'x_m': 1.0, 'y_m': 3.0}, {'x_m': 2.0, 'y_m': 4.0}]
     """
+    import numpy as np
+
     rows = zip(*(np.ravel(column).tolist() for column in columns.values()), strict=True)
     return [dict(zip(columns, row, strict=True)) for row in rows]
 

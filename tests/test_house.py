@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "driftplan"
-BASEMENT = ["errors", "arrays", "files", "tables"]  # modules of their own, that every floor may import
+BASEMENT = ["errors", "arrays", "files", "tables", "door"]  # modules of their own, that every floor may import
 FLOORS = [*BASEMENT, "model", "literature", "world", "beacons", "page", "planning", "layouts", "report"]
 
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
+import pickle
+
+import numpy as np
 import pytest
 
 import driftplan as d
@@ -12,6 +16,7 @@ WORLD = d.World.from_polygons([[(4, 4), (5, 4), (5, 5)]], bounds=(0, 0, 9, 9), r
 TAG = d.BeaconKind.rfid(1.5, 0.1)
 PATH = [(0, 0), (5, 0)]
 ENDS = ((1, 1), (2, 2))
+LAYOUT = d.place_beacons(WORLD, [[(1, 1), (8, 1)]], NOISE, 0.2, d.Sites(TAG, spacing_m=1.0))
 WRONG_OBJECTS = {
     "world": lambda: d.plan_route("office", *ENDS, NOISE),
     "noise": lambda: d.plan_route(WORLD, *ENDS, "noise.yaml"),
@@ -25,20 +30,37 @@ WRONG_OBJECTS = {
     "layout to be": lambda: d.layout_csv("layout"),
     "world to be a World, got 3": lambda: d.save_world(3, "a.yaml"),
     "world to be a World, got 'office'": lambda: d.plot_world("office"),
-    "route to be a Drift or Route, got": lambda: d.plot_route(PATH),
+    "route to be a Route or a Drift, got": lambda: d.plot_route(PATH),
     "curve to be": lambda: d.plot_tradeoff([3]),
     "a fix to be": lambda: d.predict_drift(PATH, NOISE, fixes=[3]),
     "obstacles to be": lambda: d.World(obstacles="walls", bounds=(0, 0, 1, 1), robot_radius=1),
-    "name of a kind": lambda: d.BeaconKind(name=[5], range_m=1, position_std_m=1),
+    "name to be a str": lambda: d.BeaconKind(name=[5], range_m=1, position_std_m=1),
     "si to be a SpaceInformation, got 3": lambda: d.use_world(3, WORLD),
     "si to be a SpaceInformation, got None": lambda: d.DriftObjective(None, NOISE, (1, 1)),
-    "path to be a PathControl or PathGeometric": lambda: d.predict_ompl_path(PATH, 3, NOISE),
+    "path to be a PathGeometric or a PathControl": lambda: d.predict_ompl_path(PATH, 3, NOISE),
     "path to be a PathGeometric": lambda: d.polish_ompl_path(PATH, 3, WORLD),
     "noise to be an OdometryNoise, got 'n": lambda: d.ros_covariances("n", rate_hz=1, speed_m_per_s=1),
     "graph to be a RouteGraph": lambda: d.graph_geojson([1]),
     "graph to be a RouteGraph, got None": lambda: d.graph_lif(None),
-    "route to be a Drift or Route, got .*5": lambda: d.plot_comparison(None, {"a": PATH}),
+    "routes to be Route objects or Drift objects, got .*5": lambda: d.plot_comparison(None, {"a": PATH}),
     "line_of_sight": lambda: d.BeaconKind.rfid(1.5, 0.1, line_of_sight="no"),
+}
+WRONG_VALUES = {
+    "spacing_m to be a number": lambda: d.predict_drift(PATH, NOISE).profile("wide"),
+    "x to be a number": lambda: WORLD.point_free("x", 1.0),
+    "x0, y0": lambda: WORLD.segment_free(1.0, None, 2.0, 2.0),
+    "ground to be a Polygon": lambda: d.World.within({}, [], robot_radius=0.1),
+    "obstacles to be an iterable": lambda: d.World.from_polygons(3, bounds=(0, 0, 1, 1), robot_radius=0.1),
+    "bounds": lambda: d.World.from_polygons([], bounds="box", robot_radius=0.1),
+    "deviations": lambda: NOISE.on_drive("far"),
+    "position_std_m to be a number, got '1'": lambda: d.BeaconKind.rfid(1.5, "1"),
+    "resamples a whole number": lambda: d.fit_noise(None, None, resamples="many"),
+    "pairs one of": lambda: d.relative_errors(PATH, PATH, pairs=[1]),
+    "seed a whole number": lambda: d.fit_noise(None, None, seed=-1),
+    "path to be .*complex": lambda: d.predict_drift([(0j, 0), (1j, 0)], NOISE),
+    "goal to be .*complex": lambda: d.plan_route(WORLD, (1, 1), (2 + 0j, 2), NOISE),
+    "path to be .*masked": lambda: d.predict_drift(np.ma.masked_less([(0, 0), (-1, 1)], 0), NOISE),
+    "routes of 1": lambda: d.plot_sawtooth(LAYOUT, routes=[1]),
 }
 TOO_MANY = {
     "sites of a grid": lambda: d.grid_sites(WORLD, 0.001),
@@ -65,6 +87,29 @@ TOO_GREAT = {
 def test_an_object_of_another_kind_is_named(said):
     with pytest.raises(TypeError, match=f"expected .*{said.replace('|', '.')}"):
         WRONG_OBJECTS[said]()
+
+
+@pytest.mark.parametrize("said", WRONG_VALUES)
+def test_a_value_of_another_kind_is_told_what_it_should_be(said):
+    with pytest.raises(ValueError, match=f"expected .*{said}"):
+        WRONG_VALUES[said]()
+
+
+def test_public_names_are_what_they_look_like():
+    for name in d.__all__:
+        value = getattr(d, name)
+        if callable(value):
+            assert value.__name__ in (name, "read_truth")  # which has two names
+            assert pickle.loads(pickle.dumps(value)) is value
+    assert list(inspect.signature(d.plan_route).parameters)[:4] == ["world", "start", "goal", "noise"]
+    assert d.plan_route.__doc__
+
+
+def test_a_keyword_of_a_constructor_is_answered_with_the_nearest():
+    with pytest.raises(d.KeywordError, match=r"OdometryNoise.from_std\(\) .* 'heading_dg': did you mean heading_deg\?"):
+        d.OdometryNoise.from_std(heading_dg=1.0, distance_m=0.05, after_m=10.0)
+    with pytest.raises(d.KeywordError, match=r"did you mean noise=OdometryNoise\(heading_var_per_m=…\)"):
+        d.plan_route(WORLD, *ENDS, heading_var_per_m=1)
 
 
 @pytest.mark.parametrize("said", TOO_MANY)

@@ -7,7 +7,7 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 
-from driftplan.arrays import Floats, arguments_checked, bounded, instance, not_negative, number, positive
+from driftplan.arrays import Floats, bounded, instance, not_negative, number, positive
 
 
 class KindOptions(TypedDict, total=False):
@@ -25,7 +25,6 @@ class KindOptions(TypedDict, total=False):
 _MAX_READINGS = 10_000
 
 
-@arguments_checked()
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BeaconKind:
     """What a beacon measures, how well, and from how far. Made by `rfid`, `landmark`, `heading`, …, or in full.

@@ -14,7 +14,7 @@ from math import atan2, cos, degrees, radians, sin
 from pathlib import Path
 from typing import Any
 
-from driftplan.arrays import arguments_checked, number, positive
+from driftplan.arrays import number, positive
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.errors import MapError, naming
 from driftplan.files import head, read_lines
@@ -26,7 +26,6 @@ from driftplan.world.lif import read_lif
 from driftplan.world.plain_data import MAX_YAML_BYTES, read_yaml
 
 
-@arguments_checked()
 def tags_yaml(beacons: Sequence[Beacon], *, size_m: float, frame: str = "map") -> bytes:
     """Beacons as one bundle of tags for apriltag_ros, ``size_m`` wide each; `load_beacons` reads it back.
 
@@ -46,7 +45,6 @@ def tags_yaml(beacons: Sequence[Beacon], *, size_m: float, frame: str = "map") -
     return "\n".join([*lines, ""]).encode()
 
 
-@arguments_checked()
 def fiducial_map(beacons: Sequence[Beacon]) -> bytes:
     """Beacons as the ``map.txt`` of fiducial_slam: id, x, y, z, roll, pitch, yaw in degrees, variance, observations.
 
@@ -65,7 +63,6 @@ def fiducial_map(beacons: Sequence[Beacon]) -> bytes:
     return "".join(lines).encode()
 
 
-@arguments_checked()
 def static_transforms(beacons: Sequence[Beacon], *, frame: str = "map") -> bytes:
     """A shell script that publishes where beacons are, as frames ``tag_ID`` in ``frame``.
 

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Bools, Floats, Ints, arguments_checked
+from driftplan.arrays import Bools, Floats, Ints
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.passes import Passes, Views, passes_of
 from driftplan.model.drift import Drift, PointDrift, predict_drift
@@ -39,7 +39,6 @@ _ERRORS = 512  # of equal probability, over which the chance of a pass is averag
 _WINDOW_RMS = 4.0  # how many rms errors beside its pass a robot may be and still be looked for
 
 
-@arguments_checked()
 def beacon_passes(path: Any, beacon: Beacon, world: World | None = None) -> Floats:
     """Where a path is within range of a beacon (and in its sight): metres driven on entering and on leaving.
 
@@ -75,7 +74,6 @@ def beacon_fixes(path: Any, beacons: Sequence[Beacon], world: World | None = Non
     return readings_on(waypoints_of(path), BeaconColumns.of(beacons), world).fixes()
 
 
-@arguments_checked()
 def drift_with_beacons(
     path: Any,
     noise: OdometryNoise,
@@ -221,7 +219,6 @@ class DetectionChance(NamedTuple):
     probability: float
 
 
-@arguments_checked()
 def detection_chances(
     path: Any,
     noise: OdometryNoise,

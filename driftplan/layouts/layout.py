@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
-from driftplan.arrays import arguments_checked
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.beacon_files import beacon_feature, marks_of
 from driftplan.files import VERSION, head, write_files
@@ -194,7 +193,6 @@ class InstallerRow(NamedTuple):
     worst_route_if_dead: int  # -1 if no route does
 
 
-@arguments_checked()
 def installer_table(layout: Layout) -> tuple[InstallerRow, ...]:
     """All beacons of a layout, the ones whose failure hurts most first.
 
@@ -238,7 +236,6 @@ def _numbers(routes: tuple[int, ...]) -> str:
     return f"{text}, … ({len(routes)})" if len(routes) > _MAX_NUMBERS else text or NONE
 
 
-@arguments_checked()
 def layout_html(layout: Layout) -> bytes:
     """The installers' table as a page of HTML, which spreadsheets open too.
 
@@ -271,7 +268,6 @@ def _rows(layout: Layout) -> list[InstallerRow]:
     return rows
 
 
-@arguments_checked()
 def layout_csv(layout: Layout) -> bytes:
     """The installers' table as CSV, to a tenth of a millimetre, with a header that names units.
 
@@ -300,7 +296,6 @@ def _cell(value: Any) -> Any:
     return value
 
 
-@arguments_checked()
 def layout_geojson(layout: Layout) -> bytes:
     """Beacons as points with all that `load_beacons` needs, and what their failure does.
 
@@ -320,7 +315,6 @@ def layout_geojson(layout: Layout) -> bytes:
     return feature_collection(features, **summary, worst_drift_m=worst_m)
 
 
-@arguments_checked()
 def layout_dxf(layout: Layout) -> bytes:
     """A DXF drawing for installers, in metres: walls, routes, beacons with ids, coordinates, ranges and directions, and
     dimensions to the nearest walls; `load_beacons` reads it back.
@@ -338,7 +332,6 @@ def layout_dxf(layout: Layout) -> bytes:
     return drawing_of(layout.scenario.world, layout.scenario.routes, marks_of(beacons), ranges, walls)
 
 
-@arguments_checked()
 def layout_lif(layout: Layout) -> bytes:
     """A layout in LIF for fleets: the routes as nodes and edges, beacons as stations; `load_beacons` reads it back.
 
@@ -351,7 +344,6 @@ def layout_lif(layout: Layout) -> bytes:
     return graph_lif(RouteGraph.of_routes(layout.scenario.routes), marks=marks_of(layout.everyone))
 
 
-@arguments_checked()
 def layout_building(layout: Layout, building: str | os.PathLike[str], *, level: str | None = None) -> bytes:
     """An Open-RMF ``.building.yaml`` with the beacons as vertices of a level; `load_beacons` reads it back.
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Bools, arguments_checked, whole
+from driftplan.arrays import Bools, whole
 from driftplan.beacons.beacon import BeaconKind
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.layout import Layout
@@ -31,7 +31,6 @@ _TIGHTER = 0.995  # of the limits tried before: what the next try keeps at most
 _CHECK_S_PER_ROUTE = 0.03  # seconds kept for the final check, but at most a quarter of the time
 
 
-@arguments_checked(limit=DriftLimit, sites=Sites)
 def place_beacons(
     world: World | None,
     routes: Any,
@@ -143,7 +142,6 @@ def place_at(
     return _least_drift(search, drift_tolerance, began) if limits is None else _cheapest(search, limits, began)
 
 
-@arguments_checked(sites=Sites)
 def beacon_tradeoff(
     world: World | None,
     routes: Any,

@@ -11,10 +11,11 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, Ints, arguments_checked, bounded, finite, not_negative, positive
+from driftplan.arrays import Floats, Ints, bounded, finite, not_negative, positive
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.passes import passes_of
 from driftplan.beacons.readings import waypoints_of
+from driftplan.world.shapes import polygon_of
 from driftplan.world.world import World
 
 
@@ -32,7 +33,6 @@ _MAX_SITES = 1e6  # far more than can be chosen from
 _PLACES = 9  # of metres: sums of spacings are printed as people write them, 9.6 and not 9.600000000000001
 
 
-@arguments_checked()
 @dataclass(frozen=True, eq=False)
 class Sites:
     """Where beacons may go.
@@ -80,7 +80,7 @@ class Sites:
         for one in kinds:
             if not isinstance(one, BeaconKind):
                 raise ValueError(f"expected kind to be a BeaconKind or several, got {one!r}")
-        if points is not None and len(points) and all(isinstance(point, Beacon) for point in points):
+        if isinstance(points, Sequence) and points and all(isinstance(point, Beacon) for point in points):
             if kinds:
                 raise ValueError("expected kind or points that are Beacons with a kind of their own, got both")
             points = tuple(points)
@@ -190,7 +190,6 @@ def _named(beacons: Sequence[Beacon], letter: str, taken: set[str]) -> list[Beac
 # Points
 
 
-@arguments_checked()
 def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
     """Points of a square grid, ``spacing_m`` apart, where the robot's centre may be: (n, 2), row by row from below.
 
@@ -211,7 +210,6 @@ def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ())
     return allowed(xy[world.is_free(xy)], forbidden)
 
 
-@arguments_checked()
 def wall_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
     """Points on the outlines of the obstacles, at most ``spacing_m`` apart: (n, 2), outline by outline.
 
@@ -234,6 +232,8 @@ def route_sites(routes: Sequence[Any], spacing_m: float, *, forbidden: Sequence[
     [[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]]
     """
     spacing = positive("spacing_m", spacing_m)
+    if len(routes) == 0:
+        raise ValueError("expected routes, got none")
     xy = np.concatenate([_along(shapely.LineString(waypoints_of(route)), spacing) for route in routes])
     _, first = np.unique(np.round(xy, 6), axis=0, return_index=True)
     return allowed(xy[np.sort(first)], forbidden)
@@ -242,7 +242,7 @@ def route_sites(routes: Sequence[Any], spacing_m: float, *, forbidden: Sequence[
 def allowed(xy: Floats, forbidden: Sequence[Any]) -> Floats:
     """The points outside all ``forbidden`` areas: shapely polygons, or (n, 2) arrays of corners."""
     for area in forbidden:
-        polygon = area if isinstance(area, shapely.Geometry) else shapely.Polygon(np.asarray(area, dtype=float))
+        polygon = polygon_of("a forbidden area", area)
         xy = xy[~shapely.intersects_xy(polygon, xy[:, 0], xy[:, 1])]
     return xy
 

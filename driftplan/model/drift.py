@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Array, Floats, Ints, as_covariance, as_plane, bounded, finite
+from driftplan.arrays import Array, Floats, Ints, as_covariance, as_plane, bounded, finite, positive
 from driftplan.model import scores
 from driftplan.model.drive import Driven, drive
 from driftplan.model.elements import of_legs
@@ -221,6 +221,7 @@ class Drift(PointDrift):
 
     def inside_legs(self, shares: Floats) -> Moments:
         """Moments at these shares (k,) of every leg's run, for one path, (legs, k)."""
+        shares = np.clip(finite("shares", shares).reshape(-1), 0.0, 1.0)
         if self._drives:
             return _averaged([(weight, one.inside_legs(shares)) for weight, one in self._drives])
         runs, last = self.runs, len(self.runs.lengths)
@@ -286,9 +287,7 @@ class Drift(PointDrift):
         if self.distance.ndim != 1:
             raise ValueError(f"expected the drift of one path, got a batch of shape {self.distance.shape[:-1]}")
         length = float(self.length)
-        spacing = spacing_m if spacing_m is not None else max(length, 1e-300) / 200
-        if not spacing > 0:
-            raise ValueError(f"expected spacing_m > 0, got {spacing_m!r}")
+        spacing = positive("spacing_m", spacing_m) if spacing_m is not None else max(length, 1e-300) / 200
         bounded("points of a profile", length / spacing, 1e7, "use a larger spacing_m")
         between = np.arange(spacing, length, spacing)
         inner = self._inside(between)

@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from driftplan.arrays import not_negative, number, positive
+from driftplan.arrays import not_negative, number, positive, shaped
 
 HeadingLaw = Literal["gaussian", "laplace", "von_mises", "uniform"]
 
@@ -288,7 +288,8 @@ class OdometryNoise:
         OdometryNoise(heading_bias_per_m=-0.01)
         """
         known = (getattr(self, name) for name in SYSTEMATIC)
-        shifted = (value + z * std for value, z, std in zip(known, deviations, self.spread, strict=True))
+        off = shaped("deviations", deviations, (len(SYSTEMATIC),))
+        shifted = (value + z * std for value, z, std in zip(known, off.tolist(), self.spread, strict=True))
         changed: dict[str, Any] = dict(zip(SYSTEMATIC, shifted, strict=True))
         changed["distance_scale_error"] = max(changed["distance_scale_error"], -0.99)
         changed |= dict.fromkeys(BETWEEN_DRIVES.values(), 0.0)

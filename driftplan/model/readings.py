@@ -49,7 +49,7 @@ _NEAREST_ANCHOR_M = 0.01  # a range or bearing from nearer is left out: no direc
 
 def checked_estimator(estimator: str) -> None:
     """Whether it is one."""
-    if estimator not in get_args(Estimator):
+    if not isinstance(estimator, str) or estimator not in get_args(Estimator):
         raise ValueError(f"expected estimator one of {get_args(Estimator)}, got {estimator!r}")
 
 

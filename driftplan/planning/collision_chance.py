@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from scipy.special import betaincinv
 
-from driftplan.arrays import Array, Bools, Floats, Ints, arguments_checked, bounded, positive, whole
+from driftplan.arrays import Array, Bools, Floats, Ints, bounded, positive, whole
 from driftplan.beacons.readings import gaussian_points
 from driftplan.model.drift import Drift, PointDrift
 from driftplan.world.world import World
@@ -63,7 +63,6 @@ class CollisionChance:
         )
 
 
-@arguments_checked()
 def collision_chance(
     drift: Drift, world: World, *, runs: int = 1000, spacing_m: float | None = None, seed: int = 0
 ) -> CollisionChance:

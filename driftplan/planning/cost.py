@@ -34,7 +34,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Floats, instance
 from driftplan.model.noise import OdometryNoise
 
 
@@ -65,8 +65,7 @@ class CostRates:
         """
         if isinstance(noise, CostRates):
             return noise
-        if not isinstance(noise, OdometryNoise):
-            raise ValueError(f"expected an OdometryNoise, got {noise!r}")
+        instance("noise", noise, OdometryNoise)
         heading, along, across = noise.heading_var_per_m, noise.distance_var_per_m, noise.lateral_var_per_m
         if noise.step_m is not None:
             heading += noise.heading_var_per_step / noise.step_m

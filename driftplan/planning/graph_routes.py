@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from driftplan.arrays import Floats, arguments_checked
+from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import NoPathError
@@ -36,7 +36,6 @@ class GraphRoute:
     drift: Drift
 
 
-@arguments_checked()
 def graph_routes(
     graph: RouteGraph,
     start: int | str,
@@ -103,7 +102,6 @@ def _way(graph: RouteGraph, start: int, goal: int, cost: Floats, turning: Odomet
     return nodes[::-1]
 
 
-@arguments_checked()
 def edge_metadata(
     graph: RouteGraph, noise: OdometryNoise, beacons: Sequence[Beacon] = (), world: World | None = None
 ) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, arguments_checked, shaped, whole
+from driftplan.arrays import Floats, shaped, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import DriftplanError
 from driftplan.model.noise import OdometryNoise
@@ -36,7 +36,6 @@ from driftplan.planning.unaided import Unaided
 from driftplan.world.world import World
 
 
-@arguments_checked(max_drift=DriftLimit, planner=Planner)
 def plan_routes(
     world: World,
     trips: Iterable[ArrayLike],

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, arguments_checked
+from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import InfeasibleError
 from driftplan.model.noise import OdometryNoise
@@ -20,7 +20,6 @@ from driftplan.planning.routes import Route, route_for
 from driftplan.world.world import World
 
 
-@arguments_checked(limit=DriftLimit, planner=Planner, start_heading="start=(x, y, heading)")
 def pareto_routes(
     world: World,
     start: ArrayLike,

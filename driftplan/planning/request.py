@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, arguments_checked, finite, number, positive, whole
+from driftplan.arrays import Floats, finite, instance, number, point_of, positive, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns
 from driftplan.errors import GoalError, NoPathError, PlannerError, StartError
@@ -28,7 +28,6 @@ _USUAL_LIMIT_S = 5.0  # unless told otherwise
 _NO_LIMIT_S = 1e8  # three years
 
 
-@arguments_checked()
 @dataclass(frozen=True)
 class DriftLimit:
     """What the drift must not exceed, anywhere on any route, and with how little help.
@@ -76,7 +75,6 @@ class DriftLimit:
         return tuple(np.broadcast_to(values, (routes,)).tolist())
 
 
-@arguments_checked()
 @dataclass(frozen=True, eq=False)
 class Planner:
     """How a route is looked for.
@@ -196,8 +194,7 @@ class PlanRequest:
     began: float = field(default_factory=lambda: time.monotonic())  # when the clock of the call began to run
 
     def __post_init__(self) -> None:
-        if not isinstance(self.noise, OdometryNoise):
-            raise ValueError(f"expected an OdometryNoise, got {self.noise!r}")
+        instance("noise", self.noise, OdometryNoise)
         check_objective(self.minimise)
         if self.iterations is not None:
             whole("iterations", self.iterations, least=1)
@@ -277,9 +274,7 @@ def checked_ends(world: World, start: ArrayLike, goal: ArrayLike) -> Floats:
     """Start and goal, (2, 2), which must be free."""
     points = []
     for name, value, error in (("start", start, StartError), ("goal", goal, GoalError)):
-        point = np.asarray(value, dtype=float)
-        if point.shape != (2,) or not np.isfinite(point).all():
-            raise ValueError(f"expected {name} (x, y) in metres, finite, got {value!r}")
+        point = np.array(point_of(name, value))
         if not world.is_free(point):
             nearest = _nearest_writable(world, point)
             raise error(f"{name} {format_point(point)} is not free; the nearest free point is {format_point(nearest)}")

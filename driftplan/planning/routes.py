@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, arguments_checked
+from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import DetectionChance
 from driftplan.errors import InfeasibleError
@@ -165,7 +165,6 @@ class Route(Tabular):
         return compare_routes([self, self.shortest] if self.shortest is not None else [self]).columns()
 
 
-@arguments_checked(max_drift=DriftLimit, planner=Planner, start_heading="start=(x, y, heading)")
 def plan_route(
     world: World,
     start: ArrayLike,

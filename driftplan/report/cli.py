@@ -1,7 +1,7 @@
 """The driftplan command: parses, calls the library, prints.
 
-Results go to stdout, talk and progress to stderr. Exit codes: 0 done, 2 bad input, 3 no route or infeasible,
-130 interrupted. Heavy modules are imported by the subcommand that needs them, so that ``--help`` is quick.
+Results go to stdout, talk and progress to stderr. Exit codes: 0 done, 1 selftest failed, 2 bad input, 3 no route or
+infeasible, 130 interrupted. Heavy modules are imported by the subcommand that needs them, so that ``--help`` is quick.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from driftplan.report.commands.answer import Progress, deliver
 from driftplan.report.commands.option import STANDARD_INPUT, Command, Parser, UsageError
 from driftplan.report.records import json_text
 
-DONE, BAD_INPUT, NO_ROUTE, INTERRUPTED = 0, 2, 3, 130
+DONE, FAILED, BAD_INPUT, NO_ROUTE, INTERRUPTED = 0, 1, 2, 3, 130
 _ALSO_CALLED = {  # what the library calls the values of options
     "start_heading": "--start-heading-deg",
     "heading_std": "--heading-std-deg",
@@ -48,6 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             answer = command.run(args)
         deliver(args, answer)
         sys.stdout.flush()
+        return FAILED if answer.failed else DONE
     except BrokenPipeError:  # such as `driftplan maps | head -1`
         _drop_stdout()
         return CLOSED_PIPE
@@ -62,7 +63,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _failed(words, name, err, str(err), BAD_INPUT)
     except (DriftplanError, ValueError, ImportError) as err:
         return _failed(words, name, err, in_options(str(err), COMMANDS[name]), BAD_INPUT)
-    return DONE
 
 
 def _check_streams() -> None:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import shapely
 
-from driftplan.arrays import arguments_checked
 from driftplan.layouts.study.answers import answers_of
 from driftplan.layouts.study.run import StudyResult
 from driftplan.layouts.study.work import DONE
@@ -24,7 +23,6 @@ _MOST_ROUTES = 200  # sets of routes that are drawn: they are planned again for 
 _PLACES = 3  # of metres, on the map
 
 
-@arguments_checked()
 def study_html(result: StudyResult) -> bytes:
     """The report: what was asked, curves with their spread, what matters most, the layout behind every point, what is
     infeasible and why, predictions against simulated drives, and how to do it again.

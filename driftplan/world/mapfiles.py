@@ -8,7 +8,7 @@ from pathlib import Path
 
 import shapely
 
-from driftplan.arrays import arguments_checked, positive
+from driftplan.arrays import positive
 from driftplan.errors import MapError
 from driftplan.files import write_files
 from driftplan.world.building_map import read_building_map
@@ -95,7 +95,6 @@ def load_world(
     return world
 
 
-@arguments_checked()
 def save_world(world: World, path: str | os.PathLike[str], *, cell_size_m: float | None = None) -> None:
     """Write a world's map to a file (and, for ROS, a picture ``.pgm`` beside it), in the format of the suffix.
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Floats, arguments_checked, as_plane, not_negative, number, positive
+from driftplan.arrays import Floats, as_plane, not_negative, number, positive
 from driftplan.errors import TrajectoryError, naming
 from driftplan.files import head, write_files
 from driftplan.model.calibration.fit import NoiseFit
@@ -22,7 +22,6 @@ from driftplan.world.plain_data import read_yaml
 _KEYS = tuple(f.name for f in fields(OdometryNoise))
 
 
-@arguments_checked()
 def save_noise(path: str | os.PathLike[str], noise: OdometryNoise | NoiseFit) -> None:
     """Write a noise, or a fitted one with its intervals as comments, under the names of `OdometryNoise`.
 
@@ -101,7 +100,6 @@ def _yaml(value: Any) -> str:
 _AXES = {"x": 0, "y": 1, "yaw": 5}  # of x, y, z, roll, pitch, yaw
 
 
-@arguments_checked()
 def ros_covariances(
     noise: OdometryNoise,
     *,

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Complexes, Floats, arguments_checked, as_plane, bounded, positive
+from driftplan.arrays import Complexes, Floats, as_plane, bounded, positive
 from driftplan.errors import TrajectoryError, naming
 from driftplan.files import head
 from driftplan.model.drift import Drift
@@ -140,7 +140,6 @@ def poses_along(path: Floats, spacing_m: float) -> tuple[Floats, Floats]:
     return np.column_stack([xy, np.append(heading[leg], heading[-1])]), driven
 
 
-@arguments_checked()
 def ros_path_yaml(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> bytes:
     """The route as a ``nav_msgs/Path``, such as ``ros2 topic pub`` takes it; `read_path` reads it back.
 
@@ -153,7 +152,6 @@ def ros_path_yaml(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") 
     return _stamped(poses, frame, above=f"header: {{frame_id: {frame}}}\n")
 
 
-@arguments_checked()
 def waypoints_yaml(drift: Drift, *, frame: str = "map") -> bytes:
     """The corners of the route as the goal of nav2's ``FollowWaypoints``; `read_path` reads it back.
 
@@ -166,7 +164,6 @@ def waypoints_yaml(drift: Drift, *, frame: str = "map") -> bytes:
     return _stamped(poses, frame)
 
 
-@arguments_checked()
 def poses_csv(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> bytes:
     """Poses along the route with the covariance of the estimate there, as ``geometry_msgs/PoseWithCovariance`` needs
     it (its mean is off by the bias), after a comment with their frame: ``pandas.read_csv(file, comment="#")``.
@@ -194,7 +191,6 @@ def poses_csv(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> b
     return "\n".join([head(frame) + ",".join(columns), *lines, ""]).encode()
 
 
-@arguments_checked()
 def poses_yaml(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> bytes:
     """The same as messages ``geometry_msgs/PoseWithCovarianceStamped``, which a ``nav_msgs/Path`` has no room for;
     `read_path` reads the poses back. Of the covariances those of x, y and of the yaw are known.
@@ -230,7 +226,7 @@ def read_ros_path(file: Path) -> Floats:
                 q = np.array([float(pose["orientation"].get(name, 0.0)) for name in "xyzw"])
             except (AttributeError, KeyError, TypeError):
                 raise ValueError("expected position x, y and orientation x, y, z, w") from None
-            if np.abs(q).max() > 2 or abs(np.linalg.norm(q) - 1) > 0.01 or np.hypot(q[0], q[1]) > 0.05:
+            if not np.abs(q).max() <= 2 or abs(np.linalg.norm(q) - 1) > 0.01 or np.hypot(q[0], q[1]) > 0.05:
                 raise ValueError(f"expected a unit quaternion about z, got {q.tolist()}")
             poses[k] = x, y, 2 * np.arctan2(q[2], q[3])
     if not np.isfinite(poses).all():

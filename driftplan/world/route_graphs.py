@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, Ints, arguments_checked, point_of
+from driftplan.arrays import Floats, Ints, point_of, points_of
 from driftplan.errors import MapError, naming
 from driftplan.files import VERSION, plain_numbers, read_bytes
 from driftplan.world.building_map import building_lanes
@@ -57,7 +57,10 @@ class RouteGraph:
     @classmethod
     def of_routes(cls, routes: Sequence[Floats]) -> RouteGraph:
         """The corners of routes, and their legs."""
-        legs = np.concatenate([np.stack([route[:-1], route[1:]], axis=1) for route in routes])
+        if len(routes) == 0:
+            raise ValueError("expected one route or more, got none")
+        paths = [points_of("a route", route) for route in routes]
+        legs = np.concatenate([np.stack([path[:-1], path[1:]], axis=-2).reshape(-1, 2, 2) for path in paths])
         xy, ends = np.unique(legs.reshape(-1, 2), axis=0, return_inverse=True)
         edges = np.unique(ends.reshape(-1, 2), axis=0)
         return cls.numbered(xy, edges)
@@ -153,7 +156,6 @@ def _read_nav2(file: Path) -> RouteGraph:
     return RouteGraph(tuple(nodes), xy, edge_ids, ends, tuple(metadata), text=text)
 
 
-@arguments_checked()
 def graph_lif(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = (), marks: Sequence[Mark] = ()) -> bytes:
     """A graph as a layout in LIF, with metadata ``added`` to the descriptions of edges and beacons as stations.
 
@@ -165,7 +167,6 @@ def graph_lif(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = (), marks:
     return lif_bytes(graph.xy, graph.edges, graph.node_ids, graph.edge_ids, added, marks)
 
 
-@arguments_checked()
 def graph_geojson(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = ()) -> bytes:
     """A graph as nav2's route server reads it, with metadata ``added`` to its edges, in their order.
 

@@ -16,7 +16,18 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely import MultiPolygon, Polygon
 
-from driftplan.arrays import Bools, Floats, Ints, bounds_of, instance, not_negative, point_of, points_of, positive
+from driftplan.arrays import (
+    Bools,
+    Floats,
+    Ints,
+    bounds_of,
+    instance,
+    not_negative,
+    number,
+    point_of,
+    points_of,
+    positive,
+)
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.inflation import Inflation
 from driftplan.world.shapes import PreparedArea, polygon_of
@@ -107,6 +118,7 @@ class World:
         zones: Iterable[Zone] = (),
     ) -> World:
         """A world whose bounds are those of the ``ground``, outside of which everything is an obstacle."""
+        instance("ground", ground, Polygon, MultiPolygon)
         outside = shapely.box(*ground.bounds).difference(ground)
         walls = [*obstacles, *([] if outside.is_empty else [outside])]
         return cls.from_polygons(walls, bounds=ground.bounds, robot_radius=robot_radius, zones=zones)
@@ -144,11 +156,17 @@ class World:
 
     def point_free(self, x: float, y: float) -> bool:
         """The answer of `is_free` for one point, at the least cost per call."""
-        return self._inflation.point_free(x, y)
+        try:
+            return self._inflation.point_free(x, y)
+        except (TypeError, ValueError):
+            return self._inflation.point_free(number("x", x), number("y", y))
 
     def segment_free(self, x0: float, y0: float, x1: float, y1: float) -> bool:
         """The answer of `segments_free` for one segment, at the least cost per call."""
-        return self._inflation.segment_free(x0, y0, x1, y1)
+        try:
+            return self._inflation.segment_free(x0, y0, x1, y1)
+        except (TypeError, ValueError):
+            return self._inflation.segment_free(*point_of("x0, y0", (x0, y0)), *point_of("x1, y1", (x1, y1)))
 
     def free_part(self, xy: ArrayLike) -> Ints:
         """Index into `free_parts` of the part that each of the points ``(..., 2)`` is in; -1 where not free.

@@ -153,7 +153,7 @@ class Zone:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "polygon", polygon_of("zone polygon", self.polygon))
-        instance("the noise of a zone", self.noise, OdometryNoise)
+        instance("noise", self.noise, OdometryNoise)
 
     @cached_property
     def sides(self) -> Floats:

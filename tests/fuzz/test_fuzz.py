@@ -66,3 +66,8 @@ def test_broken_files_of_every_format_are_read_or_refused_by_name(tmp_path):
 def test_broken_command_lines_end_as_documented():
     status, said = run("commands", SEED, COUNT // 20 or 300)
     assert status == 0, said
+
+
+@pytest.mark.slow
+def test_calls_with_anything_end_as_documented():
+    assert run("calls", SEED, COUNT or 1500) == (0, "")

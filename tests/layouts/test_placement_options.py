@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import shapely
 
+from driftplan import beacon_tradeoff, place_beacons
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import beacon_passes, drift_with_beacons
 from driftplan.errors import InfeasibleError, KeywordError
-from driftplan.layouts.place import beacon_tradeoff, place_beacons
 from driftplan.layouts.placement import covering
 from driftplan.layouts.placement.relaxation import Solution
 from driftplan.layouts.sites import SiteGroup, Sites, grid_sites, route_sites, wall_sites

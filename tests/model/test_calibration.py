@@ -640,7 +640,7 @@ def test_arguments_out_of_range_are_refused():
             fit_noise(log, truth, parameters=wrong)
     with pytest.raises(ValueError, match=r"expected confidence in \(0, 1\), got 95"):
         fit_noise(log, truth, confidence=95)
-    with pytest.raises(ValueError, match="expected resamples >= 100, got 10"):
+    with pytest.raises(ValueError, match="expected resamples a whole number >= 100, got 10"):
         fit_noise(log, truth, resamples=10)
     with pytest.raises(ValueError, match="expected lengths_m > 0"):
         fit_noise(log, truth, lengths_m=[0.0, 1.0])

@@ -71,8 +71,8 @@ def test_bad_steps_say_what_was_expected(changed, message):
 @pytest.mark.parametrize(
     ("path", "step", "message"),
     [
-        ([(0, 0, 0), (1, 0, 0)], 0.0, "step_m > 0, in metres, got 0.0"),
-        ([(0, 0, 0), (1, 0, 0)], float("nan"), "step_m > 0"),
+        ([(0, 0, 0), (1, 0, 0)], 0.0, "step_m > 0, got 0.0"),
+        ([(0, 0, 0), (1, 0, 0)], float("nan"), "step_m finite"),
         ([(0, 0, 0), (1, 0, 0)], 1e-12, "at most 50000000 steps, got 1e"),
         ([(0, 0, 0), (0, 0, 0)], 1.0, "two different places"),
         ([(0, 0, 0), (1, 0, np.inf)], 1.0, "waypoints finite"),

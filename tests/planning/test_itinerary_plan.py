@@ -5,14 +5,14 @@ import re
 import numpy as np
 import pytest
 
+from driftplan import pareto_routes, plan_route
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import KeywordError, PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.comparison import compare_routes
-from driftplan.planning.pareto import knee, non_dominated, pareto_routes
+from driftplan.planning.pareto import knee, non_dominated
 from driftplan.planning.request import DriftLimit, Planner
-from driftplan.planning.routes import plan_route
 from driftplan.world.world import World
 
 NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.1, after_m=10.0)

@@ -396,7 +396,7 @@ def test_bad_arguments_are_refused():
         world.zone_pieces([1, 2], [3, 4])
     with pytest.raises(ValueError, match="tolerance_m > 0, got 0"):
         world.corners(0)
-    with pytest.raises(ArgumentError, match=r"noise of a zone to be an OdometryNoise, got 0\.1"):
+    with pytest.raises(ArgumentError, match=r"noise to be an OdometryNoise, got 0\.1"):
         Zone(shapely.box(0, 0, 1, 1), 0.1)
 
 

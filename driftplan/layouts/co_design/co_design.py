@@ -25,7 +25,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, arguments_checked, positive, whole
+from driftplan.arrays import Floats, positive, whole
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.co_design.design import CoDesign, Design, Trip, trips_of
@@ -45,7 +45,6 @@ _DETOUR_COST_SHARE = 2.0  # detours may cost so many times what the missing beac
 _PLACE_TIME_SHARE = 0.25  # of the time limit, for one placement at most
 
 
-@arguments_checked(limit=DriftLimit, sites=Sites)
 def co_design(
     world: World,
     trips: Sequence[Trip | tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, float]],

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Complexes, Floats
+from driftplan.arrays import Complexes, Floats, whole
 from driftplan.model.calibration.bootstrap import (
     between_drives,
     bootstrap,
@@ -236,8 +236,8 @@ def fit_noise(
     names = _checked_parameters(parameters)
     if not 0 < confidence < 1:
         raise ValueError(f"expected confidence in (0, 1), got {confidence!r}")
-    if isinstance(resamples, bool) or resamples < 100:
-        raise ValueError(f"expected resamples >= 100, got {resamples!r}")
+    whole("resamples", resamples, least=100)
+    whole("seed", seed, least=0)
     drives = drives_of(estimates, truths)
     offsets: MatchOptions = {"time_offset_s": time_offset_s, "heading_offset": heading_offset, "max_gap_s": max_gap_s}
     segments, matches = segment_set(drives, lengths_m=lengths_m, use_heading=use_heading, **offsets)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, arguments_checked
+from driftplan.arrays import Floats
 from driftplan.model.calibration.bootstrap import RmsSpread, systematic_errors
 from driftplan.model.calibration.chance import LEVELS, LIMITS, by_chance, normalised_squares, repetitions, tail_weight
 from driftplan.model.calibration.matched_drive import MatchOptions
@@ -133,7 +133,6 @@ class SegmentCheck(Tabular):
         return f"{head}\n{table(self.columns())}"
 
 
-@arguments_checked()
 def check_noise(
     noise: OdometryNoise,
     estimates: Estimate | Sequence[Estimate],

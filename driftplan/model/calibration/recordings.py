@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Bools, Complexes, Floats, finite
+from driftplan.arrays import Bools, Complexes, Floats, finite, whole
 from driftplan.model.paths import wrap
 
 _STANDING = 0.02  # of the usual speed and turn rate: slower is standing,
@@ -227,7 +227,7 @@ class Trajectory:
             object.__setattr__(self, "heading", np.unwrap(heading[keep]))
         object.__setattr__(self, "times", times[keep])
         object.__setattr__(self, "xy", xy[keep])
-        object.__setattr__(self, "repeated", self.repeated + int((~keep).sum()))
+        object.__setattr__(self, "repeated", whole("repeated", self.repeated, least=0) + int((~keep).sum()))
 
     @property
     def positions(self) -> Complexes:

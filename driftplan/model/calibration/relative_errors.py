@@ -100,7 +100,7 @@ def relative_errors(
     >>> [round(row.translation_percent, 2) for row in errors.lengths]  # of segments of 11 and 51 m, per 10 and 50 m
     [2.2, 2.04]
     """
-    if pairs not in get_args(Pairs):
+    if not isinstance(pairs, str) or pairs not in get_args(Pairs):
         raise ValueError(f"expected pairs one of {get_args(Pairs)}, got {pairs!r}")
     step = whole("step", step, least=1)
     estimated, true = _matrices("estimate", estimate), _matrices("truth", truth)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, finite
+from driftplan.arrays import Floats, finite, positive
 from driftplan.model.noise import steps_in
 from driftplan.model.spatial.rotations import RotationNoise, checked_covariance, orthonormal
 
@@ -35,8 +35,7 @@ def flight_steps(waypoints: ArrayLike, step_m: float) -> tuple[Floats, Floats]:
            [1., 0., 0.]])
     """
     path = checked_array("waypoints", waypoints, (None, 3), "n waypoints in metres, shape (n, 3)")
-    if not (np.ndim(step_m) == 0 and np.isfinite(step_m) and step_m > 0):
-        raise ValueError(f"expected step_m > 0, in metres, got {step_m!r}")
+    step_m = positive("step_m", step_m)
     legs = np.diff(path, axis=0)
     lengths = np.linalg.norm(legs, axis=-1)
     legs, lengths = legs[lengths > 0], lengths[lengths > 0]

@@ -11,7 +11,6 @@ from typing import Any
 
 from ompl import base as ob
 
-from driftplan.arrays import arguments_checked
 from driftplan.planning.ompl.curves import after_arc
 from driftplan.planning.ompl.spaces import CurveFinder, SpaceKind, space_kind
 from driftplan.world.world import World
@@ -88,7 +87,6 @@ class CurveMotionValidator(ob.MotionValidator):
         return True
 
 
-@arguments_checked()
 def use_world(si: ob.SpaceInformation, world: World) -> None:
     """Make an OMPL SpaceInformation check states and motions against ``world``.
 

@@ -73,15 +73,18 @@ class DriftObjective(ob.OptimizationObjective):
     """
 
     def __init__(
-        self, si: Any, noise: OdometryNoise, goal: Any, world: World | None = None, *, length_weight: float = 0.0
+        self,
+        si: ob.SpaceInformation,
+        noise: OdometryNoise,
+        goal: Any,
+        world: World | None = None,
+        *,
+        length_weight: float = 0.0,
     ) -> None:
-        instance("si", si, ob.SpaceInformation)
-        instance("world", world, World, type(None))
         super().__init__(si)
         space = si.getStateSpace()
         kind = space_kind(space)
-        if not isinstance(noise, OdometryNoise):
-            raise ValueError(f"expected an OdometryNoise, got {noise!r}")
+        instance("noise", noise, OdometryNoise)
         if not (isfinite(length_weight) and length_weight >= 0):
             raise ValueError(f"expected length_weight >= 0 m²/m, got {length_weight!r}")
         check_floor_plan(world, kind)

@@ -14,7 +14,6 @@ from ompl import base as ob
 from ompl import control as oc
 from ompl import geometric as og
 
-from driftplan.arrays import arguments_checked
 from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Runs
@@ -37,7 +36,6 @@ class _Leg(NamedTuple):
     noise: OdometryNoise
 
 
-@arguments_checked()
 def predict_ompl_path(
     path: og.PathGeometric | oc.PathControl, si: ob.SpaceInformation, noise: OdometryNoise, world: World | None = None
 ) -> Drift | SpatialDrift:

@@ -9,7 +9,7 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from driftplan.arrays import Floats, arguments_checked
+from driftplan.arrays import Floats
 from driftplan.planning.ompl.collision import CurveMotionValidator, StraightMotionValidator
 from driftplan.planning.ompl.roadmap_problem import ClippedWorld, box_of, target_of
 from driftplan.planning.ompl.spaces import SpaceKind, space_kind
@@ -20,7 +20,6 @@ from driftplan.world.world import World
 _STATES = 40  # of a path's, between which shortcuts are tried
 
 
-@arguments_checked()
 def polish_ompl_path(path: og.PathGeometric, objective: ob.OptimizationObjective, world: World) -> Any:
     """An OMPL path between the same two states that costs no more, and mostly less, than the one given.
 

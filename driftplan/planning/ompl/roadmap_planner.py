@@ -12,7 +12,7 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from driftplan.arrays import Floats, Ints, arguments_checked, whole
+from driftplan.arrays import Floats, Ints, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
@@ -30,7 +30,6 @@ from driftplan.world.world import World
 _SAME_PLACE = 1e-9  # m: how far the problem's goal may be from the one that the objective weighs drift by
 
 
-@arguments_checked(max_drift=DriftLimit)
 class RoadmapPlanner(ob.Planner):
     """Plans straight runs and turns on the spot over a growing roadmap: near the optimum long before trees are.
 
@@ -108,8 +107,8 @@ class RoadmapPlanner(ob.Planner):
 
     def __init__(
         self,
-        si: Any,
-        objective: Any = None,
+        si: ob.SpaceInformation,
+        objective: ob.OptimizationObjective | None = None,
         world: World | None = None,
         *,
         beacons: Sequence[Beacon] = (),

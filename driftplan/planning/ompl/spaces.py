@@ -171,7 +171,7 @@ def goal_points(goal: Any, kind: SpaceKind) -> list[tuple[float, ...]]:
         )
     try:
         return [tuple(float(v) for v in np.asarray(goal, dtype=float))]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"expected goal to be a point in metres or an OMPL state or goal, got {goal!r}") from None
 
 

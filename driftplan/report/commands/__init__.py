@@ -3,7 +3,8 @@
 option, shared, answer          what an option is; options of several subcommands; what is printed and written
 demo, demo_beacons              the bundled maps planned, compared and drawn; the tags of the demo
 predict, plan, compare, place, design, fit, studio, graph,
-study, maps, examples, completion
+study, maps, examples, selftest,
+completion
                                 the subcommand of this name
 """
 
@@ -21,6 +22,7 @@ from driftplan.report.commands import (
     place,
     plan,
     predict,
+    selftest,
     studio,
     study,
 )
@@ -28,5 +30,20 @@ from driftplan.report.commands.option import Command
 
 COMMANDS: dict[str, Command] = {
     module.COMMAND.name: module.COMMAND
-    for module in (demo, predict, plan, compare, place, design, fit, studio, graph, study, maps, examples, completion)
+    for module in (
+        demo,
+        predict,
+        plan,
+        compare,
+        place,
+        design,
+        fit,
+        studio,
+        graph,
+        study,
+        maps,
+        examples,
+        selftest,
+        completion,
+    )
 }

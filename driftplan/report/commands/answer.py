@@ -34,6 +34,7 @@ class Answer:
     payload: Callable[[], dict[str, Any]]
     text: Callable[[], str]
     files: Mapping[str | Path, Callable[[], bytes | Figure]] = field(default_factory=dict)
+    failed: bool = False  # what was asked is answered with no: exit code 1
 
 
 STDOUT = Path("-")

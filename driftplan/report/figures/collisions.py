@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from driftplan.arrays import arguments_checked
 from driftplan.report.figures import style
 from driftplan.report.figures.maps import plot_world
 
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from driftplan.world.world import World
 
 
-@arguments_checked()
 def plot_collisions(world: World, chance: CollisionChance, *, figure: Figure | None = None) -> Figure:
     """The route on the map, the darker the likelier the robot is in a wall there, and that chance against the distance
     with the share of simulated drives that have touched a wall by then.

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from math import floor, log10
 from typing import TYPE_CHECKING, Any
 
-from driftplan.arrays import arguments_checked
 from driftplan.report.figures import style
 from driftplan.report.figures.drift import plot_drift
 from driftplan.report.figures.ellipses import magnification
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
     from driftplan.world.world import World
 
 
-@arguments_checked()
 def plot_comparison(
     world: World | None, routes: Mapping[str, Route | Drift], *, figure: Figure | None = None, confidence: float = 0.95
 ) -> Figure:

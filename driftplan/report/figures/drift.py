@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from driftplan.arrays import arguments_checked
 from driftplan.report.figures import style
 from driftplan.report.figures.maps import drift_of, mark_spacing_of, marked_profile
 
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from driftplan.planning.routes import Route
 
 
-@arguments_checked()
 def plot_drift(
     route: Route | Drift,
     *,

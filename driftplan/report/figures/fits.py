@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from driftplan.arrays import arguments_checked
 from driftplan.model.calibration.chance import LEVELS
 from driftplan.model.calibration.fit import NoiseFit
 from driftplan.model.calibration.noise_check import SegmentCheck
@@ -31,7 +30,6 @@ def _looks(count: int) -> list[dict[str, str]]:
     return [{"color": _COLOURS[k % len(_COLOURS)], "marker": _MARKERS[k % len(_MARKERS)]} for k in range(count)]
 
 
-@arguments_checked()
 def plot_fit(
     fit: NoiseFit, others: Mapping[str, SegmentCheck] | None = None, *, figure: Figure | None = None
 ) -> Figure:

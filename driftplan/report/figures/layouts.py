@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Floats, arguments_checked
+from driftplan.arrays import Floats, whole
 from driftplan.report.figures import style
 from driftplan.report.figures.maps import plot_beacons, plot_world
 from driftplan.tables import counted
@@ -49,7 +49,6 @@ def route_segments(layout: Layout) -> tuple[Floats, Floats]:
     return np.concatenate(segments), np.concatenate(values)
 
 
-@arguments_checked()
 def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True, **line_kwargs: Any) -> LayoutArtists:
     """Draw a layout on its map: beacons with their ranges and ids, routes coloured by their drift.
 
@@ -105,7 +104,6 @@ def _drift_colours() -> Any:
     return ListedColormap(colormaps["viridis_r"](np.linspace(0.15, 1.0, 256)), name="drift")
 
 
-@arguments_checked()
 def plot_sawtooth(
     layout: Layout, *, routes: Sequence[int] | None = None, ax: Axes | None = None, **line_kwargs: Any
 ) -> list[Line2D]:
@@ -129,6 +127,8 @@ def plot_sawtooth(
     ax = style.current_axes(ax)
     share = np.array(layout.worst_drifts) / np.array(layout.max_drift)
     chosen = list(np.argsort(-share, kind="stable")[:_MAX_ROUTES]) if routes is None else list(routes)
+    if not all(whole("a route", r, least=0) < len(share) for r in chosen):
+        raise ValueError(f"expected routes of {len(share)}, counted from 0, got {chosen}")
     lines: list[Line2D] = []
     for r in range(len(layout.drifts)) if routes is None else ():
         if r not in chosen:
@@ -146,7 +146,6 @@ def plot_sawtooth(
     return lines
 
 
-@arguments_checked()
 def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwargs: Any) -> Line2D:
     """Draw the worst drift that a number of beacons can hold, as from `driftplan.layouts.place.beacon_tradeoff`; points
     not proven to be the best are hollow.
@@ -179,7 +178,6 @@ def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwa
     return line
 
 
-@arguments_checked()
 def plot_importance(layout: Layout, *, ax: Axes | None = None, **bar_kwargs: Any) -> BarContainer:
     """Draw, for every beacon, the worst drift on any route if it alone is dead, and the limit.
 
@@ -208,7 +206,6 @@ def plot_importance(layout: Layout, *, ax: Axes | None = None, **bar_kwargs: Any
     return bars
 
 
-@arguments_checked()
 def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
     """The layout on its map, the sawtooth of its routes and the importance of its beacons, in one figure.
 

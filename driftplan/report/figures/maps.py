@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Floats, arguments_checked
+from driftplan.arrays import Floats
 from driftplan.model.drift import Drift, PointDrift
 from driftplan.report.figures import style
 from driftplan.report.figures.ellipses import error_ellipse, magnification, mark_distances, mark_spacing
@@ -42,7 +42,6 @@ class RouteArtists(NamedTuple):
     goal: Line2D
 
 
-@arguments_checked()
 def plot_world(world: World, *, ax: Axes | None = None, **obstacle_kwargs: Any) -> WorldArtists:
     """Draw a map: obstacles as drawn (not inflated), zones hatched, axes in metres and of equal scale.
 
@@ -69,7 +68,6 @@ def plot_world(world: World, *, ax: Axes | None = None, **obstacle_kwargs: Any) 
     return WorldArtists(obstacles, zones)
 
 
-@arguments_checked()
 def plot_route(
     route: Route | Drift,
     *,
@@ -190,7 +188,6 @@ def _range_of(beacon: Beacon, **look: Any) -> Patch:
     return Wedge(beacon.xy.tolist(), beacon.kind.range_m, beacon.facing_deg - half, beacon.facing_deg + half, **look)
 
 
-@arguments_checked()
 def drift_of(route: Route | Drift) -> Drift:
     return route if isinstance(route, Drift) else route.drift
 

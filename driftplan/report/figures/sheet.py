@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from driftplan.arrays import arguments_checked
 from driftplan.files import head
 from driftplan.layouts.layout import Layout, installer_columns, installer_table
 from driftplan.report.figures import style
@@ -30,7 +29,6 @@ _MM_PER_INCH = 25.4
 _ROW_MM, _LEAST_ROW_MM = 5.0, 2.4
 
 
-@arguments_checked()
 def layout_pdf(layout: Layout) -> bytes:
     """The sheet as PDF, one page A3, to be printed as it is: `layout_sheet`.
 
