@@ -195,6 +195,12 @@ def _stacked(states: list[tuple[Any, ...]], columns: int) -> FilterState:
 
 def _drive(P: list[Any], mean: list[Any] | None, leg: LegColumns) -> None:
     """One leg, in place."""
+    if len(P) == 6 and mean is None:  # what follows, in the same order, in a third of the time
+        (xx, xy, xt, yy, yt, tt), (a, b), (c, d, e, f, g, h) = P, leg.transition, leg.gain
+        old_xt, old_yt, xt, yt = xt, yt, xt + a * tt, yt + b * tt
+        xy = xy + a * old_yt + b * xt
+        P[:] = xx + a * (old_xt + xt) + c, xy + d, xt + e, yy + b * (old_yt + yt) + f, yt + g, tt + h
+        return
     additions = _entries(len(P)).row_additions
     for a, (_, _, ik, ii, others) in zip(leg.transition, additions, strict=True):
         old = P[ik]

@@ -2,7 +2,7 @@
 //
 // A scene is what examples/guide/studio.md describes; it is never changed in place: an edit makes a new scene that
 // shares what stayed, and what is shared is not computed again.
-import { fullNoise } from "./elements.js";
+import { fullNoise, kept } from "./elements.js";
 import { predict } from "./drift.js";
 import { cutAtZones, legsOf, passesOf, readingsOf, Walls } from "./passes.js";
 
@@ -22,7 +22,7 @@ export class Calculator {
     const depends = [scene.noise, scene.zones, scene.start_fix];
     let drift = known?.drift;
     if (!known || depends.some((x, k) => x !== known.depends[k]) || !same(read, known.read)) {
-      drift = this.computed(scene, route, read.flat(), estimator);
+      drift = this.predicted(scene, route, read.flat(), estimator);
     }
     this.drifts[estimator].set(route, { beacons: scene.beacons, read, depends, drift });
     return drift;
@@ -38,7 +38,10 @@ export class Calculator {
     return found;
   }
 
-  computed(scene, route, readings, estimator) {
+  /** The same with these beacons instead, and not kept. */
+  computed(scene, route, beacons) { return this.predicted(scene, route, this.read(beacons, route).flat(), scene.estimator); }
+
+  predicted(scene, route, readings, estimator) {
     if (estimator === "reset" && readings.some(({ anchor }) => anchor)) return new Error(NEEDS_FILTER);
     const { points, zone } = this.floorOf(scene, route);
     const noises = zone.map((k) => this.full(k < 0 ? scene.noise : scene.zones[k].noise));
@@ -63,11 +66,6 @@ export class Calculator {
     const known = kept(this.readings, route, () => new WeakMap()), path = this.pathOf(route);
     return kept(known, beacon, () => readingsOf(path, beacon, passesOf(path, beacon, this.walls)));
   }
-}
-
-function kept(known, key, make) {
-  if (!known.has(key)) known.set(key, make());
-  return known.get(key);
 }
 
 function startReadings(fix) {

@@ -42,9 +42,8 @@ export class Chart {
     pen.font = `${12 * this.unit}px system-ui, sans-serif`;
     this.drawSome(pen, theme, routes.filter(({ k }) => !stays[k]), key, spacing);
     if (chosen) this.drawCursor(pen, theme, chosen.drift);
-    const broken = drifts[selected.route];
-    pen.fillStyle = theme.text;
-    if (broken instanceof Error) pen.fillText(broken.message, this.left + 8, TOP + 14);
+    const { message } = drifts[selected.route] ?? {};  // of an Error
+    if (message) Object.assign(pen, { fillStyle: theme.text }).fillText(message, this.left + 8, TOP + 14);
   }
 
   /** The curves of some routes, the selected one on top. */

@@ -1,6 +1,8 @@
 // Colours and symbols. Drift is told by lightness within one hue, what exceeds a limit by another hue and a thicker line:
 // both survive any colour blindness. Kinds of beacons differ in shape.
 
+import { exceeds } from "./drift.js";
+
 export const CLASSES = 8;
 
 /** The colours of the theme that is on, read from the style sheet. */
@@ -17,7 +19,7 @@ function mixed(from, to, share) { return `rgb(${from.map((x, k) => Math.round(x 
 
 /** The class of an rms, 0 to CLASSES - 1, or CLASSES where it exceeds the limit. */
 export function classOf(rms, limit, most) {
-  if (limit !== null && rms > limit * (1 + 1e-6)) return CLASSES;
+  if (exceeds(rms, limit)) return CLASSES;
   return Math.min(Math.floor(rms / Math.max(limit ?? most, 1e-12) * CLASSES), CLASSES - 1);
 }
 

@@ -12,7 +12,7 @@ from string import Template
 from driftplan.page.scene import Scene
 
 _MODULES = (  # each after those that it imports
-    *("moments", "elements", "estimators", "passes", "drift", "calculator", "session", "files"),
+    *("moments", "elements", "estimators", "passes", "drift", "calculator", "session", "files", "handover"),
     *("colours", "dom", "map", "chart", "panel", "studio", "host"),
 )
 _IMPORT, _EXPORT = re.compile(r"^import [^;]*;\n", re.MULTILINE), re.compile(r"^export (?!default)", re.MULTILINE)

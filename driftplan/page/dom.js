@@ -6,6 +6,8 @@ export const CURVE_PIXELS = 4;  // between points of a drawn curve
 /** An element with attributes, listeners (functions under names such as onclick) and children. */
 export function el(tag, attributes = {}, ...children) { return filled(document.createElement(tag), attributes, children); }
 
+export function button(text, onclick, attributes = {}) { return el("button", { type: "button", onclick, ...attributes }, text); }
+
 export function svg(tag, attributes = {}, ...children) { return filled(document.createElementNS(SVG, tag), attributes, children); }
 
 function filled(element, attributes, children) {
@@ -26,8 +28,8 @@ export function roundNumber(x, steps, fits = (step) => step >= x * (1 - 1e-9)) {
 }
 
 /** Hand a text to the browser to save. */
-export function save(name, text, type = "text/plain") {
-  const url = URL.createObjectURL(new Blob([text], { type })), link = el("a", { href: url, download: name });
+export function save(name, text) {
+  const url = URL.createObjectURL(new Blob([text])), link = el("a", { href: url, download: name });
   link.click();
   setTimeout(() => URL.revokeObjectURL(url), 1000);
 }

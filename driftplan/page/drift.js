@@ -174,19 +174,21 @@ class Drift {
   /** Stretches on which the rms exceeds a limit, [from, to] in metres. */
   above(limit, spacing) {
     const found = [];
+    let open = false;
     for (const [s, rms] of this.curve(spacing)) {
-      const last = found[found.length - 1];
-      if (rms > limit * (1 + 1e-6)) {
-        if (last && last.open) last.to = s;
-        else found.push({ from: s, to: s, open: true });
-      } else if (last) last.open = false;
+      if (!exceeds(rms, limit)) open = false;
+      else if (open) found.at(-1)[1] = s;
+      else open = found.push([s, s]) > 0;
     }
-    return found.map(({ from, to }) => [from, to]);
+    return found;
   }
 
   /** Where the robot is after s metres. */
   place(s) { return placeAt(this.path, s); }
 }
+
+/** Whether a drift is beyond a limit, null where there is none. */
+export function exceeds(rms, limit) { return limit !== null && rms > limit * (1 + 1e-6); }
 
 const root = (square) => Math.sqrt(Math.max(square, 0));
 

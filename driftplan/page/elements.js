@@ -12,6 +12,12 @@ export const SYSTEMATIC = ["heading_bias_per_m", "heading_bias_per_rad", "distan
 export const SPREADS = ["heading_bias_std_per_m", "heading_bias_std_per_rad", "distance_scale_std"];
 export const NOISE_FIELDS = [...RATES, "heading_distance_corr", ...SYSTEMATIC, ...SPREADS];
 
+/** What is known of a key, made where it is not. */
+export function kept(known, key, make) {
+  if (!known.has(key)) known.set(key, make());
+  return known.get(key);
+}
+
 /** All fields of a noise. */
 export function fullNoise(said) { return Object.fromEntries(NOISE_FIELDS.map((name) => [name, said[name] ?? 0])); }
 
@@ -48,15 +54,10 @@ function turnMoments(turn, noise) {
   }
   const v = noise.heading_var_per_rad * angle, spread = noise.distance_var_per_rad * angle;
   const mean = noise.heading_bias_per_rad * turn;
-  let d1 = [Math.expm1(-v / 2), 0], d2 = [Math.expm1(-2 * v) - 2 * d1[0], 0];
-  if (mean !== 0) {  // g = exp(j mean) - 1, w = 1 + g
-    const g = expm1(0, mean), wr = 1 + g[0], wi = g[1], s = 2 * d1[0], t = d2[0];
-    d2 = [g[0] * g[0] - g[1] * g[1] + s * (g[0] * wr - g[1] * wi) + t * (wr * wr - wi * wi),
-      2 * g[0] * g[1] + s * (g[0] * wi + g[1] * wr) + t * 2 * wr * wi];
-    d1 = [g[0] + wr * d1[0], g[1] + wi * d1[0]];
-  }
+  const d1 = Math.expm1(-v / 2), d2 = Math.expm1(-2 * v) - 2 * d1, g = expm1(0, mean);
   const swept = spread > 0 ? phi(-2 * v, 2 * (turn + mean)) : [0, 0];
-  return [Math.cos(turn), Math.sin(turn), 0, 0, ...d1, ...d2, -2 * d1[0], 0, 0, spread, spread * swept[0], spread * swept[1], 0, 0, 0, 0];
+  const random = [Math.cos(turn), Math.sin(turn), 0, 0, d1, 0, d2, 0, -2 * d1, 0, 0, spread, spread * swept[0], spread * swept[1], 0, 0, 0, 0];
+  return mean === 0 ? random : compose(random, [1, 0, 0, 0, ...g, ...mul(g, g), -2 * g[0], 0, 0, 0, 0, 0, 0, 0, 0, 0]);
 }
 
 /** Moments of a turn on the spot and then a straight run, rad and metres. */

@@ -4,7 +4,7 @@
 // error(state): {N, e1, e2}, E|e|², E e, E e², and slope(state, noise). A reading: {square, skew, headingVar, chance, anchor,
 // rangeVar, bearingVar}, null where a thing is not measured.
 import { A, B, compose, D, D1, D2, E1, E2, N, nothing, P, U } from "./moments.js";
-import { fullNoise, legMoments, randomPart, SPREADS, SYSTEMATIC, turnsMatter } from "./elements.js";
+import { fullNoise, kept, legMoments, randomPart, SPREADS, SYSTEMATIC, turnsMatter } from "./elements.js";
 
 const SMALL = 2 ** -20;  // on standard deviations: the filter's covariances are the limit for small noise
 const KNOWN_SHARE = 1e-14, NEAREST_ANCHOR_M = 0.01;  // of filter_state.py and readings.py
@@ -60,12 +60,11 @@ class Resets {
   }
 }
 
+const THREE = [[-1.7320508075688772, 1 / 6], [0, 2 / 3], [1.7320508075688772, 1 / 6]];
 const NODES = [  // of a standard normal variable, and their weights
   [[-2.8569700138728056, 0.011257411327720691], [-1.355626179974266, 0.2220759220056126], [0, 0.5333333333333333],
     [1.355626179974266, 0.2220759220056126], [2.8569700138728056, 0.011257411327720691]],
-  [[-1.7320508075688772, 1 / 6], [0, 2 / 3], [1.7320508075688772, 1 / 6]],
-  [[-1.7320508075688772, 1 / 6], [0, 2 / 3], [1.7320508075688772, 1 / 6]],
-];
+  THREE, THREE];
 
 /** A few drives on which systematic errors differ, whose average is that over all drives of a robot that resets. */
 class AveragedResets {
@@ -82,8 +81,7 @@ class AveragedResets {
 
   /** The noise on every drive. */
   onDrives(noise) {
-    if (!this.known.has(noise)) this.known.set(noise, this.drives.map(({ z }) => onDrive(noise, z)));
-    return this.known.get(noise);
+    return kept(this.known, noise, () => this.drives.map(({ z }) => onDrive(noise, z)));
   }
 
   start(...pose) {
@@ -237,14 +235,9 @@ function driven(S, n, columns) {
 
 /** A state is measured: its row shrinks by a factor, no digit is lost. */
 function readAxis(S, mean, n, axis, variance) {
-  const g = S.slice(axis * n, axis * n + n), s = g[axis] + variance, weight = s > 0 ? 1 / s : 0;
-  for (let i = 0; i < n; i++) {
-    for (let j = 0; j < n; j++) if (i !== axis && j !== axis) S[i * n + j] -= g[i] * g[j] * weight;
-  }
-  const kept = variance * weight;
+  const g = S.slice(axis * n, axis * n + n), s = g[axis] + variance, kept = s > 0 ? variance / s : 0;
+  readRow(S, mean, n, [0, 1, 2].map((k) => Number(k === axis)), variance);
   for (let k = 0; k < n; k++) S[axis * n + k] = S[k * n + axis] = g[k] * kept;
-  const measured = mean[axis] * weight;
-  for (let k = 0; k < n; k++) mean[k] -= g[k] * measured;
 }
 
 /** h · (e_x, e_y, θ) is measured. */

@@ -3,11 +3,13 @@
 import { NOISE_FIELDS } from "./elements.js";
 import { KIND_NAMES, usualKind } from "./session.js";
 
+export const ABOUT = "# driftplan file version 1, frame map, metres\n";
 const CRS = { type: "name", properties: { name: 'LOCAL_CS["map frame",UNIT["metre",1]]' } };
-const KIND_FIELDS = { range_m: "number", position_std_m: "number", heading_std: "number", detection_probability: "number",
-  line_of_sight: "boolean", reading_spacing_m: "number", cost: "number", range_std_m: "number", bearing_std: "number",
-  std_per_m: "number", view_angle_deg: "number", sensor_view_deg: "number" };
 const MEASURED = ["position_std_m", "heading_std", "range_std_m", "bearing_std"];
+const KIND_FIELDS = ["range_m", ...MEASURED, "detection_probability", "line_of_sight", "reading_spacing_m", "cost", "std_per_m",
+  "view_angle_deg", "sensor_view_deg"];
+
+function expect(holds, what) { if (!holds) throw new Error(`expected ${what}`); }
 
 /** Beacons as `driftplan place --geojson` writes them; dead ones are left out. */
 export function beaconsAsGeojson(beacons) {
@@ -24,35 +26,26 @@ export function beaconsAsGeojson(beacons) {
 /** Beacons of such a file; an Error says what is wrong with it. */
 export function beaconsFromGeojson(text) {
   const said = JSON.parse(text);
-  if (!Array.isArray(said?.features)) throw new Error("expected a GeoJSON FeatureCollection of beacons");
-  if (/CRS84|4326/.test(JSON.stringify(said.crs ?? ""))) throw new Error("coordinates are in degrees; expected metres");
-  const found = [];
-  said.features.forEach((feature, k) => {
-    if (feature?.geometry?.type !== "Point") return;
-    const where = `feature ${k + 1}`, { id, kind, facing_deg, new: added, ...rest } = feature.properties ?? {};
-    const [x, y] = feature.geometry.coordinates ?? [];
-    if (!Number.isFinite(x) || !Number.isFinite(y)) throw new Error(`${where}: expected coordinates [x, y] in metres`);
-    const fields = {};
-    for (const [name, type] of Object.entries(KIND_FIELDS)) {
-      const value = rest[name] ?? null;
-      if (value === null) continue;
-      if (typeof value !== type || (type === "number" && !(value >= 0 && Number.isFinite(value)))) {
-        throw new Error(`${where}: expected ${name} to be a ${type} of 0 or more, got ${JSON.stringify(value)}`);
-      }
+  expect(Array.isArray(said?.features), "a GeoJSON FeatureCollection of beacons");
+  expect(!/CRS84|4326/.test(JSON.stringify(said.crs ?? "")), "coordinates in metres, got degrees");
+  const found = said.features.flatMap((feature, k) => {
+    if (feature?.geometry?.type !== "Point") return [];
+    const { id, kind, facing_deg = null, new: added, ...rest } = feature.properties ?? {}, where = `of feature ${k + 1}`;
+    const [x, y] = feature.geometry.coordinates ?? [], fields = {};
+    expect(Number.isFinite(x) && Number.isFinite(y), `coordinates ${where} to be [x, y] in metres`);
+    for (const [name, value] of KIND_FIELDS.map((one) => [one, rest[one] ?? null]).filter(([, held]) => held !== null)) {
+      const usable = name === "line_of_sight" ? typeof value === "boolean" : Number.isFinite(value) && value >= 0;
+      expect(usable, `${name} ${where} to be ${name === "line_of_sight" ? "true or false" : "a number of 0 or more"}, got ${JSON.stringify(value)}`);
       fields[name] = value;
     }
-    if (!(fields.range_m > 0) || !MEASURED.some((name) => name in fields)) {
-      throw new Error(`${where}: expected a beacon with range_m and what it measures (${MEASURED.join(", ")})`);
-    }
-    if ((facing_deg ?? null) === null ? fields.view_angle_deg < 360 : !Number.isFinite(facing_deg)) {
-      throw new Error(`${where}: expected facing_deg in degrees, and with a view_angle_deg, got ${JSON.stringify(facing_deg)}`);
-    }
-    const name = String(kind ?? "beacon"), { range_m: _, ...common } = usualKind(KIND_NAMES[0]);
-    delete common.position_std_m;
-    found.push({ id: String(id ?? ""), x, y, facing_deg: facing_deg ?? null, existing: added === false,
-      kind: { ...common, ...fields, name } });
+    expect(fields.range_m > 0 && MEASURED.some((name) => name in fields), `range_m and what is measured (${MEASURED.join(", ")}) ${where}`);
+    expect(facing_deg === null ? !(fields.view_angle_deg < 360) : Number.isFinite(facing_deg),
+      `facing_deg ${where} in degrees, and with a view_angle_deg, got ${JSON.stringify(facing_deg)}`);
+    const { range_m: _, position_std_m: __, ...common } = usualKind(KIND_NAMES[0]);
+    return { id: String(id ?? ""), x, y, facing_deg, existing: added === false,
+      kind: { ...common, ...fields, name: String(kind ?? "beacon") } };
   });
-  if (said.features.length && !found.length) throw new Error("expected at least one Point feature that is a beacon");
+  expect(found.length || !said.features.length, "at least one Point feature that is a beacon");
   return found;
 }
 
@@ -71,25 +64,22 @@ export function noiseFromYaml(text) {
     const words = line.replace(/#.*/, "").trim();
     if (!words || words === "{}" || words === "---") continue;
     const [, key, value] = /^(\w+):\s*(\S+)$/.exec(words) ?? [];
-    if (key === "step_m") throw new Error("noise per step (step_m) cannot be computed with here; use rates per metre");
-    if (!NOISE_FIELDS.includes(key) || !Number.isFinite(Number(value))) {
-      throw new Error(`expected lines such as heading_var_per_m: 1.0e-4, got ${JSON.stringify(words.slice(0, 60))}`);
-    }
+    expect(key !== "step_m", "rates per metre: noise per step (step_m) cannot be computed with here");
+    expect(NOISE_FIELDS.includes(key) && Number.isFinite(Number(value)), `lines such as heading_var_per_m: 1.0e-4, got ${JSON.stringify(words.slice(0, 60))}`);
     noise[key] = Number(value);
   }
-  if (NOISE_FIELDS.some((name) => /_var_|_std/.test(name) && noise[name] < 0)) throw new Error("expected variances of 0 or more");
+  expect(!NOISE_FIELDS.some((name) => /_var_|_std/.test(name) && noise[name] < 0), "variances of 0 or more");
   return noise;
 }
 
-export function routeAsCsv({ points }) { return `x,y\n${points.map((xy) => xy.join(",")).join("\n")}\n`; }
+export function routeAsCsv({ points }) { return `${ABOUT}x,y\n${points.map((xy) => xy.join(",")).join("\n")}\n`; }
 
 export function routeFromCsv(text) {
   const rows = text.split(/\r?\n/).map((line) => line.trim()).filter((line) => line && !line.startsWith("#"));
   const points = rows.map((row) => row.split(/[,;\s]+/).slice(0, 2).map(Number));
   if (/^["']?x["']?\s*[,;\s]\s*["']?y["']?([,;\s]|$)/i.test(rows[0])) points.shift();  // other columns and units are not guessed
-  if (points.length < 2 || points.some((xy) => xy.length < 2 || !xy.every(Number.isFinite))) {
-    throw new Error("expected waypoints x,y in metres, one per line, two at least");
-  }
+  const usable = points.length > 1 && points.every((xy) => xy.length === 2 && xy.every(Number.isFinite));
+  expect(usable, "waypoints x,y in metres, one per line, two at least");
   return points;
 }
 
@@ -103,9 +93,8 @@ export function asLink(scene) {
 
 /** The scene with the state of a link, or as it is where the link has none that makes sense. */
 export function withLink(scene, hash) {
-  const [, code] = /^#state=([\w=-]+)$/.exec(hash) ?? [];
-  if (!code) return scene;
   try {
+    const [, code] = /^#state=([\w=-]+)$/.exec(hash);
     const bytes = Uint8Array.from(atob(code.replace(/-/g, "+").replace(/_/g, "/")), (char) => char.charCodeAt(0));
     const state = JSON.parse(new TextDecoder().decode(bytes));
     beaconsFromGeojson(beaconsAsGeojson(state.beacons));  // these throw what makes no sense

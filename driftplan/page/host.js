@@ -1,10 +1,10 @@
 // Who answers what the page cannot compute: nobody in a file, the local server of `driftplan studio`, or a notebook.
+import { el } from "./dom.js";
 import { mount } from "./studio.js";
 
 /** A studio in a page of its own; it may ask the server that sent it, or nobody. */
 export function open({ asks, saves }) {
-  const scene = JSON.parse(document.getElementById("scene").textContent);
-  mount(document.getElementById("studio"), scene, asks ? { saves, ask: askServer } : null);
+  mount(document.getElementById("studio"), JSON.parse(document.getElementById("scene").textContent), asks ? { saves, ask: askServer } : null);
 }
 
 /** Answers come as lines of JSON: progress, then the answer or an error. */
@@ -33,13 +33,9 @@ export function render({ model, el: element }) {
   let asked = 0;
   model.on("msg:custom", ({ id, progress, answer, error }) => {
     const { resolve, reject, onProgress } = waiting.get(id) ?? {};
-    if (!resolve) return;  // it was stopped
-    if (progress) onProgress(progress);
-    else {
-      waiting.delete(id);
-      if (error) reject(new Error(error));
-      else resolve(answer);
-    }
+    if (progress) return onProgress?.(progress);  // nobody hears what was stopped
+    waiting.delete(id);
+    return error ? reject?.(new Error(error)) : resolve?.(answer);
   });
   const ask = (what, question, onProgress, signal) => new Promise((resolve, reject) => {
     const id = asked++;
@@ -51,9 +47,8 @@ export function render({ model, el: element }) {
     });
     model.send({ id, what, question });
   });
-  const root = document.createElement("div");
-  root.className = "in-notebook";
-  element.append(root);
+  const root = element.appendChild(el("div", { class: "in-notebook",  // its keys are not the notebook's: “x” would cut the cell
+    onfocusin: ({ target }) => target.setAttribute("data-lm-suppress-shortcuts", "") }));
   const studio = mount(root, model.get("scene"), { saves: false, ask });
   studio.session.listen(() => {
     if (studio.session.merging !== null) return;  // in the middle of a drag

@@ -13,12 +13,11 @@ export class MapView {
     this.base = el("canvas", { "aria-hidden": "true" });
     this.still = el("canvas", { "aria-hidden": "true" });
     this.live = el("canvas", { "aria-hidden": "true" });
-    this.ranges = svg("g");
     this.grips = svg("g");
     this.drawing = svg("g");
     this.overlay = svg("svg", { tabindex: "0", role: "application", class: "map-overlay",
       "aria-label": "Map. Arrow keys move the cross, Enter acts there, Tab goes to the beacons." },
-    this.ranges, this.drawing, this.grips);
+    this.drawing, this.grips);
     this.node = el("div", { class: "map" }, this.base, this.still, this.live, this.overlay);
     this.beacons = [];
     this.cross = null;
@@ -87,13 +86,17 @@ export class MapView {
   drawScaleBar(pen, theme) {
     const wanted = 120 / this.scale, size = roundNumber(wanted, [5, 2, 1], (step) => step <= wanted), x = 12, y = this.height - 12;
     const bar = new Path2D(`M${x} ${y - 5}V${y}H${x + size * this.scale}V${y - 5}`);
-    pen.font = `${12 * this.unit}px system-ui, sans-serif`;
-    [pen.fillStyle, pen.strokeStyle, pen.lineWidth] = [theme.text, theme.paper, 5];  // a halo, on whatever is below
-    pen.stroke(bar);
-    pen.strokeText(`${size} m`, x + 4, y - 8);
-    [pen.strokeStyle, pen.lineWidth] = [theme.text, 2];
-    pen.stroke(bar);
-    pen.fillText(`${size} m`, x + 4, y - 8);
+    for (const [strokeStyle, lineWidth] of [[theme.paper, 5], [theme.text, 2]]) Object.assign(pen, { strokeStyle, lineWidth }).stroke(bar);
+    this.write(pen, `${size} m`, x + 4, y - 8);
+  }
+
+  /** Letters with a halo, on whatever is below. */
+  write(pen, text, x, y) {
+    pen.save();
+    Object.assign(pen, { font: `${12 * this.unit}px system-ui, sans-serif`, fillStyle: this.theme.text, strokeStyle: this.theme.paper, lineWidth: 5 });
+    pen.strokeText(text, x, y);
+    pen.fillText(text, x, y);
+    pen.restore();
   }
 
   /** The routes that stay, where they are not drawn yet; above them those that change, highlights and the cursor. */
@@ -109,6 +112,8 @@ export class MapView {
     for (const points of this.studio.highlights) this.strokeLine(pen, points, this.theme.over, 12 * this.unit);
     pen.globalAlpha = 1;
     if (this.studio.cursor !== null && route && !(drift instanceof Error)) this.drawCursor(pen, drift);
+    if (this.studio.session.beacon) this.drawRange(pen, this.studio.session.beacon);
+    this.drawCross(pen);
   }
 
   cleared(canvas) {
@@ -209,6 +214,33 @@ export class MapView {
     pen.stroke();
   }
 
+  /** From where a beacon is read. */
+  drawRange(pen, { x, y, kind, facing_deg: facing }) {
+    const [px, py] = this.toScreen([x, y]), view = kind.view_angle_deg ?? 360;
+    const [from, to] = [view, -view].map((turn) => -((facing ?? 0) + turn / 2) * Math.PI / 180);
+    Object.assign(pen, { fillStyle: this.theme.accent, strokeStyle: this.theme.accent, lineWidth: 1, globalAlpha: 0.1 });
+    pen.beginPath();
+    if (view < 360) pen.moveTo(px, py);
+    pen.arc(px, py, kind.range_m * this.scale, from, to);
+    pen.closePath();
+    pen.fill();
+    pen.globalAlpha = 1;
+    pen.stroke();
+  }
+
+  /** The cross that keys move, and what a tool is drawing. */
+  drawCross(pen) {
+    const { drag } = this.studio.tools, line = new Path2D(), [x, y] = this.cross ? this.toScreen(this.cross) : [];
+    Object.assign(pen, { strokeStyle: this.theme.accent, lineWidth: 2 * this.unit });
+    if (this.cross) line.addPath(new Path2D(`M${x - 12} ${y}H${x + 12}M${x} ${y - 12}V${y + 12}`));
+    if (drag) {
+      const [[x0, y0], [x1, y1]] = [drag.from, drag.to].map((xy) => this.toScreen(xy));
+      line.addPath(new Path2D(drag.tool === "zone" ? `M${x0} ${y0}H${x1}V${y1}H${x0}Z` : `M${x0} ${y0}L${x1} ${y1}`));
+      this.write(pen, metres(Math.hypot(drag.to[0] - drag.from[0], drag.to[1] - drag.from[1]), 2), x1 + 10, y1 - 8);
+    }
+    pen.stroke(line);
+  }
+
   // What can be grasped
   updateOverlay({ scene }) {
     const { session } = this.studio, { selected } = session, view = [this.scale, this.centre, this.width, this.height].join();
@@ -219,10 +251,7 @@ export class MapView {
       if (grip.beacon !== beacon || grip.view !== view || grip.isSelected !== isSelected) this.place(grip, beacon, isSelected);
       Object.assign(grip, { beacon, view, isSelected });
     });
-    const chosen = session.beacon;
-    this.ranges.replaceChildren(...(chosen ? [this.rangeOf(chosen)] : []));
     this.updateWaypoints(session.route, selected.waypoint, view);
-    this.updateCross();
   }
 
   newGrip(k) {
@@ -249,14 +278,6 @@ export class MapView {
     label.textContent = isSelected || this.beacons.length <= 40 ? beacon.id : "";
   }
 
-  rangeOf({ x, y, kind, facing_deg: facing }) {
-    const [px, py] = this.toScreen([x, y]), radius = kind.range_m * this.scale, half = (kind.view_angle_deg ?? 360) / 2;
-    if (half >= 180) return svg("circle", { class: "range", cx: px, cy: py, r: radius });
-    const at = (deg) => { const a = deg * Math.PI / 180; return `${px + radius * Math.cos(a)} ${py - radius * Math.sin(a)}`; };
-    return svg("path", { class: "range",
-      d: `M${px} ${py}L${at(facing - half)}A${radius} ${radius} 0 ${half > 90 ? 1 : 0} 0 ${at(facing + half)}Z` });
-  }
-
   updateWaypoints(route, chosen, view) {
     const state = `${view} ${chosen}`;
     if (this.shownRoute === route && this.shownState === state) return;
@@ -273,26 +294,6 @@ export class MapView {
     });
     this.drawing.replaceChildren(...nodes);
     if (focused !== null && focused !== undefined) nodes[focused]?.focus();
-  }
-
-  updateCross() {
-    this.crossNode?.remove();
-    const { drag } = this.studio.tools;
-    this.crossNode = svg("g", { class: "cross" });
-    if (this.cross) {
-      const [x, y] = this.toScreen(this.cross);
-      this.crossNode.append(svg("path", { d: `M${x - 12} ${y}H${x + 12}M${x} ${y - 12}V${y + 12}` }));
-    }
-    if (drag) {
-      const [[x0, y0], [x1, y1]] = [drag.from, drag.to].map((xy) => this.toScreen(xy));
-      this.crossNode.append(drag.tool === "zone"
-        ? svg("rect", { x: Math.min(x0, x1), y: Math.min(y0, y1), width: Math.abs(x1 - x0), height: Math.abs(y1 - y0) })
-        : svg("path", { d: `M${x0} ${y0}L${x1} ${y1}` }));
-      const size = Math.hypot(drag.to[0] - drag.from[0], drag.to[1] - drag.from[1]), label = svg("text", { x: x1 + 10, y: y1 - 8 });
-      label.textContent = metres(size, 2);
-      this.crossNode.append(label);
-    }
-    this.overlay.append(this.crossNode);
   }
 
   // Mouse, pen and touch
@@ -320,21 +321,17 @@ export class MapView {
     this.overlay.addEventListener("pointerdown", (event) => {
       const { session, tools } = this.studio, screen = this.at(event), world = this.toWorld(screen);
       fingers.set(event.pointerId, screen);
-      const beacon = event.target.closest("[data-beacon]"), waypoint = event.target.closest("[data-waypoint]");
+      const grip = event.target.closest("[data-beacon], [data-waypoint]"), { beacon, waypoint } = grip?.dataset ?? {};
       this.overlay.setPointerCapture(event.pointerId);
       this.overlay.focus({ preventScroll: true });
-      if (event.button === 1 || event.altKey || (tools.tool === "select" && !beacon && !waypoint)) grasp = { pan: screen };
-      else if (tools.tool === "kill" && beacon) this.studio.toggle(Number(beacon.dataset.beacon), "dead");
-      else if (beacon && tools.tool === "select") {
-        const k = Number(beacon.dataset.beacon), { x, y } = session.scene.beacons[k];
-        beacon.focus();
-        session.select({ beacon: k, waypoint: null });
-        grasp = { beacon: k, off: [x - world[0], y - world[1]] };
-      } else if (waypoint && tools.tool === "select") {
-        waypoint.focus();
-        session.select({ waypoint: Number(waypoint.dataset.waypoint), beacon: null });
-        grasp = { waypoint: Number(waypoint.dataset.waypoint) };
-      } else if (tools.tool !== "kill") {
+      if (event.button === 1 || event.altKey || (tools.tool === "select" && !grip)) grasp = { pan: screen };
+      else if (tools.tool === "kill") beacon && this.studio.toggle(Number(beacon), "dead");
+      else if (tools.tool === "select") {
+        const held = session.scene.beacons[beacon];
+        grip.focus();
+        session.select({ beacon: held ? Number(beacon) : null, waypoint: held ? null : Number(waypoint) });
+        grasp = held ? { beacon: Number(beacon), off: [held.x - world[0], held.y - world[1]] } : { waypoint: Number(waypoint) };
+      } else {
         grasp = { tool: true };
         tools.press(this.snapped(world));
       }

@@ -1,6 +1,8 @@
 // The side of the page: the selected beacon, the routes and their verdicts, the odometry, floors, and files.
-import { el, save } from "./dom.js";
-import { beaconsFromGeojson, noiseAsYaml, noiseFromYaml, routeAsCsv, routeFromCsv } from "./files.js";
+import { button, el, save } from "./dom.js";
+import { exceeds } from "./drift.js";
+import { beaconsFromGeojson, noiseFromYaml, routeFromCsv } from "./files.js";
+import { WRITTEN } from "./handover.js";
 import { KIND_NAMES, usualKind, worse } from "./session.js";
 
 const DEG = Math.PI / 180;
@@ -19,17 +21,14 @@ const SLIDERS = [  // standard deviations a person can measure: label, rate, aft
   ["heading, deg per full turn", "heading_var_per_rad", 2 * Math.PI, DEG, 20],
 ];
 
-const OTHERS = ["installers.csv", "beacons.dxf", "tags.yaml", "map.txt", "transforms.sh"];  // as `driftplan place` writes them
-
 export class Panel {
   constructor(studio) {
     Object.assign(this, { studio, session: studio.session });
-    this.sections = [this.beaconSection(), this.routeSection(), this.noiseSection(), this.zoneSection(), this.fileSection()];
-    this.node = el("aside", { class: "panel", "aria-label": "Details" }, this.sections);
+    this.node = el("aside", { class: "panel", "aria-label": "Details" }, this.beaconSection(), this.routeSection(),
+      this.noiseSection(), this.zoneSection(), this.fileSection());
   }
 
   section(title, ...children) { return el("details", { open: true }, el("summary", {}, title), ...children); }
-  button(text, onclick, attributes = {}) { return el("button", { type: "button", onclick, ...attributes }, text); }
 
   beaconSection() {
     const { session } = this, selected = () => session.selected.beacon;
@@ -42,7 +41,7 @@ export class Panel {
     });
     this.seen = el("input", { type: "checkbox",
       onchange: () => session.changeBeacon(selected(), { kind: { ...session.beacon.kind, line_of_sight: this.seen.checked } }) });
-    const act = (text, key, action) => this.button(text, () => session.beacon && action(selected()), { "aria-keyshortcuts": key });
+    const act = (text, key, action) => button(text, () => session.beacon && action(selected()), { "aria-keyshortcuts": key });
     this.said = el("p", { class: "quiet" });
     this.form = el("div", { class: "fields" }, el("label", {}, "id", this.id), el("label", {}, "kind", this.kind),
       this.fields.map(({ row }) => row), el("label", {}, "walls block it", this.seen));
@@ -76,8 +75,8 @@ export class Panel {
     this.table = el("table", {}, el("thead", {}, el("tr", {}, heads)), this.rows);
     return this.section("Routes", this.table, el("div", { class: "row" }, el("label", {}, "limit of all, m", this.limit),
       el("label", {}, this.compared, "compare both estimators"),
-      this.button("Insert waypoint", () => session.route && session.insertWaypoint(session.selected.waypoint ?? 0)),
-      this.button("Remove waypoint", () => session.selected.waypoint !== null && session.removeWaypoint(session.selected.waypoint))));
+      button("Insert waypoint", () => session.route && session.insertWaypoint(session.selected.waypoint ?? 0)),
+      button("Remove waypoint", () => session.selected.waypoint !== null && session.removeWaypoint(session.selected.waypoint))));
   }
 
   setLimit(routes, text) {
@@ -123,33 +122,32 @@ export class Panel {
       if (file) this.load(file.name, await file.text());
       open.value = "";
     } });
-    const other = el("select", { "aria-label": "a file that Python writes" }, OTHERS.map((name) => el("option", { value: name }, name)));
-    const write = () => studio.ask("write", { name: other.value }, ({ text }) => save(other.value, text));
-    return this.section("Files", el("div", { class: "row" },
-      this.button("Beacons (.geojson)", () => save("beacons.geojson", studio.exported, "application/geo+json")),
-      this.button("Route (.csv)", () => session.route && save("route.csv", routeAsCsv(session.route), "text/csv")),
-      this.button("Noise (.yaml)", () => save("noise.yaml", noiseAsYaml(session.scene.noise), "application/yaml")),
-      this.button("Link to this state", () => studio.link())),
-    studio.host ? el("div", { class: "row" }, other, this.button("Write", write)) : null,
-    el("label", {}, "Open beacons, noise or a route ", open));
+    const names = [...Object.keys(WRITTEN), ...(studio.host ? ["beacons.dxf"] : [])];
+    const file = el("select", { "aria-label": "file to write" }, names.map((name) => el("option", { value: name }, name)));
+    const write = () => (WRITTEN[file.value] ? save(file.value, this.written(file.value))
+      : studio.ask("draw", {}, ({ text }) => save(file.value, text)));
+    return this.section("Files", el("div", { class: "row" }, file, button("Write", write), button("Link to this state", () => studio.link())),
+      el("label", {}, "Open beacons, noise or a route ", open), studio.host ? null
+        : el("p", { class: "quiet" }, "Drawings (DXF) and files of other programs need Python: driftplan studio."));
   }
+
+  /** The text of a file that `driftplan place` writes or reads. */
+  written(name) { return WRITTEN[name](this.studio); }
 
   /** Take over a file that `driftplan place` reads or writes, by its name; Python reads what the page cannot. */
   load(name, text) {
-    const { session } = this;
+    const { session, studio } = this, { scene, selected } = session, limit = session.route?.limit_m ?? null;
+    const take = (found) => {
+      Object.assign(selected, { beacon: null, waypoint: null, route: found.routes ? found.routes.length - 1 : selected.route });
+      session.edit(found);
+      studio.say(`read ${name}`);
+    };
     try {
-      if (/\.(geo)?json$/i.test(name)) session.edit({ beacons: beaconsFromGeojson(text) });
-      else if (/\.ya?ml$/i.test(name)) session.edit({ noise: noiseFromYaml(text) });
-      else session.addRoute({ name, points: routeFromCsv(text), limit_m: session.route?.limit_m ?? null });
-      session.select({ beacon: null, waypoint: null });
-      this.studio.say(`read ${name}`);
+      if (/\.(geo)?json$/i.test(name)) take({ beacons: beaconsFromGeojson(text) });
+      else if (/\.ya?ml$/i.test(name)) take({ noise: noiseFromYaml(text) });
+      else take({ routes: [...scene.routes, { name, points: routeFromCsv(text), limit_m: limit }] });
     } catch (error) {
-      if (!this.studio.host) return this.studio.say(`${name}: ${error.message}`);
-      return this.studio.ask("read", { name, text, kind: this.studio.kind }, (found) => {
-        Object.assign(session.selected, { beacon: null, waypoint: null });
-        session.edit(found);
-        this.studio.say(`read ${name}`);
-      });
+      return studio.host ? studio.ask("read", { name, text, kind: studio.kind }, take) : studio.say(`${name}: ${error.message}`);
     }
     return null;
   }
@@ -199,7 +197,7 @@ export class Panel {
       if (line.state?.every((x, i) => x === state[i])) return;
       line.state = state;
       line.name.textContent = route.name;
-      const broken = drifts[k] instanceof Error, { limit_m: limit } = route, over = limit !== null && worst[k] > limit * (1 + 1e-6);
+      const broken = drifts[k] instanceof Error, { limit_m: limit } = route, over = exceeds(worst[k], limit);
       cells[1].textContent = broken ? "–" : drifts[k].length.toFixed(1);
       cells[2].textContent = broken ? drifts[k].message : worst[k].toFixed(3);
       cells[3].textContent = others[k] instanceof Error ? others[k].message : others[k] ? otherWorst[k].toFixed(3) : "";
@@ -219,7 +217,7 @@ export class Panel {
         if (value > 0) session.change("zones", k, { factor: value, noise: worse(session.scene.noise, value) });
       } });
       return el("div", { class: "row" }, el("label", {}, `floor ${k + 1}, times the noise elsewhere`, factor),
-        this.button("Delete", () => session.remove("zones", k)));
+        button("Delete", () => session.remove("zones", k)));
     }));
   }
 }

@@ -6,12 +6,6 @@ const DECIMALS = 1e6, POINT_M = 1e-6, PAST_CORNER = 1e-9;  // rounding of distan
 
 const cross = (ax, ay, bx, by) => ax * by - ay * bx;
 
-/** Rounded to a micrometre, halves to even, as numpy rounds. */
-function micrometres(s) {
-  const x = s * DECIMALS, down = Math.floor(x), half = x - down;
-  return (half > 0.5 || (half === 0.5 && down % 2 !== 0) ? down + 1 : down) / DECIMALS;
-}
-
 /** In (-π, π], a half turn to the left. */
 export function wrap(angle) {
   const left = Math.PI + 1e-6, rest = (left - angle) % (2 * Math.PI);
@@ -66,11 +60,11 @@ export class Walls {
   seen(eye, a, b, length) {
     const [ex, ey] = eye, xs = [ex, a[0], b[0]], ys = [ey, a[1], b[1]];
     const edges = this.near(Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys));
-    if (edges.length === 0) return this.inside(ex, ey) ? [] : [[0, length]];
-    if (length < FLAT) return this.inside(ex, ey) || edges.some((e) => meets(e, a, eye)) ? [] : [[0, length]];
+    if (this.inside(ex, ey)) return [];
+    if (edges.length === 0) return [[0, length]];
+    if (length < FLAT) return edges.some((e) => meets(e, a, eye)) ? [] : [[0, length]];
     const ux = (b[0] - a[0]) / length, uy = (b[1] - a[1]) / length;
     const onLine = Math.abs(cross(ux, uy, ex - a[0], ey - a[1])) < FLAT;
-    if (this.inside(ex, ey)) return [];
     const shadows = onLine ? shadowsOnLine(edges, eye, a, ux, uy, length) : shadowsOf(edges, eye, a, b, length);
     return shadows.length ? gaps(shadows, length) : [[0, length]];
   }
@@ -78,7 +72,7 @@ export class Walls {
   /** The place on a wall nearest to a point, or null if none is within `reach`. */
   nearest(x, y, reach) {
     let best = null, least = reach;
-    for (const [ax, ay, bx, by] of this.near(x - reach, y - reach, x + reach, y + reach)) {
+    for (const [ax, ay, bx, by] of reach < Infinity ? this.near(x - reach, y - reach, x + reach, y + reach) : this.edges) {
       const dx = bx - ax, dy = by - ay, square = dx * dx + dy * dy;
       const t = square > 0 ? Math.min(Math.max(((x - ax) * dx + (y - ay) * dy) / square, 0), 1) : 0;
       const px = ax + t * dx, py = ay + t * dy, off = Math.hypot(px - x, py - y);
@@ -221,7 +215,7 @@ export function passesOf({ legs, length }, beacon, walls) {
     else merged.push({ enter, leave });
     merged[merged.length - 1].until = leave;
   }
-  const snapped = (s) => { const r = micrometres(s); return r >= length - 1 / DECIMALS ? length : r; };
+  const snapped = (s) => { const r = Math.round(s * DECIMALS) / DECIMALS; return r >= length - 1 / DECIMALS ? length : r; };
   return merged.map(({ enter, leave }) => [snapped(enter), snapped(leave)]);
 }
 
@@ -269,17 +263,13 @@ export function cutAtZones(points, zones) {
       if (t > 0 && t < 1 && Math.abs(u - 0.5) <= 0.5 + PAST_CORNER) cuts.push(t);
     }
     cuts.sort((x, y) => x - y);
-    const pieces = [];
+    const begun = out.length;
     for (let i = 0; i + 1 < cuts.length; i++) {
       if (!(cuts[i + 1] - cuts[i] > 1e-12 || (dx === 0 && dy === 0))) continue;
       const middle = (cuts[i] + cuts[i + 1]) / 2, here = at(ax + middle * dx, ay + middle * dy);
-      const last = pieces[pieces.length - 1];
-      if (last && last.here === here) last.end = cuts[i + 1];
-      else pieces.push({ here, end: cuts[i + 1] });
-    }
-    for (const { here, end } of pieces) {
-      out.push(end < 1 ? [ax + end * dx, ay + end * dy] : points[k + 1]);
-      zone.push(here);
+      if (out.length > begun && zone.at(-1) === here) out.pop();  // the same floor goes on
+      else zone.push(here);
+      out.push(cuts[i + 1] < 1 ? [ax + cuts[i + 1] * dx, ay + cuts[i + 1] * dy] : points[k + 1]);
     }
   }
   return { points: out, zone };

@@ -48,11 +48,9 @@ export class Session {
     to.push(this.scene);
     this.scene = from.pop();
     this.merging = null;
-    const { beacon, route, zone } = this.selected;
-    if (beacon !== null && beacon >= this.scene.beacons.length) this.selected.beacon = null;
-    if (route >= this.scene.routes.length) this.selected.route = 0;
-    if (zone !== null && zone >= this.scene.zones.length) this.selected.zone = null;
-    this.selected.waypoint = null;
+    const { selected, scene } = this;
+    for (const [one, all] of [["beacon", scene.beacons], ["zone", scene.zones]]) if (!all[selected[one]]) selected[one] = null;
+    Object.assign(selected, { waypoint: null, route: scene.routes[selected.route] ? selected.route : 0 });
     this.changed();
   }
 
@@ -97,10 +95,9 @@ export class Session {
   }
 
   removeWaypoint(index) {
-    const { points } = this.route;
-    if (points.length <= 2) return;
+    if (this.route.points.length <= 2) return;
     this.selected.waypoint = null;
-    this.change("routes", this.selected.route, { points: points.filter((_, k) => k !== index) });
+    this.change("routes", this.selected.route, { points: this.route.points.filter((_, k) => k !== index) });
   }
 
   addRoute(route) {

@@ -1,8 +1,9 @@
 // The studio: a scene on a page, to be looked at and changed. `mount` is all that others call.
 import { Calculator } from "./calculator.js";
 import { Chart } from "./chart.js";
-import { el, metres, roundNumber } from "./dom.js";
-import { asLink, beaconsAsGeojson, withLink } from "./files.js";
+import { button, el, metres, roundNumber } from "./dom.js";
+import { exceeds } from "./drift.js";
+import { asLink, withLink } from "./files.js";
 import { MapView } from "./map.js";
 import { Panel } from "./panel.js";
 import { KIND_NAMES, Session, usualKind } from "./session.js";
@@ -42,7 +43,7 @@ class Studio {
   }
 
   toolbar() {
-    const { session, tools } = this, button = (text, onclick, more = {}) => el("button", { type: "button", onclick, ...more }, text);
+    const { session, tools } = this;
     tools.buttons = TOOLS.map(([name, key]) => button(`${name} (${key})`, () => tools.choose(name), { "aria-pressed": String(name === "select") }));
     this.estimator = el("select", { onchange: () => session.edit({ estimator: this.estimator.value }) },
       el("option", { value: "reset" }, "reset: readings replace"), el("option", { value: "filter" }, "filter: readings are fused"));
@@ -111,7 +112,7 @@ class Studio {
     this.frame();
     const { scene, worst, drifts } = this.shown, broken = drifts.find((drift) => drift instanceof Error);
     if (broken || !drifts.length) return this.say(broken?.message ?? "");
-    const k = worst.indexOf(Math.max(...worst)), exceeding = scene.routes.filter(({ limit_m: limit }, i) => limit !== null && worst[i] > limit * (1 + 1e-6));
+    const k = worst.indexOf(Math.max(...worst)), exceeding = scene.routes.filter(({ limit_m: limit }, i) => exceeds(worst[i], limit));
     const verdict = exceeding.length ? `${exceeding.length} of ${scene.routes.length} routes exceed their limit.`
       : scene.routes.some(({ limit_m: limit }) => limit !== null) ? "All routes keep their limits." : "";
     const beyond = drifts.some((drift) => drift.beyondLinear) ? " A filter cannot be trusted where the heading is off by more than 9 degrees." : "";
@@ -121,16 +122,14 @@ class Studio {
   // Edits that buttons and keys share
   /** Turn "locked" or "dead" of a beacon on or off, and show what a death breaks. */
   toggle(k, flag) {
-    const { session } = this, before = this.shown;
+    const { session } = this, { worst: before } = this.shown, { routes } = session.scene;
     session.changeBeacon(k, { [flag]: !session.scene.beacons[k][flag] });
     this.announce();
     if (flag !== "dead" || !session.scene.beacons[k].dead) return this.render({});
-    const broken = this.shown.drifts.map((drift, r) => ({ drift, r })).filter(({ r }) => {
-      const limit = session.scene.routes[r].limit_m;
-      return limit !== null && this.shown.worst[r] > limit * (1 + 1e-6) && before.worst[r] <= limit * (1 + 1e-6);
-    });
-    for (const { drift, r } of broken) this.highlight(drift, drift.above(session.scene.routes[r].limit_m, drift.length / 400));
-    const names = broken.map(({ r }) => session.scene.routes[r].name).join(", ");
+    const { drifts, worst } = this.shown, broken = [...routes.keys()].filter((r) =>
+      exceeds(worst[r], routes[r].limit_m) && !exceeds(before[r], routes[r].limit_m));
+    for (const r of broken) this.highlight(drifts[r], drifts[r].above(routes[r].limit_m, drifts[r].length / 400));
+    const names = broken.map((r) => routes[r].name).join(", ");
     this.say(`${session.scene.beacons[k].id} is dead. ${broken.length ? `It breaks the limit of ${names}.` : "No further limit breaks."}`);
     return this.render({});
   }
@@ -154,9 +153,6 @@ class Studio {
     const names = routes.length > 4 ? `${routes.length} routes` : routes.map(({ name }) => name).join(", ");
     return names ? `Read on ${names}.` : "Within range of no route.";
   }
-
-  /** The beacons as the file that `driftplan place --existing` reads. */
-  get exported() { return beaconsAsGeojson(this.session.scene.beacons); }
 
   link() {
     if (this.root.className.includes("in-notebook")) return this.say("A notebook keeps its state itself: see .beacons.");
@@ -207,7 +203,7 @@ class Studio {
   }
 
   plan(start, goal) {
-    this.say("Planning …");
+    this.say("Planning, for five seconds at most …");
     return this.ask("plan", { start, goal }, ({ routes }) => {
       for (const { name, points } of routes) this.session.addRoute({ name, points, limit_m: this.session.route?.limit_m ?? null });
       this.say(routes.map(({ name, rms_m: rms, length_m: length }) => `${name}: ${metres(rms)} of drift at the goal, ${metres(length, 1)} long`).join("; "));
@@ -230,8 +226,7 @@ class Tools {
   press(xy) {
     const { studio } = this, { kind } = studio;
     if (this.tool === "add") {
-      const faces = (kind.view_angle_deg ?? 360) < 360 ? 0 : null;
-      studio.session.addBeacon({ x: xy[0], y: xy[1], kind, facing_deg: faces });
+      studio.session.addBeacon({ x: xy[0], y: xy[1], kind, facing_deg: (kind.view_angle_deg ?? 360) < 360 ? 0 : null });
       studio.announce();
     } else this.drag = { tool: this.tool === "floor" ? "zone" : this.tool, from: xy, to: xy };
     studio.render({});

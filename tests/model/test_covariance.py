@@ -192,6 +192,17 @@ def test_elements_states_and_plain_matrices_agree(seed):
         assert (np.abs(upto(P) - plain) / scale).max() < 1e-5
 
 
+@given(st.integers(0, 10**9))
+def test_a_mean_error_of_nothing_changes_no_bit_of_the_covariance(seed):
+    rng, noise = np.random.default_rng(seed), OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
+    legs = path_legs(read_path(np.cumsum(rng.normal(size=(8, 2)), axis=0)), [noise]).columns()
+    plain = systematic = FilterState.at_start()
+    systematic = replace(systematic, mean=(0.0, 0.0, 0.0))
+    for leg in legs:
+        plain, systematic = (s.driven(leg).read(position_rows(0.01 * np.eye(2))) for s in (plain, systematic))
+        assert plain.P == systematic.P
+
+
 def test_thousands_of_drives_at_once_are_each_as_if_alone():
     rng = np.random.default_rng(5)
     path = path_legs(read_path(np.cumsum(rng.normal(size=(12, 2)) * 5, axis=0)), [EVERYTHING])

@@ -121,6 +121,9 @@ def test_a_ceiling_is_that_of_a_parabola_that_sags_as_much_as_it_may():
     # Without a bend that grows with the rms: between 1 and 1 it rises by the sag, and not above 5 beside 1.
     one = np.ones(3)
     np.testing.assert_allclose(ceiling(one, one * [1, 5, 2], 0 * one, one), [2.0, 5.0, 1.5 + 1 + 1 / 16], rtol=1e-12)
+    # With one, between two that are level, the sag is that of the rms it is lifted to.
+    lifted = ceiling(4 * one, 4 * one, one * [2.0, 0.5, 0.0], one * [1.0, 3.0, 2.0])
+    np.testing.assert_allclose(lifted, 4 + np.array([2.0, 0.5, 0.0]) * np.sqrt(lifted) + [1.0, 3.0, 2.0], rtol=1e-12)
 
 
 @pytest.mark.parametrize("scale", [0.1, 100.0])

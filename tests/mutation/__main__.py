@@ -31,7 +31,7 @@ CORE = {  # module: the tests that should notice, the quickest first
     "model.elements": "model/test_elements.py model/test_drift.py",
     "model.covariance": "model/test_covariance.py model/test_filter_drift.py",
     "model.readings": "model/test_fixes.py model/test_covariance.py model/test_drift.py model/test_filter_drift.py",
-    "model.drive": "model/test_fixes.py model/test_filter_drift.py model/test_drift.py",
+    "model.drive": "model/test_drive.py model/test_fixes.py model/test_filter_drift.py",
     "model.worst": "model/test_worst.py model/test_filter_drift.py",
     "planning.cost": "planning/test_cost.py",
     "beacons.passes": "beacons/test_beacon.py beacons/test_views.py",

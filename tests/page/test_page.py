@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 from dataclasses import replace
 
@@ -9,7 +11,8 @@ import numpy as np
 import pytest
 
 from driftplan import Beacon, BeaconKind, OdometryNoise, drift_with_beacons, load_beacons, save_noise
-from driftplan.beacons.beacon_files import beacons_geojson
+from driftplan.beacons.beacon_files import beacons_geojson, fiducial_map, static_transforms, tags_yaml
+from driftplan.layouts.layout import layout_csv
 from driftplan.model.worst import worst_rms
 from driftplan.page.document import page, script
 from driftplan.page.scene import beacon_of, scene_of, zones_of
@@ -188,13 +191,45 @@ def test_beacons_go_out_and_come_back_as_place_reads_them(browser, studio, layou
     beacons = (*layout.beacons, radio, Beacon(seen, 5.0, 8.0, "april", facing_deg=-90.0))
     text = json.dumps(beacons_geojson(beacons).decode())
     studio(f"studio.panel.load('tags.geojson', {text})")
-    written = studio("studio.exported")
+    written = studio("studio.panel.written('beacons.geojson')")
     file = tmp_path / "out.geojson"
     file.write_text(written)
     assert load_beacons(file) == beacons
     studio('studio.panel.load(\'tags.geojson\', \'{"type": "FeatureCollection", "features": [{}]}\')')
     assert "expected" in studio("studio.status.textContent")  # and nothing was lost
     assert studio("studio.session.scene.beacons.length") == len(beacons)
+
+
+@pytest.mark.parametrize("estimator", ["reset", "filter"])
+def test_a_mailed_page_writes_for_installers_and_robots_what_place_writes(browser, layout, tmp_path, estimator):
+    quoted = replace(layout.beacons[0], id='door "A", left 7')
+    april = BeaconKind.landmark(range_m=5, position_std_m=0.1, heading_std=0.02, view_angle_deg=120)
+    beacons = (quoted, *layout.beacons[1:], Beacon(april, 5.0, 8.0, "april 2", facing_deg=-100.0))
+    far = Beacon(layout.beacons[0].kind, 19.0, 0.5, "unread 1")
+    scenario = replace(layout.scenario, estimator=estimator)
+    ours = replace(
+        layout,
+        beacons=beacons,
+        existing=(far,),
+        scenario=scenario,
+        drifts=tuple(scenario.drift(r, (far, *beacons)) for r in range(2)),
+    )
+    ours.to_html(tmp_path / "layout.html")
+    browser.open((tmp_path / "layout.html").as_uri())
+    written = {
+        name: browser.js(f"{STUDIO}.panel.written('{name}')")
+        for name in ("installers.csv", "tags.yaml", "map.txt", "transforms.sh")
+    }
+    assert written["tags.yaml"].encode() == tags_yaml(ours.everyone, size_m=0.16)
+    assert written["map.txt"].encode() == fiducial_map(ours.everyone)
+    assert written["transforms.sh"].encode() == static_transforms(ours.everyone)
+    found, expected = (
+        [*csv.reader(io.StringIO(text))] for text in (written["installers.csv"], layout_csv(ours).decode())
+    )
+    assert len(found) == len(expected) == len(ours.everyone) + 1
+    for row, wanted in zip(found, expected, strict=True):
+        for cell, other in zip(row, wanted, strict=True):  # a wall is a micrometre off where sight is blocked
+            assert cell == other or float(cell) == pytest.approx(float(other), abs=1.1e-4)
 
 
 def test_a_beacon_that_needs_a_filter_is_said_where_readings_replace(browser, studio, layout):

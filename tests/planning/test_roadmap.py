@@ -295,7 +295,7 @@ def test_a_price_on_length_shortens_the_path_and_zones_are_priced_as_the_objecti
     assert lengths[1] < lengths[0]
 
 
-def test_headings_are_turned_on_the_spot_in_se2():
+def test_headings_are_turned_on_the_spot_in_se2_and_at_a_goal_of_any_heading_not_at_all():
     noise = OdometryNoise(heading_var_per_m=1e-4, heading_var_per_rad=2e-2)
     space = ob.SE2StateSpace()
     limits = ob.RealVectorBounds(2)
@@ -320,6 +320,21 @@ def test_headings_are_turned_on_the_spot_in_se2():
     assert float(predict_ompl_path(path, si, noise).end.rms) ** 2 == pytest.approx(search.cost, rel=1e-9)
     yaws = [state.getYaw() for state in path.getStates()]
     assert (yaws[0], yaws[-1]) == (1.2, 0.0)
+
+    class AnyHeading(ob.GoalRegion):
+        def distanceGoal(self, state):
+            return float(np.hypot(state.getX() - 8.0, state.getY() - 2.0))
+
+    setup.clear()
+    goal = AnyHeading(si)
+    goal.setThreshold(1e-6)
+    setup.setGoal(goal)
+    solve(setup, RoadmapPlanner(si, objective, world))
+    states = setup.getSolutionPath().getStates()
+    before, last = states[-2], states[-1]
+    assert (last.getX(), last.getY()) == (8.0, 2.0)
+    course = np.arctan2(last.getY() - before.getY(), last.getX() - before.getX())
+    assert last.getYaw() == pytest.approx(course)
 
 
 def test_the_bound_is_below_the_cost_and_unknown_before_there_is_a_path():

@@ -16,7 +16,7 @@ from driftplan.beacons.beacon_files import beacons_geojson
 from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import DriftplanError, InfeasibleError
 from driftplan.files import write_files
-from driftplan.layouts.layout import Layout
+from driftplan.layouts.layout import Layout, layout_dxf
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import Sites
@@ -26,7 +26,7 @@ from driftplan.page.scene import Scene, beacon_of, beacon_said, zones_of
 from driftplan.planning.request import DriftLimit
 from driftplan.planning.routes import plan_route
 from driftplan.planning.status import Status
-from driftplan.report.studio.exchange import WRITTEN, read
+from driftplan.report.studio.exchange import read
 from driftplan.world.world import World
 
 
@@ -47,7 +47,7 @@ class Answers:
         """``{"answer": …}``, or ``{"error": text}``; ``tell`` hears of progress.
 
         "fewest": beacons; "why": the stretch that cannot be kept; "plan": routes; "save": the beacons to `save`;
-        "write": the text of a file of a name; "read": what the text of a file changes.
+        "draw": the text of a DXF drawing; "read": what the text of a file changes.
         """
         try:
             scene, noise = question["scene"], OdometryNoise(**question["scene"]["noise"])
@@ -58,9 +58,8 @@ class Answers:
             if what == "read":
                 kind = BeaconKind(**question["kind"])
                 return {"answer": read(str(question["name"]), str(question["text"]), scene, kind)}
-            if what == "write" and question["name"] in WRITTEN:
-                text = WRITTEN[question["name"]](_layout(scene, world, noise)).decode()
-                return {"answer": {"text": text}}
+            if what == "draw":
+                return {"answer": {"text": layout_dxf(_layout(scene, world, noise)).decode()}}
             if what == "plan" and world is not None:
                 return {"answer": _plan(scene, world, noise, question["start"], question["goal"])}
             if what == "save" and self.save is not None:

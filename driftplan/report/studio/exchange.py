@@ -1,28 +1,18 @@
-"""Files that the page leaves to Python: what `driftplan place` writes and reads beside GeoJSON."""
+"""Files that the page leaves to Python to read: what `driftplan place` writes and reads beside GeoJSON."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.beacons.beacon_files import fiducial_map, load_beacons, static_transforms, tags_yaml
-from driftplan.layouts.layout import InstallerRow, Layout, layout_csv, layout_dxf
+from driftplan.beacons.beacon_files import load_beacons
+from driftplan.layouts.layout import InstallerRow
 from driftplan.page.scene import Scene, beacon_of, beacon_said
 from driftplan.world.route_files import read_path
-
-_TAG_SIZE_M = 0.16  # of a tag in tags.yaml
-WRITTEN: dict[str, Callable[[Layout], bytes]] = {
-    "installers.csv": layout_csv,
-    "beacons.dxf": layout_dxf,
-    "tags.yaml": lambda layout: tags_yaml((*layout.existing, *layout.beacons), size_m=_TAG_SIZE_M),
-    "map.txt": lambda layout: fiducial_map((*layout.existing, *layout.beacons)),
-    "transforms.sh": lambda layout: static_transforms((*layout.existing, *layout.beacons)),
-}
 
 
 def read(name: str, text: str, scene: Scene, kind: BeaconKind) -> dict[str, Any]:
