@@ -84,7 +84,7 @@ def bounded(what: str, count: float, most: float, remedy: str) -> float:
     ValueError: expected at most 1e+06 sites, got 1e+07: use a larger spacing_m
     """
     if not count <= most:
-        raise ValueError(f"expected at most {most:g} {what}, got {count:g}: {remedy}")
+        raise ValueError(f"expected at most {most:g} {what}, got {min(count, 1e300):g}: {remedy}")
     return count
 
 

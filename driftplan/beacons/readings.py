@@ -113,8 +113,10 @@ def waypoints_of(path: Any) -> Floats:
     """The waypoints (n, 2) of a route (its ``path``) or of a plain array, checked."""
     raw = getattr(path, "path", path)
     try:
+        if np.iscomplexobj(raw):
+            raise TypeError("complex numbers are none")
         xy = np.asarray(raw, dtype=float)
-    except (TypeError, ValueError) as err:
+    except (TypeError, ValueError, OverflowError) as err:
         raise ValueError(f"expected a path of numbers (n, 2), got {type(raw).__name__}: {err}") from None
     if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) < 2:
         raise ValueError(f"expected a path (n, 2) of at least 2 waypoints in metres, got an array of shape {xy.shape}")

@@ -235,6 +235,9 @@ class Drift(PointDrift):
         there, metres, (runs, k, 2): what `driftplan.simulate_drift` gives at places of which it is told."""
         from driftplan.model.simulation import simulate_drift
 
+        distances_m = finite("distances_m", distances_m)
+        if distances_m.ndim != 1 or (np.diff(distances_m) < 0).any():
+            raise ValueError(f"expected distances_m (k,), ascending, got an array of shape {distances_m.shape}")
         cut, at, old = self.runs.cut(distances_m)
         noises = [self.noises[k] for k in np.repeat(self.leg_noises, np.diff(old)).tolist()]
         fixes = () if self._readings is None else self._readings.fixes()

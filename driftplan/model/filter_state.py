@@ -37,10 +37,11 @@ class Row(NamedTuple):
 X_AXIS, Y_AXIS, HEADING_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
-def position_rows(cov: Floats) -> tuple[Row, ...]:
+def position_rows(cov: Any) -> tuple[Row, ...]:
     """A measured position with the error covariance ``cov``, m², (2, 2): along its principal axes."""
-    if cov[0, 1] == 0:
-        return Row(X_AXIS, float(cov[0, 0])), Row(Y_AXIS, float(cov[1, 1]))
+    (xx, xy), (_, yy) = cov
+    if xy == 0:
+        return Row(X_AXIS, float(xx)), Row(Y_AXIS, float(yy))
     variances, axes = np.linalg.eigh(cov)
     return tuple(
         Row((float(axis[0]), float(axis[1]), 0.0), max(float(v), 0.0))

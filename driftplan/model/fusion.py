@@ -55,8 +55,8 @@ def fuse(
     rows: dict[int, list[Any]] = {}
     if readings is not None and at is not None:
         start, order = start_and_order(start, readings, at)
-        for k in order.tolist():
-            rows.setdefault(int(at[k]), []).append(readings.rows(k, complex(p[at[k]])))
+        for border, row in zip(at[order].tolist(), readings[order].rows(p[at[order]]), strict=True):
+            rows.setdefault(border, []).append(row)
     before, after = states_along(_of_moments(start, spread), path.columns(), rows)
     return Driven(_as_moments(u, p, before), _as_moments(u, p, after)), Beliefs(after, noises, spread)
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from math import hypot
+from math import isnan
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -266,24 +266,36 @@ class Readings:
             for k in np.lexsort((self.rank, self.s_m)).tolist()
         ]
 
-    def rows(self, k: int, position: complex) -> tuple[tuple[Row, ...], float | None]:
-        """What the estimator ``filter`` makes of reading ``k``, taken at a true ``position`` (x + jy, metres): the
-        numbers that are measured, and the chance, None for certainty."""
-        rows: list[Row] = []
-        if not np.isnan(self.square[k]):
-            square, skew = float(self.square[k]), complex(self.skew[k])
-            xx, yy, xy = (square + skew.real) / 2, (square - skew.real) / 2, skew.imag / 2
-            rows += position_rows(np.array([[xx, xy], [xy, yy]]))
-        if not np.isnan(self.heading_var[k]):
-            rows.append(heading_row(float(self.heading_var[k])))
-        towards = complex(self.anchor[k]) - position
-        if hypot(towards.real, towards.imag) > _NEAREST_ANCHOR_M:  # NaN, hence not, where there is no anchor
-            if not np.isnan(self.range_var[k]):
-                rows.append(range_row(as_plane(towards), float(self.range_var[k])))
-            if not np.isnan(self.bearing_var[k]):
-                rows.append(bearing_row(as_plane(towards), float(self.bearing_var[k])))
-        chance = float(self.chance[k])
-        return tuple(rows), None if chance == 1 else chance
+    def rows(self, positions: Array) -> list[tuple[tuple[Row, ...], float | None]]:
+        """What the estimator ``filter`` makes of each, taken at true ``positions`` (x + jy, metres): the numbers that
+        are measured, and the chance, None for certainty."""
+        towards = self.anchor - positions
+        near = ~(np.abs(towards) > _NEAREST_ANCHOR_M)  # NaN too: there is no anchor
+        range_var, bearing_var = (np.where(near, np.nan, var) for var in (self.range_var, self.bearing_var))
+        columns = (self.square, self.skew, self.heading_var, towards, range_var, bearing_var, self.chance)
+        return [_rows(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+
+
+def _rows(
+    square: float,
+    skew: complex,
+    heading_var: float,
+    towards: complex,
+    range_var: float,
+    bearing_var: float,
+    chance: float,
+) -> tuple[tuple[Row, ...], float | None]:
+    rows: tuple[Row, ...] = ()
+    if not isnan(square):
+        xy = skew.imag / 2
+        rows += position_rows((((square + skew.real) / 2, xy), (xy, (square - skew.real) / 2)))
+    if not isnan(heading_var):
+        rows += (heading_row(heading_var),)
+    if not isnan(range_var):
+        rows += (range_row(as_plane(towards), range_var),)
+    if not isnan(bearing_var):
+        rows += (bearing_row(as_plane(towards), bearing_var),)
+    return rows, None if chance == 1 else chance
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -47,8 +47,8 @@ export function render({ model, el: element }) {
     });
     model.send({ id, what, question });
   });
-  const root = el("div", { class: "in-notebook", "data-lm-suppress-shortcuts": true });  // or “x” would cut the cell
-  element.append(root);
+  const root = element.appendChild(el("div", { class: "in-notebook",  // its keys are not the notebook's: “x” would cut the cell
+    onfocusin: ({ target }) => target.setAttribute("data-lm-suppress-shortcuts", "") }));
   const studio = mount(root, model.get("scene"), { saves: false, ask });
   studio.session.listen(() => {
     if (studio.session.merging !== null) return;  // in the middle of a drag

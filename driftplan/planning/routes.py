@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Floats, instance
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import DetectionChance
 from driftplan.errors import InfeasibleError
@@ -137,6 +137,7 @@ class Route(Tabular):
         >>> 0.01 < route.collision_probability(real).probability < 0.2
         True
         """
+        instance("world", world, World)
         return collision_chance(self.drift, world, runs=runs, spacing_m=spacing_m, seed=seed)
 
     @property

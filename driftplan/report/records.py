@@ -8,15 +8,12 @@ from enum import Enum
 from math import degrees, isfinite
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from driftplan.files import head, plain_numbers
-from driftplan.model.drift import PointDrift
 from driftplan.tables import decimals, digits, rows_of, table
 
 if TYPE_CHECKING:
     from driftplan.arrays import Floats
-    from driftplan.model.drift import Drift
+    from driftplan.model.drift import Drift, PointDrift
 
 
 _MOST_ROWS = 15  # of a table of drift, unless its points were asked for one by one
@@ -24,6 +21,10 @@ _MOST_ROWS = 15  # of a table of drift, unless its points were asked for one by 
 
 def drift_table(drift: PointDrift, *, most: int = _MOST_ROWS) -> str:
     """Drift at points as a table for people; of more than ``most`` some, evenly, with the first and the last."""
+    import numpy as np
+
+    from driftplan.model.drift import PointDrift
+
     count = len(drift.distance)
     few = np.linspace(0, count - 1, min(most, count)).round().astype(int)
     more = f"\n{count - len(few)} more points are not shown: --json has them all" if len(few) < count else ""

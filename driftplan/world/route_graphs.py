@@ -68,6 +68,9 @@ class RouteGraph:
     @classmethod
     def numbered(cls, xy: Floats, edges: Ints) -> RouteGraph:
         """Nodes (n, 2) and edges (m, 2) with ids from 0: those of nav2's edges must differ from those of its nodes."""
+        xy, edges = points_of("xy", xy), np.asarray(edges)
+        if xy.ndim != 2 or edges.ndim != 2 or edges.shape[1] != 2 or edges.dtype.kind not in "iu":
+            raise ValueError(f"expected xy (n, 2) and whole numbers edges (m, 2), got {xy.shape} and {edges.shape}")
         count = len(xy)
         return cls(tuple(range(count)), xy, tuple(range(count, count + len(edges))), edges)
 

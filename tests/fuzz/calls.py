@@ -82,7 +82,9 @@ LIMITED = ("time_limit", "iterations", "max_nodes", "resamples", "rounds", "work
 OBJECTS = MappingProxyType(
     {"World": WORLD, "Drift": DRIFT, "Route": ROUTE, "Layout": LAYOUT, "OdometryNoise": NOISE, "Beacon": BEACON}
 )
-_OURS = re.compile(r"expected|has no keyword|needs|cannot|no route|must|is not|outside|No such|nothing|missing \d")
+_OURS = re.compile(
+    r"expected|has no keyword|needs|cannot|no route|must|is not|outside|No such|nothing|should be|missing \d"
+)
 
 
 def targets() -> dict[str, Callable[..., Any]]:

@@ -217,7 +217,10 @@ NOTEBOOK = """(async () => {
       const answer = { beacons: [], proven: true, message: "none" };
       model.answer(what === "fewest" ? { id, answer } : { id, error: "no" }); } };
   render({ model, el: document.body });
-  const { studio } = document.querySelector(".driftplan-studio[data-lm-suppress-shortcuts]");  // its keys are its own
+  const { studio } = document.querySelector(".driftplan-studio");
+  const { overlay } = studio.map;  // JupyterLab looks at what has the focus: its shortcuts are off there
+  overlay.dispatchEvent(new FocusEvent("focusin", { bubbles: true }));
+  const own = overlay.hasAttribute("data-lm-suppress-shortcuts");
   studio.map.resize();
   studio.frame();
   await studio.fewest();
@@ -231,7 +234,7 @@ NOTEBOOK = """(async () => {
   studio.session.addBeacon({ x: 1, y: 2, kind: studio.kind });
   for (const x of [3, 4, 5]) studio.session.changeBeacon(0, { x }, "drag");
   studio.session.settle();
-  return { fewest, plan, stopped: model.told, said, saved: heard.at(-1), x: heard.at(-2).beacons[0].x };
+  return { own, fewest, plan, stopped: model.told, said, saved: heard.at(-1), x: heard.at(-2).beacons[0].x };
 })()"""
 
 
@@ -240,6 +243,7 @@ def test_a_notebook_shows_it_and_hears_of_edits(browser, layout, scene):
     code = NOTEBOOK.replace("CODE", json.dumps(f"{script()}\nexport default {{ render }};"))
     assert browser.js(code.replace("SCENE", json.dumps(scene))) == {
         "fewest": "★ Proven fewest: none",
+        "own": True,
         "plan": "no",
         "stopped": 2,
         "said": "Stopped.",

@@ -194,8 +194,8 @@ def _route(route: SegmentedRoute, begin: complex, start: FilterState) -> FusedRo
     driven = legs(route.heading + np.cumsum(turn) - turn, turn, length, np.zeros(len(turn)), route.noises, which)
     position = begin + np.concatenate([[0.0], np.cumsum(driven.moves)])
     here: list[list[FusedReading]] = [[] for _ in position]
-    for k, breakpoint in enumerate(route.breakpoint.tolist()):
-        border = breakpoint + (breakpoint > 0)
-        rows, chance = route.readings.rows(k, complex(position[border]))
-        here[border].append(FusedReading(int(route.readings.source[k]), rows, chance))
+    borders = route.breakpoint + (route.breakpoint > 0)
+    read = route.readings.rows(position[borders])
+    for border, source, (rows, chance) in zip(borders.tolist(), route.readings.source.tolist(), read, strict=True):
+        here[border].append(FusedReading(source, rows, chance))
     return FusedRoute(start, driven, tuple(map(tuple, here)), np.concatenate([[0.0], np.cumsum(length)]))

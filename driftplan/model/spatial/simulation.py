@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, whole
+from driftplan.arrays import Floats, bounded, whole
 from driftplan.model.spatial.rotations import RotationNoise
 from driftplan.model.spatial.steps import read_steps
 
@@ -39,7 +39,7 @@ def simulate_drift_3d(
     ((4000, 11, 3), 2.7)
     """
     R, t, cov, bias = read_steps(rotations, translations, rotation_noise, translation_cov, translation_bias)
-    whole("runs", runs, least=1)
+    bounded("errors to simulate", whole("runs", runs, least=1) * (len(R) + 1), 3e8, "use fewer runs")
     rng = np.random.default_rng(rng)
     values, axes = np.linalg.eigh(cov)
     spread = axes * np.sqrt(np.maximum(values, 0.0))[..., None, :]

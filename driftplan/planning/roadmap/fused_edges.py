@@ -96,7 +96,8 @@ class FusedEdges:
             1:
         ]
         kind[alike] = np.flatnonzero(alike)[first[of_first.ravel()]]
-        rows = {k: readings.rows(k, complex(place[k]))[0] for k in np.unique(kind).tolist()}
+        kinds = np.unique(kind)
+        rows = dict(zip(kinds.tolist(), (row for row, _ in readings[kinds].rows(place[kinds])), strict=True))
         width = max(map(len, rows.values()), default=0)
         coefficients, variance = np.zeros((len(reads), width, 3)), np.full((len(reads), width), np.inf)
         for k, some in rows.items():
@@ -115,7 +116,8 @@ class FusedEdges:
         return belief_at_start(initial).matrix.ravel()
 
     def read(self, state: Floats, site: int, place: complex) -> Floats:
-        rows, _ = self._readings(np.array([site]), np.array([place])).rows(0, place)
+        at = np.array([place])
+        rows, _ = self._readings(np.array([site]), at).rows(at)[0]
         return FilterState.from_matrix(state.reshape(3, 3)).read(rows).matrix.ravel()
 
     def square(self, states: Floats) -> Floats:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from driftplan.arrays import number
 from driftplan.report.figures import style
 from driftplan.report.figures.maps import drift_of, mark_spacing_of, marked_profile
 
@@ -50,7 +51,7 @@ def plot_drift(
     look = {"linewidth": 1.8, "markersize": 4, "label": label, **line_kwargs}
     lines = ax.plot(profile.distance, profile.rms, markevery=marks, **look)
     if radius_at is not None:
-        legend = f"{100 * radius_at:g} % within this radius"
+        legend = f"{100 * number('radius_at', radius_at):g} % within this radius"
         thin: dict[str, Any] = {"color": lines[0].get_color(), "linestyle": (0, (1, 1.5)), "linewidth": 1.2}
         thin |= {"marker": lines[0].get_marker(), "markevery": marks, "markersize": 5, "markerfacecolor": "white"}
         lines += ax.plot(profile.distance, profile.radius(radius_at), label=legend, **thin)

@@ -62,7 +62,7 @@ def on_axes(width: float = 7.0, height: float = 4.5) -> Figure:
 
 
 def pictures() -> Iterator[Picture]:
-    """All of them; a minute."""
+    """All of them; two minutes."""
     noise = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
     tag = BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
     warehouse = load_world(bundled_map("warehouse"), robot_radius=0.4)
@@ -140,14 +140,22 @@ def pictures() -> Iterator[Picture]:
     shown = plot_pareto(warehouse, front)
     yield Picture("pareto", "What does a detour buy?", "plot_pareto(world, pareto_routes(...))", shown)
 
-    trips = [Trip((3, 36), (56, 3), 3), Trip((3, 20), (55.5, 20), 2)]
+    trips = [
+        Trip((3, 3), (56, 36), 1),
+        Trip((3, 36), (56, 3), 3),
+        Trip((3, 20), (55.5, 20), 2),
+        Trip((51, 33), (23.5, 18.7), 4),
+    ]
     marker = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01, cost=100.0)
-    found = co_design(warehouse, trips, noise, 0.6, marker, price_per_m=1.0, max_nodes=150, rounds=2, time_limit=90)
+    world = load_world(bundled_map("warehouse"), robot_radius=0.3)
+    less_sure = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.1, after_m=10.0)
+    asked = {"price_per_m": 1.0, "max_nodes": 150, "rounds": 1, "time_limit": 300}
+    found = co_design(world, trips, less_sure, DriftLimit(0.6, min_capture=0.0), marker, **asked)
     yield Picture(
         "design",
         "Routes and tags chosen together: which, and for how much?",
-        "driftplan design warehouse trips.csv --max-drift 0.6 --kind landmark --price-per-m 1 --picture design.png",
-        plot_design(warehouse, found),
+        "plot_design(world, co_design(world, trips, noise, limit, marker, price_per_m=1))",
+        plot_design(world, found),
     )
     drives = ("drive1", "drive2")
     fit = fit_noise(
