@@ -14,7 +14,7 @@ from driftplan.model import scores
 from driftplan.model.drive import Driven, drive
 from driftplan.model.elements import of_legs
 from driftplan.model.filter_state import LINEAR_HEADING_STD_RAD
-from driftplan.model.fusion import Beliefs, fuse
+from driftplan.model.fusion import Beliefs, fuse, misused_from
 from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import Noises, OdometryNoise, drives_to_average, noise_of_legs, spread_of
 from driftplan.model.paths import Runs, read_path, same_place_within
@@ -271,7 +271,9 @@ class Drift(PointDrift):
     @property
     def beyond_linear(self) -> Floats:
         """Where along one path a filter's prediction is not to be trusted, metres driven, (k, 2): stretches on which
-        the heading's standard deviation exceeds 0.15 rad. The filter itself goes wrong there. Without a filter none:
+        the heading's standard deviation exceeds 0.15 rad, and all the way on from a range or bearing that moves the
+        estimate in so uncertain a direction that the error of the correction exceeds 0.15 times the accuracy (a robot
+        that hears one radio may take the wrong side of it). The filter itself goes wrong there. Without a filter none:
         resets are predicted without linearisation."""
         if self.distance.ndim != 1:
             raise ValueError(f"expected the drift of one path, got a batch of shape {self.distance.shape[:-1]}")
@@ -282,7 +284,11 @@ class Drift(PointDrift):
         end = np.maximum(PointDrift(ends[1:], self._driven.arriving[1:]).heading_std ** 2, begin)
         leg = np.flatnonzero(end > limit)
         share = np.clip((limit - begin[leg]) / np.maximum(end[leg] - begin[leg], 1e-300), 0.0, 1.0)
-        return np.stack([ends[leg] + share * self.runs.lengths[leg], ends[leg + 1]], axis=-1)
+        stretches = np.stack([ends[leg] + share * self.runs.lengths[leg], ends[leg + 1]], axis=-1)
+        sighted = None if self._readings is None else self._readings[~np.isnan(self._readings.anchor)]
+        doubtful = np.inf if sighted is None else misused_from(sighted, self.on_arrival(sighted.s_m))
+        kept = np.minimum(stretches[stretches[:, 0] < doubtful], doubtful)
+        return kept if doubtful == np.inf else np.concatenate([kept, [[doubtful, float(self.length)]]])
 
     def profile(self, spacing_m: float | None = None) -> PointDrift:
         """Drift along one path for plotting: the leg borders, points every ``spacing_m`` metres (default: 200 in all)

@@ -16,6 +16,7 @@ import numpy as np
 from driftplan.arrays import Floats
 
 LINEAR_HEADING_STD_RAD = 0.15  # between readings; above, the linear model and the filter go wrong by tens of per cent
+LINEAR_SWING_SHARE = 0.15  # of a range's or bearing's std, what it is off to second order; above, likewise
 _KNOWN_VARIANCE_SHARE = 1e-14  # a direction with less than this share of its parts' variance is known already
 
 

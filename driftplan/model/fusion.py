@@ -6,18 +6,21 @@ shown as the `Moments` of this Gaussian, so that scores, profiles, figures and l
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from driftplan.arrays import Array, Floats, Ints, as_covariance, as_plane
 from driftplan.model.covariance import legs, path_legs
 from driftplan.model.drive import Driven, start_and_order
-from driftplan.model.filter_state import FilterState, states_along
+from driftplan.model.filter_state import LINEAR_SWING_SHARE, FilterState, states_along
 from driftplan.model.moments import Moments
 from driftplan.model.noise import NO_SPREAD, OdometryNoise, SystematicSpread
 from driftplan.model.paths import Runs
 from driftplan.model.readings import Fix, Readings, start_errors
+
+if TYPE_CHECKING:
+    from driftplan.model.drift import PointDrift
 
 
 class Beliefs(NamedTuple):
@@ -64,6 +67,19 @@ def fuse(
 def belief_at_start(start_fix: Fix | None) -> FilterState:
     """What a fusing robot knows at the start of a path: all of it, or what a fix says."""
     return _of_moments(start_errors(start_fix), NO_SPREAD)
+
+
+def misused_from(sighted: Readings, before: PointDrift) -> float:
+    """Where the first of these ranges and bearings is read that a linear filter misuses, given the drift on arrival at
+    each; metres driven, inf if none is."""
+    towards = as_plane(sighted.anchor) - before.xy
+    rho = np.maximum(np.hypot(*towards.T), 1e-9)
+    along = towards / rho[:, None]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+    var_along, var_across = (np.einsum("ki,kij,kj->k", g, before.cov, g) for g in (along, across))
+    swing_var = var_along * var_across / rho**2  # m² that a range is off to second order
+    off = np.fmax(swing_var / sighted.range_var, swing_var / rho**2 / sighted.bearing_var)
+    return float(np.min(sighted.s_m[off > LINEAR_SWING_SHARE**2], initial=np.inf))
 
 
 def _as_moments(u: Array, p: Array, state: FilterState) -> Moments:

@@ -53,8 +53,8 @@ def beyond_linear_text(drift: Drift) -> str:
         return ""
     first, last = drift.beyond_linear[0, 0], drift.beyond_linear[-1, 1]
     return (
-        f"\nBetween {first:.1f} m and {last:.1f} m the heading is known to worse than 0.15 rad: a filter goes wrong "
-        "there, and so does this prediction."
+        f"\nBetween {first:.1f} m and {last:.1f} m the heading is known to worse than 0.15 rad, or ranges and "
+        "bearings come from too uncertain a direction: a filter goes wrong there, and so does this prediction."
     )
 
 

@@ -106,9 +106,8 @@ def test_one_change_of_what_a_filter_makes_of_a_reading_changes_every_engine(mon
 
     before, once = worst_of_each(), Readings.rows
 
-    def coarser(self, k, position):
-        rows, chance = once(self, k, position)
-        return tuple(Row(row.coefficients, row.variance + 0.05) for row in rows), chance
+    def coarser(self, positions):
+        return [(tuple(Row(r.coefficients, r.variance + 0.05) for r in rows), p) for rows, p in once(self, positions)]
 
     monkeypatch.setattr(Readings, "rows", coarser)
     after = worst_of_each()

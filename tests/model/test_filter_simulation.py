@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from driftplan import Fix, OdometryNoise, Run, predict_drift, simulate_drift
+from driftplan import Beacon, BeaconKind, Fix, OdometryNoise, Run, drift_with_beacons, predict_drift, simulate_drift
+from driftplan.beacons.readings import beacon_fixes
 
 DRIVES = 4000
 EVERYTHING = OdometryNoise(
@@ -82,6 +83,41 @@ def test_ranges_and_bearings():
     both = [Fix(s_m=s, anchor=np.array([-4.0, 13.0]), range_std_m=0.1, bearing_std=0.05) for s in places]
     assert_agrees(path, EVERYTHING, [*both, Fix.position(20.0, position_std_m=0.1)])
     assert_agrees(path, EVERYTHING, [Fix.bearing(s, anchor=(6.0, 15.0), bearing_std=0.03) for s in places])
+
+
+def test_it_is_said_where_a_lone_radio_may_be_taken_for_its_mirror_image():
+    noise = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
+    path, lone = [(0, 0), (60, 0)], [Fix.range(s, anchor=(40.0, 2.0), range_std_m=0.05) for s in range(34, 47, 2)]
+    drift = predict_drift(path, noise, fixes=lone, estimator="filter")
+    errors = simulate_drift(path, noise, fixes=lone, estimator="filter", runs=4000, rng=0)
+    assert np.sqrt((errors[:, -1] ** 2).sum(axis=-1).mean()) > 2 * drift.end.rms
+    np.testing.assert_allclose(drift.beyond_linear[-1, 1], 60.0)
+    helped = [*lone, *(Fix.position(s, position_std_m=0.1) for s in (10.0, 20.0, 28.0))]
+    assert not len(predict_drift(path, noise, fixes=helped, estimator="filter").beyond_linear)
+    assert_agrees(path, noise, helped)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(30))
+def test_where_nothing_is_said_radios_alone_are_predicted_to_six_per_cent(seed):
+    """And four standard errors, on random paths past one to four radios."""
+    rng = np.random.default_rng(seed)
+    noise = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
+    path = np.cumsum(rng.uniform(-20, 20, (rng.integers(3, 6), 2)), axis=0)
+    radio = BeaconKind.range_only(range_m=8.0, range_std_m=float(rng.choice([0.05, 0.1, 0.3])))
+    legs = rng.integers(len(path) - 1, size=rng.integers(1, 5))
+    beside = (
+        path[legs] + rng.random((len(legs), 1)) * (path[legs + 1] - path[legs]) + rng.uniform(-4, 4, (len(legs), 2))
+    )
+    beacons = [Beacon(radio, *place) for place in beside]
+    drift = drift_with_beacons(path, noise, beacons, estimator="filter")
+    fixes = beacon_fixes(path, beacons)
+    square = (simulate_drift(path, noise, fixes=fixes, estimator="filter", runs=1500, rng=seed)[:, 1:] ** 2).sum(
+        axis=-1
+    )
+    trusted = drift.distance[1:] <= min(drift.beyond_linear[:, 0], default=np.inf)
+    spare = 4 * square.std(axis=0) / 1500**0.5
+    assert (square.mean(axis=0) <= 1.06**2 * drift.rms[1:] ** 2 + spare)[trusted].all()
 
 
 def test_an_uncertain_start():

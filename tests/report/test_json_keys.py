@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from driftplan import Beacon, BeaconKind
+from driftplan.beacons.beacon_files import beacons_geojson
 from driftplan.report.commands import COMMANDS
 
 SAMPLES = Path(__file__).resolve().parents[2] / "examples/data"
@@ -41,7 +43,7 @@ RUNS = {
     "plan --trips": ("room.geojson", "--trips", "trips.csv", "--time-limit", 5),
     "plan --graph": (SAMPLES / "formats/hall.geojson", "--graph", GRAPH, "--start", "1,1", "--goal", "9,5"),
     "compare": ("room.geojson", "path.csv", *ENDS, "--iterations", 1),
-    "place": ("room.geojson", "path.csv", "--max-drift", 0.5, *MARKER, "--geojson", "tags.geojson"),
+    "place": ("room.geojson", "path.csv", "--max-drift", 0.5, *MARKER, "--geojson", "placed.geojson"),
     "place --tradeoff": ("room.geojson", "path.csv", "--tradeoff", 2, *MARKER),
     "design": ("room.geojson", "trips.csv", "--max-drift", 1, "--price-per-m", 1, "--time-limit", 2, *MARKER),
     "fit": (SAMPLES / "drive1_odometry.csv", SAMPLES / "drive1_truth.csv"),
@@ -52,7 +54,10 @@ RUNS = {
     "examples": ("samples",),
     "completion": ("bash",),
 }
-ELSEWHERE = {"studio", "demo"}  # the one serves a page until it is ended, the other has rows of compare and place
+ELSEWHERE = {  # what has no rows of its own
+    *("studio", "demo"),  # the one serves a page until it is ended, the other has rows of compare and place
+    "selftest",  # says in words what its numbers are
+}
 UNIT = re.compile(r"_(m|m2|s|rad|rad2|deg|percent)$|_per_(m|rad|step)$|^seconds$")
 NO_UNIT = {
     *("beacons", "breaks", "cell", "cells", "done", "failed", "infeasible", "missing", "obstacles", "out of time"),
@@ -60,7 +65,7 @@ NO_UNIT = {
     *("truth_samples", "zones", "independent"),  # they are counted
     *("beacon_cost", "cost", "driving_cost", "gain", "lower_bound", "penalty", "weight"),  # in the user's currency
     *("confidence", "coverage", "coverage_error", "mean_nees", "distance_scale_error", "distance_scale_std"),  # ratios
-    *("measured_heading_rms", "predicted_heading_rms"),  # of a sine
+    *("measured_heading_rms", "predicted_heading_rms", "probability"),  # the first two of a sine
     *("id", "nodes", "start", "goal", "reasons", "routes", "worst_route"),  # names: of nodes, cells and routes
     *("x", "low", "middle", "high"),  # of the answers of a study, which say what they are along and of
 }
@@ -71,6 +76,8 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("json")
     (folder / "room.geojson").write_text(json.dumps(ROOM))
     (folder / "study.yaml").write_text(json.dumps(STUDY))
+    tag = BeaconKind.landmark(range_m=3.0, position_std_m=0.1, heading_std=0.02)
+    (folder / "tags.geojson").write_bytes(beacons_geojson([Beacon(tag, 6.0, 3.0), Beacon(tag, 17.0, 6.0)]))
     (folder / "path.csv").write_text("2,2\n18,2\n18,10\n")
     (folder / "trips.csv").write_text("start_x,start_y,goal_x,goal_y\n2,2,18,2\n2,10,18,10\n")
     return folder
@@ -85,7 +92,7 @@ def numbers_by_key(value, key=""):
     return {key} if isinstance(value, (int, float)) and not isinstance(value, bool) else set()
 
 
-@pytest.mark.parametrize("name", sorted(RUNS, key=lambda name: name != "place"))  # which writes tags for others
+@pytest.mark.parametrize("name", RUNS)
 def test_every_number_says_its_unit(name, folder, run, monkeypatch):
     monkeypatch.chdir(folder)
     answer = run(name.split()[0], *RUNS[name], "--json")
