@@ -141,8 +141,8 @@ class Layout(Tabular):
         if not beyond:
             return ""
         return (
-            f"On {len(beyond)} of {len(self.drifts)} routes, the first of them route {beyond[0]}, the heading is "
-            "less certain between readings, or the direction of a range or bearing is, than a filter can be trusted with."
+            f"On {len(beyond)} of {len(self.drifts)} routes, the first of them route {beyond[0]}, the heading between "
+            "readings, or the direction of a range or bearing, is less certain than a filter can be trusted with."
         )
 
     def to_html(self, path: str | os.PathLike[str]) -> None:
