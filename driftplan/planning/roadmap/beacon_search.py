@@ -44,15 +44,16 @@ class BeaconSearch(BeaconWalks):
             return self.shortest_within(limit, longest)
         return (self.least_end_drift if minimise == "drift" else self.least_worst_drift)(limit, longest)
 
-    def shortest_within(self, limit: float, longest: float) -> Floats | None:
-        """The shortest path on which the drift never exceeds ``limit``."""
+    def shortest_within(self, limit: float, longest: float, *, thorough: bool = True) -> Floats | None:
+        """The shortest path on which the drift never exceeds ``limit``. A ``thorough`` search overlooks none that keeps
+        it with `WORST_TOLERANCE` to spare, and takes several times as long."""
         if self._keeps(self.shortest, limit, longest):
             return self.shortest
         for within in self._spans(longest):  # what is found within a shorter one is shorter
             found = [path for path in self.known if self._keeps(path, limit, within)]
             if (path := self._short_within(limit, within)) is not None:
                 found.append(path)
-            if not found or self._is_tight(limit, within, min(map(self.worst, found))):
+            if thorough and (not found or self._is_tight(limit, within, min(map(self.worst, found)))):
                 steady = None if self.late() else self.least_worst_drift(limit, within)
                 found += [] if steady is None else [steady]
             if found:
