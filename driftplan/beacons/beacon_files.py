@@ -180,7 +180,8 @@ def load_beacons(
     if not marks:
         raise MapError(f"{path}: expected tags with places, got none")
     seen = kind.view_angle_deg < 360
-    return tuple(Beacon(kind, m.x, m.y, id=m.name, facing_deg=m.facing_deg if seen else None) for m in marks)
+    with naming(path, MapError):
+        return tuple(Beacon(kind, m.x, m.y, id=m.name, facing_deg=m.facing_deg if seen else None) for m in marks)
 
 
 def marks_of(beacons: Sequence[Beacon]) -> list[Mark]:
