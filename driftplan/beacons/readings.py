@@ -28,8 +28,9 @@ import numpy as np
 from driftplan.arrays import Bools, Floats, Ints
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.passes import Passes, Views, passes_of
-from driftplan.model.drift import Drift, PointDrift, predict_drift
+from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.noise import Noises, OdometryNoise
+from driftplan.model.point_drift import PointDrift
 from driftplan.model.readings import Estimator, Fix, Readings
 from driftplan.world.world import World
 

@@ -3,7 +3,7 @@
 study                           run_study: many scenarios, on all cores or a cluster
 co_design                       beacons and routes chosen together
 place                           place_beacons, beacon_tradeoff: the search for the fewest
-layout                          Layout: what placing answers; as files and side by side
+layout, layout_files            Layout: what placing answers, and side by side; in files
 placement                       what a limit demands of a layout, and the cheapest cover of that
 scenario, sites                 what is asked: routes and limit; where beacons may go
 """

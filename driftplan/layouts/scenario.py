@@ -11,8 +11,9 @@ import numpy as np
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns, drift_with_beacons, readings_on, waypoints_of
-from driftplan.model.drift import Drift, PointDrift
+from driftplan.model.drift import Drift
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.point_drift import PointDrift
 from driftplan.model.readings import Estimator, Fix, Readings, checked_estimator
 from driftplan.model.worst import worst_radius, worst_rms
 from driftplan.planning.request import DriftLimit

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.arrays import Array, Floats, covariance, finite, not_negative, number, plane, shaped
-from driftplan.model.drift import PointDrift
 from driftplan.model.heading_laws import law_moments, shifted
 from driftplan.model.moments import Moments, identity, scan
 from driftplan.model.noise import HeadingLaw
+from driftplan.model.point_drift import PointDrift
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

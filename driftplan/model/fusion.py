@@ -20,7 +20,9 @@ from driftplan.model.paths import Runs
 from driftplan.model.readings import Fix, Readings, start_errors
 
 if TYPE_CHECKING:
-    from driftplan.model.drift import PointDrift
+    from driftplan.model.point_drift import PointDrift
+
+_PERFECT_VAR = 1e-12  # m² or rad²: more accurate is nothing that is measured
 
 
 class Beliefs(NamedTuple):
@@ -78,7 +80,8 @@ def misused_from(sighted: Readings, before: PointDrift) -> float:
     across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
     var_along, var_across = (np.einsum("ki,kij,kj->k", g, before.cov, g) for g in (along, across))
     swing_var = var_along * var_across / rho**2  # m² that a range is off to second order
-    off = np.fmax(swing_var / sighted.range_var, swing_var / rho**2 / sighted.bearing_var)
+    range_var, bearing_var = (np.maximum(var, _PERFECT_VAR) for var in (sighted.range_var, sighted.bearing_var))
+    off = np.fmax(swing_var / range_var, swing_var / rho**2 / bearing_var)
     return float(np.min(sighted.s_m[off > LINEAR_SWING_SHARE**2], initial=np.inf))
 
 

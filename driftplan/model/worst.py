@@ -21,10 +21,11 @@ from typing import NamedTuple
 import numpy as np
 
 from driftplan.arrays import Bools, Floats, Ints
-from driftplan.model.drift import Drift, PointDrift
+from driftplan.model.drift import Drift
 from driftplan.model.elements import of_legs
 from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.point_drift import PointDrift
 
 _CLOSE = 1e-10  # relative: what E|e|² may rise above the greatest value found
 _PARTS = 8  # into which a stretch is cut

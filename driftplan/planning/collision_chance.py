@@ -12,7 +12,8 @@ from scipy.special import betaincinv
 
 from driftplan.arrays import Array, Bools, Floats, Ints, bounded, positive, whole
 from driftplan.beacons.readings import gaussian_points
-from driftplan.model.drift import Drift, PointDrift
+from driftplan.model.drift import Drift
+from driftplan.model.point_drift import PointDrift
 from driftplan.world.world import World
 
 _CONFIDENCE = 0.95  # of the interval

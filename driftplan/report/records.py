@@ -13,7 +13,8 @@ from driftplan.tables import decimals, digits, rows_of, table
 
 if TYPE_CHECKING:
     from driftplan.arrays import Floats
-    from driftplan.model.drift import Drift, PointDrift
+    from driftplan.model.drift import Drift
+    from driftplan.model.point_drift import PointDrift
 
 
 _MOST_ROWS = 15  # of a table of drift, unless its points were asked for one by one
@@ -23,7 +24,7 @@ def drift_table(drift: PointDrift, *, most: int = _MOST_ROWS) -> str:
     """Drift at points as a table for people; of more than ``most`` some, evenly, with the first and the last."""
     import numpy as np
 
-    from driftplan.model.drift import PointDrift
+    from driftplan.model.point_drift import PointDrift
 
     count = len(drift.distance)
     few = np.linspace(0, count - 1, min(most, count)).round().astype(int)

@@ -14,7 +14,7 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.beacon_files import beacons_geojson, fiducial_map, load_beacons, tags_yaml
 from driftplan.beacons.readings import beacon_passes, drift_with_beacons
 from driftplan.errors import MapError
-from driftplan.layouts.layout import (
+from driftplan.layouts.layout_files import (
     installer_columns,
     installer_table,
     layout_building,

@@ -97,6 +97,16 @@ def test_it_is_said_where_a_lone_radio_may_be_taken_for_its_mirror_image():
     assert_agrees(path, noise, helped)
 
 
+@pytest.mark.parametrize(
+    "fix", [Fix.range(5.0, anchor=(5.0, 2.0), range_std_m=0.0), Fix.bearing(5.0, anchor=(5.0, 2.0), bearing_std=0.0)]
+)
+def test_perfect_ranges_and_bearings_are_misused_unless_the_robot_is_not_lost(fix):
+    path = [(0, 0), (10, 0)]
+    lost = predict_drift(path, EVERYTHING, fixes=[fix], estimator="filter")
+    np.testing.assert_allclose(lost.beyond_linear, [[5.0, 10.0]])
+    assert not len(predict_drift(path, OdometryNoise(), fixes=[fix], estimator="filter").beyond_linear)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(30))
 def test_where_nothing_is_said_radios_alone_are_predicted_to_six_per_cent(seed):

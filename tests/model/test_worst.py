@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.model.drift import PointDrift, predict_drift
+from driftplan.model.drift import predict_drift
 from driftplan.model.elements import run_moments
 from driftplan.model.moments import Moments
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.point_drift import PointDrift
 from driftplan.model.readings import Fix
 from driftplan.model.worst import _greatest_radius, bend_rates, ceiling, greatest_between, worst_radius, worst_rms
 

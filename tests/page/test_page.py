@@ -12,7 +12,7 @@ import pytest
 
 from driftplan import Beacon, BeaconKind, OdometryNoise, drift_with_beacons, load_beacons, save_noise
 from driftplan.beacons.beacon_files import beacons_geojson, fiducial_map, static_transforms, tags_yaml
-from driftplan.layouts.layout import layout_csv
+from driftplan.layouts.layout_files import layout_csv
 from driftplan.model.worst import worst_rms
 from driftplan.page.document import page, script
 from driftplan.page.scene import beacon_of, scene_of, zones_of

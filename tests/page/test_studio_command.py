@@ -16,7 +16,7 @@ import pytest
 
 from driftplan import Beacon, BeaconKind, Fix, InfeasibleError, drift_with_beacons, load_beacons, place_beacons
 from driftplan.beacons.beacon_files import fiducial_map, tags_yaml
-from driftplan.layouts.layout import InstallerRow, layout_csv
+from driftplan.layouts.layout_files import InstallerRow, layout_csv
 from driftplan.page.document import script
 from driftplan.page.scene import beacon_said, scene_of
 from driftplan.report.cli import main

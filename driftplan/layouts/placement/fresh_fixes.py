@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from driftplan.arrays import Bools, Complexes, Floats, Ints
 from driftplan.layouts.placement.route_table import RouteTable
-from driftplan.model.drift import PointDrift
 from driftplan.model.moments import Moments, compose, identity
+from driftplan.model.point_drift import PointDrift
 from driftplan.model.worst import ceiling, exceeds_between
 
 _RADIUS_PARTS = 16  # of a segment on which a radius comes close to the limit

@@ -102,7 +102,7 @@ def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layou
 
 def _layout_text(args: argparse.Namespace, layout: Layout) -> str:
     from driftplan import installer_table
-    from driftplan.layouts.layout import installer_columns
+    from driftplan.layouts.layout_files import installer_columns
 
     what = "drift" if args.confidence is None else f"{100 * args.confidence:g} % radius"
     rows, parts = installer_table(layout), []

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from driftplan.arrays import Floats
-from driftplan.model.drift import Drift, PointDrift
+from driftplan.model.drift import Drift
+from driftplan.model.point_drift import PointDrift
 from driftplan.report.figures import style
 from driftplan.report.figures.ellipses import error_ellipse, magnification, mark_distances, mark_spacing
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from driftplan.files import head
-from driftplan.layouts.layout import Layout, installer_columns, installer_table
+from driftplan.layouts.layout import Layout
+from driftplan.layouts.layout_files import installer_columns, installer_table
 from driftplan.report.figures import style
 from driftplan.report.figures.layouts import found_in_words, map_box
 from driftplan.report.figures.maps import plot_world

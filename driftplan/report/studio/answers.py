@@ -16,7 +16,8 @@ from driftplan.beacons.beacon_files import beacons_geojson
 from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import DriftplanError, InfeasibleError
 from driftplan.files import write_files
-from driftplan.layouts.layout import Layout, layout_dxf
+from driftplan.layouts.layout import Layout
+from driftplan.layouts.layout_files import layout_dxf
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import Sites

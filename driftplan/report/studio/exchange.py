@@ -10,7 +10,7 @@ from typing import Any
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.beacon_files import load_beacons
-from driftplan.layouts.layout import InstallerRow
+from driftplan.layouts.layout_files import InstallerRow
 from driftplan.page.scene import Scene, beacon_of, beacon_said
 from driftplan.world.route_files import read_path
 

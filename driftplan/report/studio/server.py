@@ -23,13 +23,13 @@ class StudioServer(ThreadingHTTPServer):
     daemon_threads = True  # a search does not outlive the command
 
     def __init__(self, scene: Scene, answers: Answers, port: int = 0):
-        super().__init__(("127.0.0.1", port), _Handler)
+        super().__init__(("127.0.0.1", port), _Requests)
         self.answers, self.page = answers, page(scene, asks=True, saves=answers.save is not None)
         self.root = f"/{secrets.token_urlsafe(24)}/"
         self.url = f"http://127.0.0.1:{self.server_port}{self.root}"
 
 
-class _Handler(BaseHTTPRequestHandler):
+class _Requests(BaseHTTPRequestHandler):
     server: StudioServer
 
     def do_GET(self) -> None:

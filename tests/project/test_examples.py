@@ -14,7 +14,7 @@ import pytest
 from driftplan.report.cli import build_parser
 from driftplan.report.commands.shared import kind_from, noise_from
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 NOTEBOOKS = sorted(EXAMPLES.glob("*.ipynb"))
 
 

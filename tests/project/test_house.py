@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).resolve().parents[1] / "driftplan"
+PACKAGE = Path(__file__).resolve().parents[2] / "driftplan"
 BASEMENT = ["errors", "arrays", "files", "tables", "door"]  # modules of their own, that every floor may import
 FLOORS = [*BASEMENT, "model", "literature", "world", "beacons", "page", "planning", "layouts", "report"]
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
-SHIPPED = ("driftplan", "maps", "examples", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in", "tests")
+ROOT = Path(__file__).resolve().parents[2]
+SHIPPED = ("driftplan", "maps", "examples", "pyproject.toml", "README.md", "LICENSE", "tests")
 
 
 def copied(source: Path) -> Path:
@@ -40,7 +40,7 @@ def test_the_source_distribution_has_no_stray_files_and_makes_the_whole_wheel(tm
     (sdist,) = tmp_path.glob("driftplan-*.tar.gz")
     with tarfile.open(sdist) as archive:
         tops = {Path(name).parts[1] for name in archive.getnames() if len(Path(name).parts) > 1}
-    own = {"driftplan", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in"}
+    own = {"driftplan", "pyproject.toml", "README.md", "LICENSE"}
     assert tops == own | {"PKG-INFO", "setup.cfg", "driftplan.egg-info"}
     pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(tmp_path), str(sdist)]
     subprocess.run(pip, check=True, capture_output=True, env=clean)

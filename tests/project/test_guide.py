@@ -14,7 +14,7 @@ import pytest
 
 import driftplan
 
-GUIDE = Path(__file__).resolve().parents[1] / "examples/guide"
+GUIDE = Path(__file__).resolve().parents[2] / "examples/guide"
 REFERENCE = sorted((GUIDE / "api").glob("*.md"))
 
 
