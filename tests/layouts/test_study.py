@@ -231,12 +231,13 @@ def test_what_is_infeasible_is_an_answer_and_what_fails_is_tried_again_when_aske
 
 @pytest.mark.parametrize("estimator", ["reset", "filter"])
 def test_cells_that_share_stations_answer_as_each_alone(estimator):
-    study = {**LINE, "estimator": estimator, "vary": {**LIMITS["vary"], "redundancy": [1, 2], "max_beacons": [2, 9]}}
+    varied = {"redundancy": [1, 2], "routes": {"one": LINE["routes"], "two": [[[0, 0], [40, 0]], [[0, 0], [0, 30]]]}}
+    study = {**LINE, "estimator": estimator, "vary": {**LIMITS["vary"], **varied}}
     together, alone = planned_study(study), planned_study(study)
     for task in together.tasks:
         mine, own = together.workshop.row(task), Workshop(alone.inputs.shared).row(task)
         assert {**mine, "spent": None} == {**own, "spent": None}
-    assert len(together.workshop._kept) == 1
+    assert len(together.workshop._kept) == 2
 
 
 def test_whatever_goes_wrong_in_a_cell_is_its_row(monkeypatch):

@@ -69,6 +69,20 @@ def test_the_chance_is_that_of_drives_simulated_one_by_one(beacons, estimator):
     assert chance.at[[60, 120, 199]] == pytest.approx(share, abs=0.08)
 
 
+@pytest.mark.parametrize("estimator", ["reset", "filter"])
+def test_steering_back_at_a_reading_counts(estimator):
+    """A thin pole stands 1 m beside where a tag is read: whoever is off beyond it runs into it on the way back."""
+    pole = World.from_polygons(
+        [[(20, 0.99), (20.02, 0.99), (20.02, 1.01), (20, 1.01)]], bounds=(-9, -20, 50, 20), robot_radius=0.05
+    )
+    noise, fix = OdometryNoise(lateral_var_per_m=0.05), Fix.position(20.01, position_std_m=0.01)
+    drift = predict_drift([(0, 0), (30, 0)], noise, fixes=[fix], estimator=estimator)
+    beyond = ndtr(-1.0 / np.sqrt(20 * 0.05))
+    chance = collision_chance(drift, pole, runs=3000)
+    assert chance.probability == pytest.approx(beyond, abs=0.04)
+    assert chance.low <= chance.bound < 1.6 * beyond
+
+
 def test_the_bound_is_near_where_errors_of_heading_make_the_drift():
     drift = predict_drift(PATH, OdometryNoise.from_std(heading_deg=4.0, distance_m=0.001, after_m=10.0))
     chance = collision_chance(drift, HALL, runs=4000)
