@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mpmath as mp
 import numpy as np
 import pytest
@@ -172,6 +174,74 @@ def test_heading_laws_against_fifty_digits(law, variance):
     assert float(law_says.theta_r) == pytest.approx(float(-slope[1]), rel=1e-12, abs=1e-15 * scale)
     assert float(law_says.theta_r2) == pytest.approx(float(-slope[2]), rel=1e-12, abs=1e-15 * scale)
     assert float(law_says.theta2_r2) == pytest.approx(float(-mp.diff(phi, 2, 2)), rel=1e-12, abs=1e-15 * scale)
+
+
+EVERY_STEP = OdometryNoise.per_step(heading_std=0.3, distance_std=0.2, lateral_std=0.1, step_m=1.5)
+SLANTED = replace(
+    EVERY_STEP,
+    heading_var_per_m=0.02,
+    distance_var_per_m=0.03,
+    lateral_var_per_m=0.005,
+    heading_var_per_rad=0.04,
+    distance_var_per_rad=0.02,
+    heading_distance_corr=-0.6,
+    heading_bias_per_m=0.1,
+    heading_bias_per_rad=-0.05,
+    distance_scale_error=0.15,
+)
+
+
+def averaged_step(u, p, facing, theta, heading_std, along, across):
+    """Moments of û = u r and p̂ = r (p + τ·facing), r = exp(jθ), by quadrature: θ of mean ``theta``; the error τ along
+    the way has the mean ``along[0]``, rises by ``along[1]`` per radian of θ's own error and has the variance
+    ``along[2]`` beside that; across it has the variance ``across``."""
+    x, weight = np.polynomial.hermite_e.hermegauss(60)
+    few, of_few = np.polynomial.hermite_e.hermegauss(4)
+    own, rest, side = np.meshgrid(x * heading_std, few * np.sqrt(along[2]), few * np.sqrt(across), indexing="ij")
+    w = weight[:, None, None] * of_few[:, None] * of_few / (2 * np.pi) ** 1.5
+    r = np.exp(1j * (theta + own))
+    d, e = r - 1, r * (p + (along[0] + along[1] * own + rest + 1j * side) * facing) - p
+    means = [np.sum(w * value) for value in (d, d * d, abs(d) ** 2, e, abs(e) ** 2, e * e, e * np.conj(d), e * d)]
+    return Moments(u, p, *means)
+
+
+@pytest.mark.parametrize("noise", [EVERY_STEP, SLANTED])
+@pytest.mark.parametrize("curvature", [0.0, 0.8, -1.1])
+def test_one_step_is_the_average_over_its_errors(noise, curvature):
+    length, bend = 1.5, abs(curvature)
+    u = np.exp(1j * curvature * length)
+    p = (u - 1) / (1j * curvature) if curvature else length
+    heading_var = 0.3**2 + (noise.heading_var_per_m + noise.heading_var_per_rad * bend) * length
+    distance_var = 0.2**2 + (noise.distance_var_per_m + noise.distance_var_per_rad * bend) * length
+    share = noise.heading_distance_corr
+    along = noise.distance_scale_error * length, share * np.sqrt(distance_var / heading_var)
+    expected = averaged_step(
+        u,
+        p,
+        p / abs(p),
+        (noise.heading_bias_per_m + noise.heading_bias_per_rad * curvature) * length,
+        np.sqrt(heading_var),
+        (*along, distance_var * (1 - share**2)),
+        0.1**2 + noise.lateral_var_per_m * length,
+    )
+    found = run_moments(np.array(length), np.array(curvature), noise)
+    for name in NAMES:
+        assert complex(getattr(found, name)) == pytest.approx(complex(getattr(expected, name)), abs=1e-13), name
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.3, -2.0])
+@pytest.mark.parametrize("share", [0.0, -0.6])
+def test_a_turn_in_steps_is_the_average_over_its_errors(turn, share):
+    noise = replace(SLANTED, heading_distance_corr=share)
+    heading_var, distance_var = 0.04 * abs(turn), 0.02 * abs(turn)
+    slope = share * np.sqrt(0.5)
+    u = np.exp(1j * turn)
+    expected = averaged_step(
+        u, 0.0, u, -0.05 * turn, np.sqrt(heading_var), (0.0, slope, distance_var * (1 - share**2)), 0.0
+    )
+    found = turn_moments(np.array(turn), noise)
+    for name in NAMES:
+        assert complex(getattr(found, name)) == pytest.approx(complex(getattr(expected, name)), abs=1e-13), name
 
 
 def test_a_billion_steps_are_one_power():

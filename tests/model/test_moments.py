@@ -139,6 +139,15 @@ def test_scan_survives_the_loss_of_all_coherence():
     assert np.isfinite(states.N).all()
 
 
+def test_pieces_go_into_numbers_and_back_and_fields_of_any_shape_into_arrays_of_one():
+    X = arbitrary(np.random.default_rng(7), (5,))
+    assert_same(Moments.stack(X.numbers()), X, rtol=0)
+    assert Moments.stack(X.numbers()).D.dtype == float
+    mixed = Moments(1.0, 0.0, *X.arrays()[2:])
+    assert [x.shape for x in mixed.arrays()] == [(5,)] * 10
+    assert_same(mixed[3], Moments(1.0, 0.0, *X[3].arrays()[2:]), rtol=0)
+
+
 def test_scan_works_on_batches():
     rng = np.random.default_rng(4)
     pieces = realistic(rng, 60)

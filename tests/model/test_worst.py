@@ -7,16 +7,29 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from driftplan.model import worst
 from driftplan.model.drift import predict_drift
 from driftplan.model.elements import run_moments
 from driftplan.model.moments import Moments
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.paths import Run
 from driftplan.model.point_drift import PointDrift
 from driftplan.model.readings import Fix
-from driftplan.model.worst import _greatest_radius, bend_rates, ceiling, greatest_between, worst_radius, worst_rms
+from driftplan.model.worst import (
+    Departures,
+    _greatest_of_mixture,
+    _greatest_radius,
+    bend_rates,
+    ceiling,
+    exceeds_between,
+    greatest_between,
+    worst_radius,
+    worst_rms,
+)
 
 PATH = np.array([(0, 0), (6, 4), (1, -6), (1, -6), (9, -6)], dtype=float)
 CIRCLING = OdometryNoise(heading_var_per_m=1e-6, heading_bias_per_m=0.5)
+STEPS = OdometryNoise.per_step(heading_std=0.1, distance_std=0.1, step_m=1.0)
 FIXES = [
     Fix.full(0.0, position_std_m=0.05, heading_std=0.2),
     Fix.position(9.0, position_std_m=0.3),
@@ -120,10 +133,10 @@ def test_no_run_bends_faster_nor_rises_above_the_ceiling_of_its_ends(q, bias, sc
 
 def test_a_ceiling_is_that_of_a_parabola_that_sags_as_much_as_it_may():
     # Without a bend that grows with the rms: between 1 and 1 it rises by the sag, and not above 5 beside 1.
-    one = np.ones(3)
-    np.testing.assert_allclose(ceiling(one, one * [1, 5, 2], 0 * one, one), [2.0, 5.0, 1.5 + 1 + 1 / 16], rtol=1e-12)
+    one, ends = np.ones(4), np.array([1, 5, 2, 9])
+    np.testing.assert_allclose(ceiling(one, ends, 0 * one, one), [2.0, 5.0, 1.5 + 1 + 1 / 16, 9.0], rtol=1e-12)
     # With one, between two that are level, the sag is that of the rms it is lifted to.
-    lifted = ceiling(4 * one, 4 * one, one * [2.0, 0.5, 0.0], one * [1.0, 3.0, 2.0])
+    lifted = ceiling(4 * np.ones(3), 4 * np.ones(3), np.array([2.0, 0.5, 0.0]), np.array([1.0, 3.0, 2.0]))
     np.testing.assert_allclose(lifted, 4 + np.array([2.0, 0.5, 0.0]) * np.sqrt(lifted) + [1.0, 3.0, 2.0], rtol=1e-12)
 
 
@@ -136,6 +149,16 @@ def test_the_greatest_radius_may_be_where_the_rms_is_not_the_greatest(scale):
     radius, place = _greatest_radius(points, 0.95)
     assert radius == pytest.approx(1.959964 * scale, rel=1e-4)
     assert place >= 16
+
+
+def test_a_group_of_points_is_passed_over_only_if_its_greatest_cannot_matter():
+    # Of the second sixteen points by rms the first, a line, has the greatest radius of all, the rest has almost none.
+    zero, one = np.zeros(32), np.arange(32) == 16
+    N = np.where(np.arange(32) < 16, 1.01, np.where(one, 1.0, 1e-6))
+    points = PointDrift(np.arange(32.0), Moments(zero + 1, zero, zero, zero, zero, zero, N, 1.0 * one, zero, zero))
+    radius, place = _greatest_radius(points, 0.95)
+    assert radius == pytest.approx(1.959964, rel=1e-4)
+    assert place == 16
 
 
 def test_the_drift_before_a_fix_counts():
@@ -173,11 +196,21 @@ def test_the_greatest_radius_is_that_of_looking_everywhere(confidence, noise):
         assert everywhere * (1 - 1e-9) <= found <= everywhere * (1 + 5e-4)  # points 5 cm apart miss a peak's tip
 
 
+@pytest.mark.parametrize("bias", [0.5, 0.47, 0.44])
+def test_a_peak_of_the_radius_between_waypoints_is_found_to_nine_digits(bias):
+    drift = predict_drift(PATH[:3], replace(CIRCLING, heading_bias_per_m=bias))
+    coarse = np.linspace(0.0, float(drift.length), 60)[1:-1]
+    near = coarse[np.argmax(drift.at(coarse).radius(0.9))] + np.linspace(-0.25, 0.25, 201)
+    assert worst_radius(drift, 0.9) >= drift.at(near).radius(0.9).max() * (1 - 1e-9)
+
+
 @pytest.mark.parametrize(
     ("drift", "said"),
     [
         (predict_drift(np.stack([PATH, PATH]), CIRCLING), "one path, got a batch"),
-        (predict_drift(PATH, OdometryNoise.per_step(heading_std=0.1, distance_std=0.1, step_m=1.0)), "continuous kind"),
+        (predict_drift(PATH, STEPS), "continuous kind"),
+        (predict_drift(PATH[:3], [CIRCLING, STEPS]), "continuous kind"),
+        (predict_drift([Run(length_m=3.0, curvature_per_m=0.2), Run(length_m=2.0)], CIRCLING), "straight runs"),
     ],
 )
 def test_what_has_no_bound_is_refused(drift, said):
@@ -204,3 +237,67 @@ def test_a_stretch_is_looked_into_as_long_as_its_sag_could_lift_it_above_the_gre
             np.array([share * peak]),
         )
         assert found == pytest.approx(peak, rel=1e-9)
+
+
+def lost(position: complex, heading: float) -> Moments:
+    """Moments of an error that is known, of one stretch."""
+    e, d = position, np.exp(1j * heading) - 1
+    values = (1.0, 0.0, d, d * d, abs(d) ** 2, e, abs(e) ** 2, e * e, e * np.conj(d), e * d)
+    return Moments(*(np.array([value]) for value in values))
+
+
+def test_the_bound_on_the_bend_is_attained_and_no_stretch_is_looked_into_in_vain(monkeypatch):
+    """Far from where it believes itself to be, a robot's |e|² bends by 2 |μ| |e|, and drives that bend in proportion to
+    their rms bend as much on average as is allowed. So the peak between two level ends is all but at their ceiling:
+    told of 99 % of the rise, the search must find the rest; told of 102 %, it need not look."""
+    length, biases = 0.5, (0.05, 0.1)
+    noises = [OdometryNoise(heading_bias_per_m=bias) for bias in biases]
+    begun = [lost(-1e6j * bias, -bias * length / 2) for bias in biases]
+    drives = [Departures(w, moments, [noise]) for w, moments, noise in zip((0.3, 0.7), begun, noises, strict=True)]
+
+    def square(s):
+        """E|e|² after s metres, from geometry: each drive's estimate goes round a circle."""
+        sums = 0.0
+        for w, bias in zip((0.3, 0.7), biases, strict=True):
+            believed = np.exp(-0.5j * bias * length) * (np.exp(1j * bias * s) - 1) / (1j * bias)
+            sums = sums + w * np.abs(-1e6j * bias + believed - s) ** 2
+        return sums
+
+    s = np.linspace(0.0, length, 2001)
+    ends, peak = square(length), square(s).max()
+    assert ends == pytest.approx(square(0.0), rel=1e-9)
+    for share in (0.99, 1.02):
+        told = np.array([ends + share * (peak - ends)])
+        if share > 1:
+            monkeypatch.setattr(worst, "of_legs", None)
+        found = _greatest_of_mixture(
+            drives, np.array([length]), np.zeros(1, int), np.array([ends]), np.zeros(1, int), told
+        )
+        assert found == pytest.approx(max(peak, told[0]), rel=1e-9)
+
+
+def test_the_bend_of_an_average_is_the_root_mean_square_of_the_drives_bends(monkeypatch):
+    asked = []
+    monkeypatch.setattr(worst, "ceiling", lambda *given: asked.append(given) or np.zeros(len(given[0])))
+    noises = [
+        replace(OdometryNoise(heading_var_per_m=q, distance_var_per_m=0.3, heading_distance_corr=0.8), **more)
+        for q, more in ((0.2, {}), (0.1, {"heading_bias_per_m": 0.4}))
+    ]
+    start, none = lost(2.0, 0.1), np.zeros(1, int)
+    drives = [Departures(w, start, [noise]) for w, noise in zip((0.25, 0.75), noises, strict=True)]
+    _greatest_of_mixture(drives, np.array([6.0]), none, np.array([3.0]), none, np.array([5.0]))
+    (begin, end, bend, fixed), rates = asked[0], np.array([bend_rates(noise) for noise in noises])
+    assert (begin, end) == (pytest.approx(4.0), 3.0)
+    assert bend == pytest.approx(np.sqrt(0.25 * rates[0, 0] ** 2 + 0.75 * rates[1, 0] ** 2) * 36 / 8, rel=1e-12)
+    assert fixed == pytest.approx((0.25 * rates[0, 1] + 0.75 * rates[1, 1]) * 36 / 8, rel=1e-12)
+
+
+def test_a_limit_is_exceeded_inside_a_stretch_if_its_peak_is_above_it():
+    drift = predict_drift(PATH[:3], CIRCLING)
+    leg = int(np.argmax(drift.at(np.array([6.0, 14.0])).rms))
+    peak, end = worst_rms(drift) ** 2, drift.moments.N.real[leg + 1]
+    begun, length = drift.departures()[[leg] * 4], np.repeat(drift.runs.lengths[leg], 4)
+    limits = peak * np.array([0.9, 1 - 1e-6, 1 + 1e-6, 2.0])
+    assert end < limits[0]
+    found = exceeds_between(begun, length, np.zeros(4, int), [CIRCLING], np.full(4, end), limits)
+    assert found.tolist() == [True, True, False, False]

@@ -30,6 +30,8 @@ CORE = {  # module: the tests that should notice, the quickest first
     "model.moments": "model/test_moments.py model/test_elements.py",
     "model.elements": "model/test_elements.py model/test_drift.py",
     "model.covariance": "model/test_covariance.py model/test_filter_drift.py",
+    "model.filter_state": "model/test_covariance.py model/test_filter_drift.py",
+    "model.fusion": "model/test_filter_drift.py model/test_between_drives.py",
     "model.readings": "model/test_fixes.py model/test_covariance.py model/test_drift.py model/test_filter_drift.py",
     "model.drive": "model/test_drive.py model/test_fixes.py model/test_filter_drift.py",
     "model.worst": "model/test_worst.py model/test_filter_drift.py",
@@ -50,6 +52,7 @@ def main() -> int:
     parser.add_argument("modules", nargs="*", default=[], help=f"some of: {' '.join(CORE)}")
     parser.add_argument("--sample", type=int, default=40, help="mutants of each module (40)")
     parser.add_argument("--seed", type=int, default=0, help="of the sample (0)")
+    parser.add_argument("--again", action="store_true", help="only the survivors in score.md, and leave that as it is")
     parser.add_argument("--minutes", type=float, default=60.0, help="after which no further mutant is tried (60)")
     args = parser.parse_args()
     if unknown := set(args.modules) - set(CORE):
@@ -57,14 +60,16 @@ def main() -> int:
     end = time.monotonic() + 60 * args.minutes
     warm_up()
     for module in args.modules or CORE:
-        report = try_module(module, args.sample, args.seed, end)
-        keep(module, report)
+        report = try_module(module, args.sample, args.seed, end, survivors_of(module) if args.again else None)
+        if not args.again:
+            keep(module, report)
         print(report, flush=True)
     return 0
 
 
-def try_module(module: str, sample: int, seed: int, end: float) -> str:
-    """The score of one module: a line of a table, and the survivors."""
+def try_module(module: str, sample: int, seed: int, end: float, only: set[str] | None = None) -> str:
+    """The score of one module: a line of a table, and the survivors; ``only`` those of these names are tried, if any
+    are given."""
     tests = [str(ROOT / "tests" / name) for name in CORE[module].split()]
     calls = Calls(str(file_of(module)))
     with tempfile.TemporaryDirectory() as folder:
@@ -72,7 +77,7 @@ def try_module(module: str, sample: int, seed: int, end: float) -> str:
             raise SystemExit(f"the tests of {module} fail without any fault")
         calls.read(Path(folder) / "calls")
     known = equivalent(module)
-    mutants = [m for m in mutants_of(file_of(module)) if m.name not in known]
+    mutants = [m for m in mutants_of(file_of(module)) if m.name not in known and (only is None or m.name in only)]
     random.Random(seed).shuffle(mutants)
     tried, survivors = 0, []
     for mutant in mutants[:sample]:
@@ -213,12 +218,25 @@ def equivalent(module: str) -> set[str]:
     return {name for of, name, _ in lines if of == module}
 
 
+SCORE = HERE / "score.md"
+
+
+def scores() -> tuple[str, dict[str, str]]:
+    """The head of ``score.md`` and what it says of each module."""
+    head, *parts = SCORE.read_text().split("\n\n### ") if SCORE.exists() else ["# Mutants that the tests notice"]
+    return head, {part.split("\n")[0].split()[0]: part.rstrip() for part in parts}
+
+
+def survivors_of(module: str) -> set[str]:
+    """Names of the mutants of a module that the tests did not notice the last time."""
+    return {line.split("  ", 1)[1] for line in map(str.strip, scores()[1].get(module, "").splitlines()[1:])}
+
+
 def keep(module: str, report: str) -> None:
     """Put the score of a module in its place in ``score.md``."""
-    file = HERE / "score.md"
-    head, *parts = file.read_text().split("\n\n### ") if file.exists() else ["# Mutants that the tests notice"]
-    scores = {part.split("\n")[0].split()[0]: part.rstrip() for part in parts} | {module: report}
-    file.write_text("\n\n### ".join([head.rstrip(), *(scores[name] for name in CORE if name in scores)]) + "\n")
+    head, found = scores()
+    found[module] = report
+    SCORE.write_text("\n\n### ".join([head.rstrip(), *(found[name] for name in CORE if name in found)]) + "\n")
 
 
 if __name__ == "__main__":
