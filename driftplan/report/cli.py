@@ -35,7 +35,7 @@ CLOSED_PIPE = 141  # what a shell reports of a program that wrote into a closed 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with these arguments (default: those of the process) and return its exit code."""
-    words = _negative_numbers_joined(sys.argv[1:] if argv is None else argv)
+    words = list(sys.argv[1:] if argv is None else argv)
     name = next((word for word in words if word in COMMANDS), "")
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -119,17 +119,6 @@ def build_parser() -> Parser:
     for command in COMMANDS.values():
         command.add_to(subparsers)
     return parser
-
-
-def _negative_numbers_joined(argv: Sequence[str]) -> list[str]:
-    """``--start -3,4`` as ``--start=-3,4``: argparse would take what begins with a minus for an option."""
-    joined: list[str] = []
-    for word in argv:
-        if re.match(r"-\.?\d", word) and joined and re.fullmatch(r"--[a-z][a-z0-9-]*", joined[-1]):
-            joined[-1] += f"={word}"
-        else:
-            joined.append(word)
-    return joined
 
 
 def _failed(words: Sequence[str], name: str, error: BaseException, message: str, code: int) -> int:

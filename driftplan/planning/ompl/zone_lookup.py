@@ -33,10 +33,10 @@ class ZoneLookup(Generic[T]):
         self._outlines = [_Outline(zone) for zone in zones]
         self._index = ZoneIndex(zones)
 
-    def at(self, x: float, y: float) -> T:
-        """What holds at a point."""
+    def at(self, x: float, y: float, among: Sequence[int] | None = None) -> T:
+        """What holds at a point; ``among`` are the zones that may be there, where they are known."""
         if self._values:
-            for k in self._index.grid.near_point(x, y):  # the last first
+            for k in self._index.boxes.at_point(x, y, among):  # the last first
                 inside = self._outlines[k].surrounds(x, y)
                 if inside is None:
                     inside = shapely.intersects_xy(self._index.areas[k].prepared, x, y)
@@ -46,7 +46,7 @@ class ZoneLookup(Generic[T]):
 
     def pieces(self, x0: float, y0: float, x1: float, y1: float) -> list[tuple[float, float, T]]:
         """The segment from (x0, y0) to (x1, y1) in pieces: from and to, as fractions, and what holds between."""
-        near = self._index.grid.near_segment(x0, y0, x1, y1) if self._values else ()
+        near = self._index.boxes.on_segment(x0, y0, x1, y1) if self._values else ()
         if not near:
             return [(0.0, 1.0, self._elsewhere)]
         dx, dy = x1 - x0, y1 - y0
@@ -54,7 +54,7 @@ class ZoneLookup(Generic[T]):
         for k in near:
             cuts += self._outlines[k].crossings(x0, y0, dx, dy)
         return [
-            (begin, end, self.at(x0 + 0.5 * (begin + end) * dx, y0 + 0.5 * (begin + end) * dy))
+            (begin, end, self.at(x0 + 0.5 * (begin + end) * dx, y0 + 0.5 * (begin + end) * dy, near))
             for begin, end in _between(cuts)
         ]
 
@@ -72,7 +72,7 @@ class ZoneLookup(Generic[T]):
         radius = 1 / abs(curvature)
         cx, cy = x - sin(yaw) / curvature, y + cos(yaw) / curvature
         box = cx - radius, cy - radius, cx + radius, cy + radius
-        near = self._index.grid.near_box(*box) if self._values else ()
+        near = self._index.boxes.on_box(*box) if self._values else ()
         if not near:
             return [(x, y, yaw, length, self._elsewhere)]
         turn = curvature * length
@@ -87,7 +87,7 @@ class ZoneLookup(Generic[T]):
         for begin, stop in _between(cuts):
             middle = after_arc(x, y, yaw, 0.5 * (begin + stop) * length, curvature)
             start = after_arc(x, y, yaw, begin * length, curvature)
-            found.append((*start, (stop - begin) * length, self.at(middle[0], middle[1])))
+            found.append((*start, (stop - begin) * length, self.at(middle[0], middle[1], near)))
         return found
 
 

@@ -10,40 +10,12 @@ completion
 
 from __future__ import annotations
 
-from driftplan.report.commands import (
-    compare,
-    completion,
-    demo,
-    design,
-    examples,
-    fit,
-    graph,
-    maps,
-    place,
-    plan,
-    predict,
-    selftest,
-    studio,
-    study,
-)
+from importlib import import_module
+
 from driftplan.report.commands.option import Command
 
-COMMANDS: dict[str, Command] = {
-    module.COMMAND.name: module.COMMAND
-    for module in (
-        demo,
-        predict,
-        plan,
-        compare,
-        place,
-        design,
-        fit,
-        studio,
-        graph,
-        study,
-        maps,
-        examples,
-        selftest,
-        completion,
-    )
-}
+_NAMES = (  # in the order of the help
+    *("demo", "predict", "plan", "compare", "place", "design", "fit"),
+    *("studio", "graph", "study", "maps", "examples", "selftest", "completion"),
+)
+COMMANDS: dict[str, Command] = {name: import_module(f"{__name__}.{name}").COMMAND for name in _NAMES}

@@ -138,6 +138,7 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(allow_abbrev=False, formatter_class=_HelpFormatter, **kwargs)
         self.folded: tuple[str, ...] = ()
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # -3,4 is a value too, not an option
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{self.prog}: {message} (see {self.prog} --help)")

@@ -1,4 +1,4 @@
-"""The grid over zones leaves out none that may be met, and looks at few of many."""
+"""The boxes of zones leave out none that may be met, and few of many are looked at."""
 
 import numpy as np
 import pytest
@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.ompl.zone_lookup import ZoneLookup
 from driftplan.world.world import World
-from driftplan.world.zones import Zone, ZoneGrid
+from driftplan.world.zones import Zone, ZoneBoxes
 
 WET = OdometryNoise(heading_var_per_m=1e-3)
 
 
 def random_boxes(rng, count):
-    """Of all sizes, some of them flat in one direction, many on a lattice, so that they share borders with cells."""
+    """Of all sizes, some of them flat in one direction, many on a lattice, so that they share borders."""
     low = rng.uniform(-20, 20, (count, 2))
     size = rng.choice([0.1, 1.0, 10.0], (count, 1)) * rng.uniform(0, 1, (count, 2))
     boxes = np.c_[low, low + size]
@@ -34,21 +34,21 @@ def overlapping(boxes, xmin, ymin, xmax, ymax):
 def test_no_box_is_left_out(seed, count, offset):
     rng = np.random.default_rng(seed)
     boxes = random_boxes(rng, count) + offset
-    grid = ZoneGrid(boxes)
+    found = ZoneBoxes(boxes)
     ends = rng.uniform(-30, 30, (40, 2, 2)) + offset
     ends[::4] = np.round(ends[::4])
     ends[1::4, 1, 0] = ends[1::4, 0, 0]  # upright,
     ends[2::4, 1, 0] = ends[2::4, 0, 0] + 1e-9  # and almost so
     for (x0, y0), (x1, y1) in ends.tolist():
         box = min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)
-        assert grid.near_box(*box) == overlapping(boxes, *box)
-        assert grid.near_point(x0, y0) == overlapping(boxes, x0, y0, x0, y0)
-        near = grid.near_segment(x0, y0, x1, y1)
+        assert found.on_box(*box) == overlapping(boxes, *box)
+        assert found.at_point(x0, y0) == overlapping(boxes, x0, y0, x0, y0)
+        near = found.on_segment(x0, y0, x1, y1)
         met = shapely.intersects(shapely.LineString([(x0, y0), (x1, y1)]), shapely.box(*boxes.T))
         assert set(np.flatnonzero(met).tolist()) <= set(near) <= set(overlapping(boxes, *box))
         assert near == sorted(near, reverse=True)
     points = ends[:, 0]
-    point, box = grid.near_points(points)
+    point, box = found.at_points(points)
     pairs = set(zip(point.tolist(), box.tolist(), strict=True))
     assert len(pairs) == len(point)
     assert pairs >= {(i, k) for i, p in enumerate(points.tolist()) for k in overlapping(boxes, *p, *p)}
@@ -58,16 +58,10 @@ def test_no_box_is_left_out(seed, count, offset):
 def test_few_of_many_zones_are_looked_at():
     """What a motion costs does not grow with the number of zones elsewhere."""
     x, y = (v.ravel() for v in np.meshgrid(np.arange(100.0), np.arange(100.0)))
-    grid = ZoneGrid(np.c_[x, y, x + 0.5, y + 0.5])
-    assert len(grid.near_point(50.2, 50.2)) == 1
-    assert len(grid.near_segment(50.2, 50.2, 53.2, 51.2)) <= 8
-    assert len(grid.near_segment(0.2, 0.2, 99.2, 99.2)) <= 300  # of 10,000
-
-
-def test_zones_that_all_overlap_do_not_fill_the_memory():
-    grid = ZoneGrid(np.tile([0.0, 0.0, 10.0, 10.0], (2000, 1)))
-    assert len(grid.near_point(5, 5)) == 2000
-    assert sum(map(len, grid._cells)) <= 64 * 2000
+    found = ZoneBoxes(np.c_[x, y, x + 0.5, y + 0.5])
+    assert len(found.at_point(50.2, 50.2)) == 1
+    assert len(found.on_segment(50.2, 50.2, 53.2, 51.2)) <= 8
+    assert len(found.on_segment(0.2, 0.2, 99.2, 99.2)) <= 300  # of 10,000
 
 
 @pytest.mark.parametrize("sides", [3, 8, 100])
