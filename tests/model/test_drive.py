@@ -52,6 +52,14 @@ def test_a_drive_is_leg_after_leg_and_reading_after_reading(at, kept, monkeypatc
         same(found, expected)
 
 
+def test_without_readings_it_is_leg_after_leg_whatever_borders_are_named():
+    legs = runs([2.0, 3.0, 1.0])
+    expected = by_hand(legs, identity(), Readings.of([]), [])
+    for given in ((None, None), (None, np.array([1])), (Readings.of(KINDS[:1]), None)):
+        for found, state in zip(drive(legs, identity(), *given), expected, strict=True):
+            same(found, state)
+
+
 def test_robots_driven_together_arrive_as_each_alone():
     counts = np.array([2, 0, 3, 1])
     ways, resets = runs([2.0, 3.0, 1.0, 0.5, 4.0, 2.5]), Readings.of([*KINDS, *KINDS]).resets()

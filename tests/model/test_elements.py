@@ -176,6 +176,29 @@ def test_heading_laws_against_fifty_digits(law, variance):
     assert float(law_says.theta2_r2) == pytest.approx(float(-mp.diff(phi, 2, 2)), rel=1e-12, abs=1e-15 * scale)
 
 
+@pytest.mark.parametrize("share", [0.8, -0.5])
+def test_a_distance_error_that_goes_with_the_headings_is_a_multiple_of_it(share):
+    """On a straight run ∫ exp(jθ) dτ of the part τ = slope·θ is slope (exp(jθ) - 1)/j = -j slope δ, by the chain rule;
+    what is left of the distance error is independent."""
+    q, qd, length = 0.03, 0.02, np.array([0.1, 4.0, 30.0])
+    slope = share * np.sqrt(qd / q)
+    noise = OdometryNoise(heading_var_per_m=q, distance_var_per_m=qd * (1 - share**2), lateral_var_per_m=0.004)
+    X = run_moments(length, 0.0, noise)
+    found = run_moments(length, 0.0, replace(noise, distance_var_per_m=qd, heading_distance_corr=share))
+    expected = {
+        "d1": X.d1,
+        "d2": X.d2,
+        "D": X.D,
+        "e1": X.e1 - 1j * slope * X.d1,
+        "N": X.N + slope**2 * X.D + 2 * np.real(1j * slope * X.a),
+        "e2": X.e2 - slope**2 * X.d2 - 2j * slope * X.b,
+        "a": X.a - 1j * slope * X.D,
+        "b": X.b - 1j * slope * X.d2,
+    }
+    for name, value in expected.items():
+        np.testing.assert_allclose(getattr(found, name), value, rtol=1e-12, err_msg=name)
+
+
 EVERY_STEP = OdometryNoise.per_step(heading_std=0.3, distance_std=0.2, lateral_std=0.1, step_m=1.5)
 SLANTED = replace(
     EVERY_STEP,
