@@ -52,10 +52,6 @@ class CovarianceMap:
     C: Floats  # (..., d, d) covariance gained
     J: Floats  # (..., d, d) information gained about the state at the beginning
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return self.A.shape[:-2]
-
     def arrays(self) -> tuple[Floats, Floats, Floats]:
         return self.A, self.C, self.J
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from driftplan.model.covariance import path_legs
+from driftplan.model.covariance import CovarianceMap, compose, path_legs
 from driftplan.model.filter_state import (
     HEADING_AXIS,
     FilterState,
@@ -163,6 +163,23 @@ def test_many_drives_at_once_are_each_as_if_alone_with_means_and_chances_too(bia
                     assert states.mean is None
 
 
+def test_elements_of_a_grid_of_paths_are_each_as_if_alone():
+    paths = np.random.default_rng(9).normal(size=(2, 4, 3, 2))
+    begun = np.stack([[started(4 * i + j, 3)[0] for j in range(4)] for i in range(2)])
+    whole = path_legs(read_path(paths), [UNBIASED])
+    first, second = (CovarianceMap(*(x[..., k, :, :] for x in whole.maps.arrays())) for k in (0, 1))
+    together = compose(first.read(READINGS[1]), second.read(READINGS[2]))
+    ends = together(begun)
+    for i, j in np.ndindex(2, 4):
+        P, none = begun[i, j], np.zeros(3)
+        for k in (0, 1):
+            P = plainly_read(
+                *plainly_driven(P, none, path_legs(read_path(paths[i, j]), [UNBIASED]), k), READINGS[k + 1]
+            )[0]
+        np.testing.assert_allclose(ends[i, j], P, rtol=1e-9, atol=1e-14)
+        np.testing.assert_allclose(together[i].A[j], together.A[i, j], rtol=0)
+
+
 def test_many_paths_may_begin_with_one_error():
     P, mean = started(6, 3)
     paths = np.random.default_rng(7).normal(size=(4, 3, 2))
@@ -239,3 +256,8 @@ def test_a_leg_has_a_column_for_every_entry():
     np.testing.assert_array_equal(C, np.triu(legs.C[1]))
     np.testing.assert_array_equal(shift, legs.shift[1])
     assert isinstance(legs.columns()[0], LegColumns)
+    grid = path_legs(read_path(np.random.default_rng(8).normal(size=(2, 3, 4, 2))), [NOISE])
+    for k, leg in enumerate(grid.columns()):
+        np.testing.assert_array_equal(leg.transition[1], grid.A[:, :, k, 1, 2])
+        np.testing.assert_array_equal(leg.gain[1], grid.C[:, :, k, 0, 1])
+        np.testing.assert_array_equal(leg.shift[1], grid.shift[:, :, k, 1])

@@ -32,7 +32,7 @@ CORE = {  # module: the tests that should notice, the quickest first
     "model.covariance": "model/test_filter_state.py model/test_covariance.py model/test_filter_drift.py",
     "model.filter_state": "model/test_filter_state.py model/test_covariance.py model/test_filter_drift.py",
     "model.fusion": "model/test_fusion.py model/test_filter_drift.py model/test_between_drives.py",
-    "model.readings": "model/test_fixes.py model/test_covariance.py model/test_drift.py model/test_filter_drift.py",
+    "model.readings": "model/test_readings.py model/test_fixes.py model/test_covariance.py model/test_filter_drift.py",
     "model.drive": "model/test_drive.py model/test_fixes.py model/test_filter_drift.py",
     "model.worst": "model/test_worst.py model/test_filter_drift.py",
     "planning.cost": "planning/test_cost.py",
