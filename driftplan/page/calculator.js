@@ -20,10 +20,8 @@ export class Calculator {
     const known = this.drifts[estimator].get(route);
     const read = known?.beacons === scene.beacons ? known.read : this.read(scene.beacons, route);
     const depends = [scene.noise, scene.zones, scene.start_fix];
-    let drift = known?.drift;
-    if (!known || depends.some((x, k) => x !== known.depends[k]) || !same(read, known.read)) {
-      drift = this.predicted(scene, route, read.flat(), estimator);
-    }
+    const stays = known && same(depends, known.depends) && same(read, known.read);
+    const drift = stays ? known.drift : this.predicted(scene, route, read.flat(), estimator);
     this.drifts[estimator].set(route, { beacons: scene.beacons, read, depends, drift });
     return drift;
   }

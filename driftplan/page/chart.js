@@ -1,6 +1,6 @@
 // Drift against distance for every route, with the limit; the selected route in front, and a cursor that reads values.
 import { same } from "./calculator.js";
-import { CURVE_PIXELS, el, metres, roundNumber, sized, stroked } from "./dom.js";
+import { CURVE_PIXELS, el, metres, resized, roundNumber, stroked } from "./dom.js";
 
 const RIGHT = 14, TOP = 12;
 
@@ -14,12 +14,8 @@ export class Chart {
   }
 
   resize() {
-    const { width, height } = this.node.getBoundingClientRect();
-    if (!(width > 0 && height > 0)) return;
-    [this.width, this.height, this.unit] = [width, height, Math.max(1, Math.sqrt(width / 1500))];
+    resized(this, this.still, this.live);
     [this.left, this.bottom] = [52 * this.unit, 34 * this.unit];
-    for (const canvas of [this.still, this.live]) sized(canvas, width, height);
-    this.drawnStill = [];
   }
 
   draw({ scene, drifts, others, most, stays }, theme) {

@@ -27,9 +27,9 @@ export function roundNumber(x, steps, fits = (step) => step >= x * (1 - 1e-9)) {
   return power * steps.find((step) => fits(step * power));
 }
 
-/** Hand a text to the browser to save. */
-export function save(name, text) {
-  const url = URL.createObjectURL(new Blob([text])), link = el("a", { href: url, download: name });
+/** Hand a text, or bytes, to the browser to save. */
+export function save(name, content) {
+  const url = URL.createObjectURL(new Blob([content])), link = el("a", { href: url, download: name });
   link.click();
   setTimeout(() => URL.revokeObjectURL(url), 1000);
 }
@@ -41,9 +41,13 @@ export function stroked(pen, places) {
   pen.stroke();
 }
 
-/** Give a canvas its size in pixels of the page, and as many of its own as the screen has. */
-export function sized(canvas, width, height) {
-  const ratio = window.devicePixelRatio || 1;
-  [canvas.width, canvas.height] = [width, height].map((size) => Math.round(size * ratio));
-  canvas.getContext("2d").setTransform(ratio, 0, 0, ratio, 0, 0);
+/** Give a view with a `node` and its canvases their size in pixels of the page, and as many of their own as the screen has. */
+export function resized(view, ...canvases) {
+  const { width, height } = view.node.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
+  if (!(width > 0 && height > 0)) return;
+  for (const canvas of canvases) {
+    [canvas.width, canvas.height] = [width, height].map((size) => Math.round(size * ratio));
+    canvas.getContext("2d").setTransform(ratio, 0, 0, ratio, 0, 0);
+  }
+  Object.assign(view, { width, height, drawnStill: [], unit: Math.max(1, Math.sqrt(width / 1500)) });  // letters grow with a screen
 }

@@ -65,15 +65,14 @@ function cut({ legs, length }, noises, readings) {
   legs.forEach((leg, k) => {
     const heading = leg.length > 0 ? leg.angle : course, turn = k === 0 ? 0 : wrap(heading - course);
     course = heading;
-    let from = ends[k], first = true;
-    const add = (to, whole) => {
-      runs.push({ turn: first ? turn : 0, length: whole ? leg.length : to - from, heading, noise: noises[k] });
-      borders.push(to);
-      from = to;
-      first = false;
-    };
-    while (next < inner.length && inner[next] < ends[k + 1]) add(inner[next++], false);
-    add(ends[k + 1], first);
+    const stops = [ends[k]];
+    while (next < inner.length && inner[next] < ends[k + 1]) stops.push(inner[next++]);
+    stops.push(ends[k + 1]);
+    for (let i = 1; i < stops.length; i++) {
+      const driven = stops.length === 2 ? leg.length : stops[i] - stops[i - 1];
+      runs.push({ turn: i === 1 ? turn : 0, length: driven, heading, noise: noises[k] });
+    }
+    borders.push(...stops.slice(1));
   });
   return { runs, at: places.map((s) => lowerBound(borders, s)) };
 }

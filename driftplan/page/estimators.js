@@ -14,13 +14,8 @@ class Resets {
   start(ur, ui, x, y, readings) { return readings.reduce((state, reading) => this.read(state, reading), nothing(ur, ui, x, y)); }
 
   step(state, turn, length, noise) {
-    if (length === 0 && !turnsMatter(noise)) {  // an error-free turn only faces elsewhere
-      const c = Math.cos(turn), s = Math.sin(turn), turned = state.slice();
-      turned[U] = state[U] * c - state[U + 1] * s;
-      turned[U + 1] = state[U] * s + state[U + 1] * c;
-      return turned;
-    }
-    return compose(state, legMoments(turn, length, noise));
+    const facing = length === 0 && !turnsMatter(noise);  // an error-free turn only faces elsewhere
+    return compose(state, facing ? nothing(Math.cos(turn), Math.sin(turn)) : legMoments(turn, length, noise));
   }
 
   read(before, { square, skew, headingVar, chance }) {
@@ -39,11 +34,8 @@ class Resets {
     after[D1] += turned * d1;
     after[D2] += turned * d2;
     after[D] = (1 - turned) * before[D] - 2 * turned * d1;
-    after[N] = (1 - placed) * before[N] + (places ? placed * square : 0);
-    if (places) {
-      after[E2] += placed * skew[0];
-      after[E2 + 1] += placed * skew[1];
-    }
+    after[N] = (1 - placed) * before[N] + placed * (square ?? 0);
+    for (let k = 0; k < 2; k++) after[E2 + k] += placed * (skew?.[k] ?? 0);
     return after;
   }
 

@@ -1,5 +1,5 @@
-// The files that `driftplan place` reads and writes, in the page: beacons as GeoJSON, routes as CSV, noise as YAML; and
-// the state of the page in a link.
+// The files that `driftplan place` reads and writes, in the page: beacons and floors as GeoJSON, routes as CSV, noise as
+// YAML; and the state of the page in a link.
 import { NOISE_FIELDS } from "./elements.js";
 import { KIND_NAMES, usualKind } from "./session.js";
 
@@ -19,16 +19,43 @@ export function beaconsAsGeojson(beacons) {
     return { type: "Feature", geometry: { type: "Point", coordinates: [x, y] },
       properties: { id, kind: name, ...Object.fromEntries(said), ...facing, new: !existing } };
   });
+  return collection(features);
+}
+
+function collection(features) {
   const lines = features.map((feature) => JSON.stringify(feature)).join(",\n");
   return `{"type": "FeatureCollection", "crs": ${JSON.stringify(CRS)}, "driftplan": {"version": 1, "frame": "map"}, "features": [\n${lines}\n]}\n`;
 }
 
+function featuresOf(text) {
+  const said = JSON.parse(text);
+  expect(Array.isArray(said?.features), "a GeoJSON FeatureCollection of beacons or floors");
+  expect(!/CRS84|4326/.test(JSON.stringify(said.crs ?? "")), "coordinates in metres, got degrees");
+  return said.features;
+}
+
+/** Floors as `driftplan place --zones` reads them, within the map's bounds. */
+export function zonesAsGeojson(zones, [left, low, right, high]) {
+  const feature = (coordinates, properties) => ({ type: "Feature", geometry: { type: "MultiPolygon", coordinates }, properties });
+  const whole = [[[[left, low], [right, low], [right, high], [left, high], [left, low]]]];
+  return collection([feature(whole, { kind: "boundary" }), ...zones.map(({ polygons, noise }) => feature(polygons, { kind: "zone", heading_var_per_m: 0, ...noise }))]);
+}
+
+/** Floors of such a file; there may be none. */
+export function zonesFromGeojson(text) {
+  return featuresOf(text).filter((feature) => feature?.properties?.kind === "zone").map(({ geometry, properties }, k) => {
+    const { type, coordinates } = geometry ?? {}, polygons = type === "Polygon" ? [coordinates] : coordinates;
+    const list = (least, holds) => (some) => Array.isArray(some) && some.length >= least && some.every(holds);
+    expect(/Polygon$/.test(type) && list(1, list(1, list(4, list(2, Number.isFinite))))(polygons), `floor ${k + 1} to be polygons in metres`);
+    const noise = Object.fromEntries(Object.entries(properties).filter(([name]) => name !== "kind" && name !== "name"));
+    expect(Object.keys(noise).length, `the noise of floor ${k + 1}, such as heading_var_per_m`);
+    return { polygons, noise: noiseFromYaml(noiseAsYaml(noise)) };
+  });
+}
+
 /** Beacons of such a file; an Error says what is wrong with it. */
 export function beaconsFromGeojson(text) {
-  const said = JSON.parse(text);
-  expect(Array.isArray(said?.features), "a GeoJSON FeatureCollection of beacons");
-  expect(!/CRS84|4326/.test(JSON.stringify(said.crs ?? "")), "coordinates in metres, got degrees");
-  const found = said.features.flatMap((feature, k) => {
+  const features = featuresOf(text), found = features.flatMap((feature, k) => {
     if (feature?.geometry?.type !== "Point") return [];
     const { id, kind, facing_deg = null, new: added, ...rest } = feature.properties ?? {}, where = `of feature ${k + 1}`;
     const [x, y] = feature.geometry.coordinates ?? [], fields = {};
@@ -45,7 +72,7 @@ export function beaconsFromGeojson(text) {
     return { id: String(id ?? ""), x, y, facing_deg, existing: added === false,
       kind: { ...common, ...fields, name: String(kind ?? "beacon") } };
   });
-  expect(found.length || !said.features.length, "at least one Point feature that is a beacon");
+  expect(found.length || !features.length, "at least one Point feature that is a beacon");
   return found;
 }
 
@@ -74,16 +101,16 @@ export function noiseFromYaml(text) {
 
 export function routeAsCsv({ points }) { return `${ABOUT}x,y\n${points.map((xy) => xy.join(",")).join("\n")}\n`; }
 
-export function routeFromCsv(text) {
+export function routeFromCsv(text, least = 2) {
   const rows = text.split(/\r?\n/).map((line) => line.trim()).filter((line) => line && !line.startsWith("#"));
   const points = rows.map((row) => row.split(/[,;\s]+/).slice(0, 2).map(Number));
   if (/^["']?x["']?\s*[,;\s]\s*["']?y["']?([,;\s]|$)/i.test(rows[0])) points.shift();  // other columns and units are not guessed
-  const usable = points.length > 1 && points.every((xy) => xy.length === 2 && xy.every(Number.isFinite));
-  expect(usable, "waypoints x,y in metres, one per line, two at least");
+  const usable = points.length >= least && points.every((xy) => xy.length === 2 && xy.every(Number.isFinite));
+  expect(usable, `x,y in metres, one place per line, ${least} at least`);
   return points;
 }
 
-const EDITED = ["noise", "routes", "beacons", "zones", "estimator"];  // all that a link holds: no walls
+const EDITED = ["noise", "routes", "beacons", "zones", "sites", "estimator"];  // all that a link holds: no walls
 
 export function asLink(scene) {
   const state = Object.fromEntries(EDITED.map((key) => [key, scene[key]]));
@@ -98,10 +125,10 @@ export function withLink(scene, hash) {
     const bytes = Uint8Array.from(atob(code.replace(/-/g, "+").replace(/_/g, "/")), (char) => char.charCodeAt(0));
     const state = JSON.parse(new TextDecoder().decode(bytes));
     beaconsFromGeojson(beaconsAsGeojson(state.beacons));  // these throw what makes no sense
-    for (const { noise } of [state, ...state.zones]) noiseFromYaml(noiseAsYaml(noise));
+    zonesFromGeojson(zonesAsGeojson(state.zones, scene.bounds));
+    noiseFromYaml(noiseAsYaml(state.noise));
     for (const route of state.routes) routeFromCsv(routeAsCsv(route));
-    const corners = state.zones.flatMap(({ polygons }) => polygons.flat(2));
-    const known = ["reset", "filter"].includes(state.estimator) && corners.flat().every(Number.isFinite);
+    const known = ["reset", "filter"].includes(state.estimator) && state.sites.every(({ x, y }) => Number.isFinite(x + y));
     return known ? { ...scene, ...Object.fromEntries(EDITED.map((key) => [key, state[key]])) } : scene;
   } catch {
     return scene;

@@ -1,6 +1,6 @@
 // What `driftplan place` writes for those who put beacons up and for the detectors of ROS: driftplan/layouts/layout.py
 // and driftplan/beacons/beacon_files.py. Beacons that are dead are left out.
-import { ABOUT, beaconsAsGeojson, noiseAsYaml, routeAsCsv } from "./files.js";
+import { ABOUT, beaconsAsGeojson, noiseAsYaml, routeAsCsv, zonesAsGeojson } from "./files.js";
 
 const TAG_SIZE_M = 0.16, HALF_DEG = Math.PI / 360;
 const HEAD = "id,kind,x_m,y_m,facing_deg,new,nearest_wall_m,wall_x_m,wall_y_m,routes,worst_drift_if_dead_m,worst_route_if_dead,frame,version";
@@ -10,6 +10,7 @@ export const WRITTEN = {
   "beacons.geojson": ({ session }) => beaconsAsGeojson(session.scene.beacons),
   "route.csv": ({ session }) => routeAsCsv(session.route ?? { points: [] }),
   "noise.yaml": ({ session }) => noiseAsYaml(session.scene.noise),
+  "floors.geojson": ({ session }) => zonesAsGeojson(session.scene.zones, session.scene.bounds),
   "installers.csv": installersTable,
   "tags.yaml": ofTags(`${ABOUT}standalone_tags: []\ntag_bundles:\n- name: map\n  layout:\n`, ({ tag, x, y, deg }) =>
     `    - {id: ${tag}, size: ${TAG_SIZE_M}, x: ${decimal(x)}, y: ${decimal(y)}, z: 0.0, qw: ${decimal(Math.cos(deg * HALF_DEG))}, `
@@ -18,6 +19,9 @@ export const WRITTEN = {
   "transforms.sh": ofTags(`#!/bin/sh\n${ABOUT}`, ({ tag, x, y, deg }) => `ros2 run tf2_ros static_transform_publisher --x ${decimal(x)} `
     + `--y ${decimal(y)} --yaw ${decimal(deg * 2 * HALF_DEG)} --frame-id map --child-frame-id tag_${tag} &\n`, "wait\n"),
 };
+
+/** Files that Python writes. */
+export const DRAWN = ["beacons.dxf", "layout.svg", "sheet.pdf", "table.html", "layout.lif", "site.building.yaml"];
 
 /** A number as Python writes it. */
 function decimal(x, digits = 6) {

@@ -2,25 +2,19 @@
 // grasped as SVG above them.
 import { same } from "./calculator.js";
 import { CLASSES, classOf, symbolOf, themeOf } from "./colours.js";
-import { CURVE_PIXELS, el, metres, roundNumber, sized, stroked, svg } from "./dom.js";
+import { CURVE_PIXELS, el, metres, resized, roundNumber, stroked, svg } from "./dom.js";
 
 const ELLIPSE_PIXELS = 90;  // between error ellipses
 const SNAP_PIXELS = 14;
 
 export class MapView {
   constructor(studio) {
-    this.studio = studio;
-    this.base = el("canvas", { "aria-hidden": "true" });
-    this.still = el("canvas", { "aria-hidden": "true" });
-    this.live = el("canvas", { "aria-hidden": "true" });
-    this.grips = svg("g");
-    this.drawing = svg("g");
+    Object.assign(this, { studio, beacons: [], cross: null, grips: svg("g"), drawing: svg("g") });
+    [this.base, this.still, this.live] = Array.from({ length: 3 }, () => el("canvas", { "aria-hidden": "true" }));
     this.overlay = svg("svg", { tabindex: "0", role: "application", class: "map-overlay",
       "aria-label": "Map. Arrow keys move the cross, Enter acts there, Tab goes to the beacons." },
     this.drawing, this.grips);
     this.node = el("div", { class: "map" }, this.base, this.still, this.live, this.overlay);
-    this.beacons = [];
-    this.cross = null;
     this.listen();
   }
 
@@ -33,14 +27,10 @@ export class MapView {
   }
 
   resize() {
-    const { width, height } = this.node.getBoundingClientRect();
-    if (!(width > 0 && height > 0)) return;
     const first = !this.width;
-    [this.width, this.height] = [width, height];
-    this.unit = Math.max(1, Math.sqrt(width / 1500));  // lines, symbols and letters grow with a large screen
-    for (const canvas of [this.base, this.still, this.live]) sized(canvas, width, height);
-    this.drawnStill = [];
-    this.overlay.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    resized(this, this.base, this.still, this.live);
+    if (!this.width) return;
+    this.overlay.setAttribute("viewBox", `0 0 ${this.width} ${this.height}`);
     if (first) this.fit();
   }
 
@@ -65,16 +55,14 @@ export class MapView {
     const pen = this.base.getContext("2d"), theme = this.theme = themeOf(this.node);
     pen.clearRect(0, 0, this.width, this.height);
     const shape = (polygons) => new Path2D(polygons.flat().map((ring) => `M${ring.map((xy) => this.toScreen(xy)).join("L")}Z`).join(""));
-    scene.zones.forEach(({ polygons }, k) => {
-      const path = shape(polygons);
-      pen.fillStyle = theme.zone;
+    Object.assign(pen, { fillStyle: theme.zone, strokeStyle: theme.zoneLine, lineWidth: 1 }).setLineDash([6, 4]);
+    for (const path of scene.zones.map(({ polygons }) => shape(polygons))) {
       pen.fill(path, "evenodd");
-      pen.strokeStyle = theme.zoneLine;
-      pen.lineWidth = k === this.studio.session.selected.zone ? 3 : 1;
-      pen.setLineDash([6, 4]);
       pen.stroke(path);
-      pen.setLineDash([]);
-    });
+    }
+    pen.setLineDash([]);
+    pen.fillStyle = theme.route;
+    for (const [x, y] of scene.sites.map((site) => this.toScreen([site.x, site.y]))) pen.fillRect(x - 2, y - 2, 4, 4);
     pen.fillStyle = theme.wall;
     pen.fill(shape(scene.walls), "evenodd");
     const [left, low, right, high] = scene.bounds, [x, y] = this.toScreen([left, high]);
@@ -361,8 +349,7 @@ export class MapView {
       this.studio.session.settle();
       grasp = null;
     };
-    this.overlay.addEventListener("pointerup", release);
-    this.overlay.addEventListener("pointercancel", release);
+    for (const end of ["pointerup", "pointercancel"]) this.overlay.addEventListener(end, release);
     this.overlay.addEventListener("wheel", (event) => {
       event.preventDefault();
       this.zoom(Math.exp(-event.deltaY * 0.0015), this.at(event));

@@ -20,29 +20,23 @@ export function compose(X, Y) {
   const q2r = qr * q1r - qi * q1i + etar, q2i = qr * q1i + qi * q1r + etai;
   const kapr = qr * f1r + qi * f1i + cr, kapi = qi * f1r - qr * f1i + ci;
   const lamr = qr * f1r - qi * f1i + hr, lami = qr * f1i + qi * f1r + hi;
-  // e1
-  const t1r = g1r + d1r * q1r - d1i * q1i, t1i = g1i + d1r * q1i + d1i * q1r;
-  // N
+  const t1r = g1r + d1r * q1r - d1i * q1i, t1i = g1i + d1r * q1i + d1i * q1r;  // of e1; x of N, y of e2, z of a and b
   const x1r = e1r * g1r + e1i * g1i + ar * q1r + ai * q1i, x1i = e1i * g1r - e1r * g1i + ai * q1r - ar * q1i;
   const crossr = ur * x1r + ui * x1i;
   const newN = NX + NY + 2 * (d1r * epsr + d1i * epsi + crossr) + DX * Q;
-  // e2
   const y1r = g2r + 2 * (d1r * etar - d1i * etai) + d2r * q2r - d2i * q2i;
   const y1i = g2i + 2 * (d1r * etai + d1i * etar) + d2r * q2i + d2i * q2r;
   const y2r = ur * y1r - ui * y1i + 2 * (e1r * g1r - e1i * g1i + br * q1r - bi * q1i);
   const y2i = ur * y1i + ui * y1r + 2 * (e1r * g1i + e1i * g1r + br * q1i + bi * q1r);
-  // a
   const s1r = g1r + cr, s1i = g1i + ci, r1r = q1r + kapr, r1i = q1i + kapi;
   const za1r = cr + d1r * s1r + d1i * s1i + DX * r1r + d1r * kapr - d1i * kapi;
   const za1i = ci + d1r * s1i - d1i * s1r + DX * r1i + d1r * kapi + d1i * kapr;
   const ear = e1r + ar, eai = e1i + ai;
-  // b
   const s2r = g1r + hr, s2i = g1i + hi, r2r = q1r + lamr, r2i = q1i + lami;
   const zb1r = hr + d1r * s2r - d1i * s2i + d2r * r2r - d2i * r2i + d1r * lamr - d1i * lami;
   const zb1i = hi + d1r * s2i + d1i * s2r + d2r * r2i + d2i * r2r + d1r * lami + d1i * lamr;
   const ebr = e1r + br, ebi = e1i + bi;
-  // headings
-  const m2r = 1 + 2 * f1r + f2r, m2i = 2 * f1i + f2i, w2r = f1r + f2r, w2i = f1i + f2i;
+  const m2r = 1 + 2 * f1r + f2r, m2i = 2 * f1i + f2i, w2r = f1r + f2r, w2i = f1i + f2i;  // of d2
   return [
     ur * vr - ui * vi, ur * vi + ui * vr,
     pr + ur * qr - ui * qi, pi + ur * qi + ui * qr,

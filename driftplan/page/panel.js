@@ -1,20 +1,18 @@
 // The side of the page: the selected beacon, the routes and their verdicts, the odometry, floors, and files.
 import { button, el, save } from "./dom.js";
 import { exceeds } from "./drift.js";
-import { beaconsFromGeojson, noiseFromYaml, routeFromCsv } from "./files.js";
-import { WRITTEN } from "./handover.js";
+import { beaconsFromGeojson, noiseFromYaml, routeFromCsv, zonesFromGeojson } from "./files.js";
+import { DRAWN, WRITTEN } from "./handover.js";
 import { KIND_NAMES, usualKind, worse } from "./session.js";
 
 const DEG = Math.PI / 180;
-const FIELDS = [  // of the selected beacon: label, where the value is, its unit in the scene's
-  ["x, m", "x", 1], ["y, m", "y", 1], ["faces, deg", "facing_deg", 1], ["range, m", "kind.range_m", 1],
+const FIELDS = [  // of the selected beacon: label, where the value is, its unit in the scene's, bounds if not 0 to 1e6
+  ["x, m", "x", 1, -1e9, 1e9], ["y, m", "y", 1, -1e9, 1e9], ["faces, deg", "facing_deg", 1, -1e6], ["range, m", "kind.range_m", 1, 1e-6],
   ["position std, m", "kind.position_std_m", 1], ["heading std, deg", "kind.heading_std", DEG],
-  ["distance std, m", "kind.range_std_m", 1], ["bearing std, deg", "kind.bearing_std", DEG],
-  ["read with chance", "kind.detection_probability", 1], ["seen from within, deg", "kind.view_angle_deg", 1],
-  ["sensor sees, deg", "kind.sensor_view_deg", 1],
+  ["distance std, m", "kind.range_std_m", 1], ["bearing std, deg", "kind.bearing_std", DEG], ["loses, m per m", "kind.std_per_m", 1],
+  ["read with chance", "kind.detection_probability", 1, 1e-6, 1], ["seen from within, deg", "kind.view_angle_deg", 1, 1e-6, 360],
+  ["sensor sees, deg", "kind.sensor_view_deg", 1, 1e-6, 360], ["costs", "kind.cost", 1, 1e-6],
 ];
-const BOUNDS = { "kind.range_m": [1e-6, 1e6], "kind.detection_probability": [1e-6, 1], "kind.view_angle_deg": [1e-6, 360],
-  "kind.sensor_view_deg": [1e-6, 360], x: [-1e9, 1e9], y: [-1e9, 1e9], facing_deg: [-1e6, 1e6] };
 const SLIDERS = [  // standard deviations a person can measure: label, rate, after how much of what, unit
   ["heading, deg after 10 m", "heading_var_per_m", 10, DEG, 20],
   ["distance, m after 10 m", "distance_var_per_m", 10, 1, 1],
@@ -35,8 +33,8 @@ export class Panel {
     this.id = el("input", { type: "text", onchange: () => session.changeBeacon(selected(), { id: this.id.value }) });
     this.kind = el("select", { onchange: () => session.changeBeacon(selected(), { kind: usualKind(this.kind.value) }) },
       KIND_NAMES.map((name) => el("option", { value: name }, name)));
-    this.fields = FIELDS.map(([label, where, unit]) => {
-      const input = el("input", { type: "number", step: "any", onchange: () => this.changeField(where, unit, input) });
+    this.fields = FIELDS.map(([label, where, unit, ...bounds]) => {
+      const input = el("input", { type: "number", step: "any", onchange: () => this.changeField(where, unit, input, ...bounds) });
       return { input, where, unit, row: el("label", {}, label, input) };
     });
     this.seen = el("input", { type: "checkbox",
@@ -50,8 +48,8 @@ export class Panel {
       act("Duplicate", "d", (k) => this.studio.duplicate(k)), act("Delete", "Delete", (k) => session.remove("beacons", k))));
   }
 
-  changeField(where, unit, input) {
-    const { session } = this, [low, high] = BOUNDS[where] ?? [0, 1e6], value = Number(input.value) * unit;
+  changeField(where, unit, input, low = 0, high = 1e6) {
+    const { session } = this, value = Number(input.value) * unit;
     const empty = input.value === "" && where === "facing_deg";
     if (!empty && (input.value === "" || !(value >= low && value <= high))) {
       this.studio.say(`expected a number from ${low} to ${high}, got “${input.value}”`);
@@ -122,13 +120,15 @@ export class Panel {
       if (file) this.load(file.name, await file.text());
       open.value = "";
     } });
-    const names = [...Object.keys(WRITTEN), ...(studio.host ? ["beacons.dxf"] : [])];
+    const names = [...Object.keys(WRITTEN), ...(studio.host ? DRAWN : [])];
     const file = el("select", { "aria-label": "file to write" }, names.map((name) => el("option", { value: name }, name)));
     const write = () => (WRITTEN[file.value] ? save(file.value, this.written(file.value))
-      : studio.ask("draw", {}, ({ text }) => save(file.value, text)));
+      : studio.ask("write", { name: file.value }, ({ bytes }) => save(file.value, Uint8Array.from(bytes, (char) => char.charCodeAt(0)))));
+    this.asSites = el("input", { type: "checkbox" });
     return this.section("Files", el("div", { class: "row" }, file, button("Write", write), button("Link to this state", () => studio.link())),
-      el("label", {}, "Open beacons, noise or a route ", open), studio.host ? null
-        : el("p", { class: "quiet" }, "Drawings (DXF) and files of other programs need Python: driftplan studio."));
+      el("label", {}, "Open beacons, floors, noise or a route ", open), el("div", { class: "row" },
+        el("label", {}, this.asSites, "as candidate sites"), button("Forget sites", () => session.edit({ sites: [] }))), studio.host ? null
+        : el("p", { class: "quiet" }, "Drawings and files of other programs need Python: driftplan studio."));
   }
 
   /** The text of a file that `driftplan place` writes or reads. */
@@ -143,7 +143,10 @@ export class Panel {
       studio.say(`read ${name}`);
     };
     try {
-      if (/\.(geo)?json$/i.test(name)) take({ beacons: beaconsFromGeojson(text) });
+      const isJson = /\.(geo)?json$/i.test(name), zones = isJson ? zonesFromGeojson(text) : [];
+      if (this.asSites.checked) take({ sites: isJson ? beaconsFromGeojson(text) : routeFromCsv(text, 1).map(([x, y]) => ({ x, y })) });
+      else if (zones.length) take({ zones });
+      else if (isJson) take({ beacons: beaconsFromGeojson(text) });
       else if (/\.ya?ml$/i.test(name)) take({ noise: noiseFromYaml(text) });
       else take({ routes: [...scene.routes, { name, points: routeFromCsv(text), limit_m: limit }] });
     } catch (error) {

@@ -210,10 +210,10 @@ export function passesOf({ legs, length }, beacon, walls) {
   found.sort((p, q) => p[0] - q[0]);
   const merged = [];
   for (const [enter, leave] of found) {
-    const last = merged[merged.length - 1];
+    const last = merged.at(-1);
     if (last && enter <= last.until + 2 * TOUCH) last.leave = Math.max(last.leave, leave);
     else merged.push({ enter, leave });
-    merged[merged.length - 1].until = leave;
+    merged.at(-1).until = leave;
   }
   const snapped = (s) => { const r = Math.round(s * DECIMALS) / DECIMALS; return r >= length - 1 / DECIMALS ? length : r; };
   return merged.map(({ enter, leave }) => [snapped(enter), snapped(leave)]);
@@ -240,12 +240,12 @@ export function readingsOf(path, beacon, passes) {
   return found;
 }
 
-/** Where a path is after s metres, and which leg that is on. */
+/** Where a path is after s metres. */
 export function placeAt({ legs }, s) {
   let k = 0;
   while (k + 1 < legs.length && legs[k + 1].begin <= s) k++;
   const { x, y, ux, uy, begin } = legs[k], on = Math.min(s - begin, legs[k].length);
-  return [x + ux * on, y + uy * on, k];
+  return [x + ux * on, y + uy * on];
 }
 
 /** The path cut where the floor changes, and the zone of every leg, -1 outside all. The last of several holds. */

@@ -70,6 +70,7 @@ def scene_of(
         "noise": _rates(noise),
         "routes": [{"name": name, "points": path.tolist(), "limit_m": limit} for path, name, limit in of_routes],
         "beacons": [*(beacon_said(one, existing=True) for one in existing), *map(beacon_said, beacons)],
+        "sites": [],
         "estimator": estimator,
         "start_fix": None if start_fix is None else _fix(start_fix),
         "notes": list(notes),

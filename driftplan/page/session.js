@@ -18,7 +18,7 @@ export function usualKind(name) {
 export class Session {
   constructor(scene) {
     Object.assign(this, { scene, past: [], future: [], listeners: [], merging: null });
-    this.selected = { beacon: null, route: 0, waypoint: null, zone: null };
+    this.selected = { beacon: null, route: 0, waypoint: null };
   }
 
   listen(listener) { this.listeners.push(listener); }
@@ -48,9 +48,8 @@ export class Session {
     to.push(this.scene);
     this.scene = from.pop();
     this.merging = null;
-    const { selected, scene } = this;
-    for (const [one, all] of [["beacon", scene.beacons], ["zone", scene.zones]]) if (!all[selected[one]]) selected[one] = null;
-    Object.assign(selected, { waypoint: null, route: scene.routes[selected.route] ? selected.route : 0 });
+    const { selected } = this;
+    Object.assign(selected, { waypoint: null, beacon: this.beacon && selected.beacon, route: this.route ? selected.route : 0 });
     this.changed();
   }
 
@@ -68,7 +67,7 @@ export class Session {
   }
 
   remove(list, index) {
-    Object.assign(this.selected, { beacon: null, zone: null });
+    this.selected.beacon = null;
     this.edit({ [list]: this.scene[list].filter((_, k) => k !== index) });
   }
 
@@ -109,7 +108,6 @@ export class Session {
   addZone([x0, y0], [x1, y1], factor) {
     const [left, right, low, high] = [Math.min(x0, x1), Math.max(x0, x1), Math.min(y0, y1), Math.max(y0, y1)];
     const ring = [[left, low], [right, low], [right, high], [left, high], [left, low]];
-    this.selected.zone = this.scene.zones.length;
     this.edit({ zones: [...this.scene.zones, { polygons: [[ring]], noise: worse(this.scene.noise, factor), factor }] });
   }
 }

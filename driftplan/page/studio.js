@@ -36,7 +36,7 @@ class Studio {
       el("p", { class: "status" }, this.meter, this.status));
     root.addEventListener("keydown", (event) => this.keys.everywhere(event));
     this.session.listen(() => this.session.scene !== this.shown?.scene && this.highlights.splice(0));
-    this.session.listen(() => this.render({ base: this.session.scene.zones !== this.shown?.scene.zones }));
+    this.session.listen(() => this.render({ base: ["zones", "sites"].some((one) => this.session.scene[one] !== this.shown?.scene[one]) }));
     new ResizeObserver(() => { this.map.resize(); this.chart.resize(); this.render({ base: true }); }).observe(this.map.node);
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.render({ base: true }));
     this.say(scene.notes.join(" "));
@@ -125,19 +125,19 @@ class Studio {
     const { session } = this, { worst: before } = this.shown, { routes } = session.scene;
     session.changeBeacon(k, { [flag]: !session.scene.beacons[k][flag] });
     this.announce();
-    if (flag !== "dead" || !session.scene.beacons[k].dead) return this.render({});
+    if (flag !== "dead" || !session.scene.beacons[k].dead) return;
     const { drifts, worst } = this.shown, broken = [...routes.keys()].filter((r) =>
       exceeds(worst[r], routes[r].limit_m) && !exceeds(before[r], routes[r].limit_m));
     for (const r of broken) this.highlight(drifts[r], drifts[r].above(routes[r].limit_m, drifts[r].length / 400));
     const names = broken.map((r) => routes[r].name).join(", ");
     this.say(`${session.scene.beacons[k].id} is dead. ${broken.length ? `It breaks the limit of ${names}.` : "No further limit breaks."}`);
-    return this.render({});
+    this.render({});
   }
 
   highlight(drift, stretches) {
     for (const [from, to] of stretches) {
       const between = drift.path.legs.filter(({ begin }) => begin > from && begin < to).map(({ x, y }) => [x, y]);
-      this.highlights.push([drift.place(from).slice(0, 2), ...between, drift.place(to).slice(0, 2)]);
+      this.highlights.push([drift.place(from), ...between, drift.place(to)]);
     }
   }
 
@@ -261,11 +261,9 @@ class Keys {
       if (key === "y" || event.shiftKey) studio.session.redo();
       else studio.session.undo();
     } else if (!typing && !event.ctrlKey && !event.metaKey && !event.defaultPrevented) {
-      const tool = TOOLS.find(([, letter]) => letter === key);
-      if (tool) studio.tools.choose(tool[0]);
-      else if (key === "+" || key === "=") studio.map.zoom(1.25);
-      else if (key === "-") studio.map.zoom(0.8);
-      else if (key === "0") studio.map.fit();
+      const { map, tools } = studio, tool = TOOLS.find(([, letter]) => letter === key);
+      const acts = { "+": () => map.zoom(1.25), "=": () => map.zoom(1.25), "-": () => map.zoom(0.8), 0: () => map.fit() };
+      (tool ? () => tools.choose(tool[0]) : acts[key])?.();
     }
   }
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from driftplan import Beacon, BeaconKind, OdometryNoise, drift_with_beacons, load_beacons, save_noise
+from driftplan import Beacon, BeaconKind, OdometryNoise, drift_with_beacons, load_beacons, load_zones, save_noise
 from driftplan.beacons.beacon_files import beacons_geojson, fiducial_map, static_transforms, tags_yaml
 from driftplan.layouts.layout_files import layout_csv
 from driftplan.model.worst import worst_rms
@@ -230,6 +230,28 @@ def test_a_mailed_page_writes_for_installers_and_robots_what_place_writes(browse
     for row, wanted in zip(found, expected, strict=True):
         for cell, other in zip(row, wanted, strict=True):  # a wall is a micrometre off where sight is blocked
             assert cell == other or float(cell) == pytest.approx(float(other), abs=1.1e-4)
+
+
+def test_floors_go_out_and_come_back_as_place_reads_them(browser, studio, layout, tmp_path):
+    studio("studio.session.addZone([12, 5], [17, 11], 3)")
+    file = tmp_path / "floors.geojson"
+    file.write_text(studio("studio.panel.written('floors.geojson')"))
+    expected = zones_of(studio("studio.session.scene"))
+    for zone, wanted in zip(load_zones(file), expected, strict=True):
+        assert zone.polygon.equals(wanted.polygon)
+        assert zone.noise == wanted.noise
+    worst = worst_on_page(studio)
+    studio("studio.session.edit({ zones: [] })")
+    assert worst_on_page(studio) != worst
+    studio(f"studio.panel.load('floors.geojson', {json.dumps(file.read_text())})")
+    assert worst_on_page(studio) == worst
+    for wrong in ({"coordinates": [[[0, 0], [1, "<b>"]]]}, {"coordinates": None}):
+        geometry = {"type": "Polygon", **wrong}
+        feature = {"type": "Feature", "properties": {"kind": "zone", "heading_var_per_m": 1}, "geometry": geometry}
+        text = json.dumps({"type": "FeatureCollection", "features": [feature]})
+        studio(f"studio.panel.load('floors.geojson', {json.dumps(text)})")
+        assert "expected floor 1" in studio("studio.status.textContent")
+        assert worst_on_page(studio) == worst
 
 
 def test_a_beacon_that_needs_a_filter_is_said_where_readings_replace(browser, studio, layout):

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from driftplan import Beacon, BeaconKind, Fix, InfeasibleError, drift_with_beacons, load_beacons, place_beacons
-from driftplan.beacons.beacon_files import fiducial_map, tags_yaml
-from driftplan.layouts.layout_files import InstallerRow, layout_csv
+from driftplan.beacons.beacon_files import beacons_geojson, fiducial_map, tags_yaml
+from driftplan.layouts.layout_files import InstallerRow, layout_building, layout_csv, layout_lif
 from driftplan.page.document import script
 from driftplan.page.scene import beacon_said, scene_of
 from driftplan.report.cli import main
@@ -79,12 +79,70 @@ def test_why_not_is_answered_without_a_search(server, scene):
     assert 0 <= last["answer"]["from_m"] < last["answer"]["to_m"]
 
 
+def written(server, scene, name):
+    (line,) = ask(server, "write", {"scene": scene, "name": name})
+    return line["answer"]["bytes"].encode("latin-1") if "answer" in line else line["error"]
+
+
+def test_python_writes_what_place_writes(server, layout):
+    scenario = layout.scenario
+    scene = scene_of(scenario.world, scenario.routes, scenario.noise, beacons=layout.beacons, limits=layout.max_drift)
+    made, ours = (json.loads(text) for text in (written(server, scene, "layout.lif"), layout_lif(layout)))
+    assert made["layouts"] == ours["layouts"]  # the rest says when it was made
+    assert written(server, scene, "sheet.pdf").startswith(b"%PDF")
+    assert written(server, scene, "layout.svg").startswith(b"<?xml")
+    for name in ("table.html", "layout.svg"):
+        assert all(beacon.id.encode() in written(server, scene, name) for beacon in layout.beacons)
+    assert "Open-RMF building" in written(server, scene, "site.building.yaml")
+    assert "expected one of" in written(server, scene, "../../etc/passwd")
+
+
 def test_python_draws_for_installers(server, layout):
     pytest.importorskip("ezdxf")
     scenario = layout.scenario
     scene = scene_of(scenario.world, scenario.routes, scenario.noise, beacons=layout.beacons, limits=layout.max_drift)
-    (line,) = ask(server, "draw", {"scene": scene})
-    assert all(beacon.id in line["answer"]["text"] for beacon in layout.beacons)
+    assert all(beacon.id.encode() in written(server, scene, "beacons.dxf") for beacon in layout.beacons)
+
+
+def test_a_building_comes_back_with_what_was_placed(layout, scene, tmp_path):
+    site = tmp_path / "site.building.yaml"
+    site.write_text(
+        "levels: {L1: {vertices: [[0, 0, 0, a], [20, 0, 0, b]], measurements: [[0, 1, {distance: [3, 20.0]}]]}}"
+    )
+    answers = Answers(world=layout.scenario.world, building=(site, None))
+    question = {"scene": {**scene, "beacons": [*map(beacon_said, layout.beacons)]}, "name": "site.building.yaml"}
+    text = answers.answer("write", question, print)["answer"]["bytes"]
+    assert text.encode("latin-1") == layout_building(layout, site)
+    found = answers.answer("read", {**question, "text": text, "kind": TAG}, print)["answer"]["beacons"]
+    assert [one["id"] for one in found] == [beacon.id for beacon in layout.beacons]
+
+
+def test_a_sheet_does_not_claim_a_limit_that_is_broken(server, scene):
+    """With no tag left the routes are not under 0.6 m, and no drawing says so."""
+    text = written(server, scene, "layout.svg").decode()
+    assert "under 0.6 m" not in text
+    assert "keep 2 routes under" in text
+
+
+def test_the_fewest_are_of_the_candidates_that_were_opened(browser, server, layout, tmp_path):
+    browser.open(server.url)
+    browser.js(f"({STUDIO}.panel.asSites.checked = true, 0)")
+    near = [[x + 0.37, y + 0.41] for x in range(1, 19) for y in range(1, 11)]
+    table = "x,y\n" + "\n".join(f"{x},{y}" for x, y in near)
+    browser.js(f"{STUDIO}.panel.load('sites.csv', {json.dumps(table)})")
+    browser.js(f"{STUDIO}.fewest()")
+    places = browser.js(f"{STUDIO}.session.scene.beacons.map(({{ x, y }}) => [x, y])")
+    assert places
+    assert all(place in near for place in places)
+    own = [Beacon(BeaconKind.rfid(range_m=2.0, position_std_m=0.05), x, y, f"own{k}") for k, (x, y) in enumerate(near)]
+    browser.js(f"{STUDIO}.panel.load('sites.geojson', {json.dumps(beacons_geojson(own).decode())})")
+    browser.js(f"{STUDIO}.fewest()")
+    found = browser.js(f"{STUDIO}.session.scene.beacons.map(({{ id, kind }}) => [id, kind.range_m])")
+    assert found
+    assert {tuple(one) for one in found} <= {(beacon.id, 2.0) for beacon in own}
+    browser.js(f"{STUDIO}.session.edit({{ sites: [] }})")
+    browser.js(f"{STUDIO}.fewest()")
+    assert not any(place in near for place in browser.js(f"{STUDIO}.session.scene.beacons.map(({{ x, y }}) => [x, y])"))
 
 
 def test_an_installers_table_moves_what_it_knows_and_adds_what_it_names(layout, scene):
@@ -120,6 +178,7 @@ def test_all_that_place_writes_comes_back(browser, server, layout):
         "installers.csv": layout_csv(layout),
         "map.txt": fiducial_map(layout.beacons),
         "tags.yaml": tags_yaml(layout.beacons, size_m=0.2),
+        "layout.lif": layout_lif(layout),
     }
     for name, content in written.items():
         text = json.dumps(content.decode())

@@ -35,7 +35,8 @@ def run(args: argparse.Namespace) -> Answer:
         return Answer(payload=lambda: {"html": str(args.html)}, text=lambda: "", files={"html": lambda: page(scene)})
     if not 0 <= args.port < 1 << 16:
         raise ValueError(f"expected port from 0 to 65535, got {args.port}")
-    answers = Answers(world=world, time_limit=args.time_limit, save=args.save)
+    building = (Path(args.map), args.level) if args.map.lower().endswith(".building.yaml") else None
+    answers = Answers(world=world, time_limit=args.time_limit, save=args.save, building=building)
     with StudioServer(scene, answers, args.port) as server:
         talk(f"{server.url}\nthe studio is open; Ctrl-C closes it")
         Progress.news = "the studio is open"

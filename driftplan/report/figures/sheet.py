@@ -124,14 +124,8 @@ def _words(layout: Layout, figure: Figure, scale: int) -> None:
     def say(x: float, y: float, text: str, **look: Any) -> None:
         figure.text(x / across, y / up, text, **look)
 
-    say(
-        _PLAN_MM[0],
-        282,
-        f"Beacon layout: {found_in_words(layout)} keep {keep}",
-        fontsize=13,
-        weight="bold",
-        va="center",
-    )
+    title = f"Beacon layout: {found_in_words(layout)} keep {keep}"
+    say(_PLAN_MM[0], 282, title, fontsize=13, weight="bold", va="center")
     frame = "Metres in the frame map, x to the right, y up; directions counter-clockwise from +x."
     say(_TABLE_MM[0], 10, f"{frame}\nGrey lines: routes, and the way to the nearest wall.", fontsize=7)
     bar_m = next((bar for bar in _BARS_M if 1000 * bar / scale >= _BAR_MM), _BARS_M[-1])

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from math import inf, isfinite
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from driftplan.arrays import Floats, positive
-from driftplan.beacons.beacon import BeaconKind
+from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.beacon_files import beacons_geojson
 from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import DriftplanError, InfeasibleError
 from driftplan.files import write_files
 from driftplan.layouts.layout import Layout
-from driftplan.layouts.layout_files import layout_dxf
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.scenario import Scenario
 from driftplan.layouts.sites import Sites
@@ -27,18 +26,20 @@ from driftplan.page.scene import Scene, beacon_of, beacon_said, zones_of
 from driftplan.planning.request import DriftLimit
 from driftplan.planning.routes import plan_route
 from driftplan.planning.status import Status
-from driftplan.report.studio.exchange import read
+from driftplan.report.studio.exchange import read, written
 from driftplan.world.world import World
 
 
 @dataclass(frozen=True, kw_only=True)
 class Answers:
     """Answers about one world, with ``time_limit`` seconds for a search; the scene that is asked about brings all
-    else. ``save`` is where its beacons may be written, None: nowhere."""
+    else. ``save`` is where its beacons may be written, None: nowhere. ``building`` is the map, where it is an Open-RMF
+    building, and its level."""
 
     world: World | None
     time_limit: float = 60.0
     save: Path | None = None
+    building: tuple[Path, str | None] | None = None
     _worlds: list[tuple[Any, World]] = field(default_factory=list, init=False, repr=False)  # the last floors' world
 
     def __post_init__(self) -> None:
@@ -48,7 +49,7 @@ class Answers:
         """``{"answer": …}``, or ``{"error": text}``; ``tell`` hears of progress.
 
         "fewest": beacons; "why": the stretch that cannot be kept; "plan": routes; "save": the beacons to `save`;
-        "draw": the text of a DXF drawing; "read": what the text of a file changes.
+        "write": the bytes of a file, each as a character; "read": what the text of a file changes.
         """
         try:
             scene, noise = question["scene"], OdometryNoise(**question["scene"]["noise"])
@@ -59,8 +60,9 @@ class Answers:
             if what == "read":
                 kind = BeaconKind(**question["kind"])
                 return {"answer": read(str(question["name"]), str(question["text"]), scene, kind)}
-            if what == "draw":
-                return {"answer": {"text": layout_dxf(_layout(scene, world, noise)).decode()}}
+            if what == "write":
+                file = written(str(question["name"]), _layout(scene, world, noise), self.building)
+                return {"answer": {"bytes": file.decode("latin-1")}}
             if what == "plan" and world is not None:
                 return {"answer": _plan(scene, world, noise, question["start"], question["goal"])}
             if what == "save" and self.save is not None:
@@ -108,7 +110,7 @@ class Answers:
                 _routes(scene),
                 noise,
                 limits,
-                Sites(kind, existing=alive),
+                _sites(scene, kind, alive),
                 estimator=scene["estimator"],
                 start_fix=_start_fix(scene),
                 time_limit=self.time_limit,
@@ -129,11 +131,21 @@ class _CanBeKept(Exception):
     """A search need not go on."""
 
 
+def _sites(scene: Scene, kind: BeaconKind, existing: list[Beacon]) -> Sites:
+    """The candidates, beacons or places for a kind; a grid where there are none."""
+    sites = scene["sites"]
+    if sites and "kind" in sites[0]:
+        return Sites(points=[*map(beacon_of, sites)], existing=existing)
+    return Sites(kind, [(one["x"], one["y"]) for one in sites] or None, existing=existing)
+
+
 def _layout(scene: Scene, world: World | None, noise: OdometryNoise) -> Layout:
-    """The beacons that are alive, as a layout of which nothing is proven."""
+    """The beacons that are alive, as a layout of which nothing is proven; a limit that they break is no limit of it."""
     scenario = Scenario.of(world, _routes(scene), noise, DriftLimit(), _start_fix(scene), scene["estimator"])
     alive = {old: [one for one in _alive(scene) if bool(one.get("existing")) == old] for old in (False, True)}
     new, existing = (tuple(map(beacon_of, alive[old])) for old in (False, True))
+    drifts = tuple(scenario.drift(r, (*existing, *new)) for r in range(len(scenario.routes)))
+    limits = [route["limit_m"] or 0.0 for route in scene["routes"]]
     return Layout(
         beacons=new,
         existing=existing,
@@ -141,9 +153,9 @@ def _layout(scene: Scene, world: World | None, noise: OdometryNoise) -> Layout:
         lower_bound=0.0,
         proven=False,
         status=Status.TIME_LIMIT,
-        max_drift=tuple(route["limit_m"] or inf for route in scene["routes"]),
+        max_drift=tuple(max(limit, scenario.worst(drift)) for limit, drift in zip(limits, drifts, strict=True)),
         drift_bound=0.0,
-        drifts=tuple(scenario.drift(r, (*existing, *new)) for r in range(len(scenario.routes))),
+        drifts=drifts,
         seconds=0.0,
         scenario=scenario,
     )

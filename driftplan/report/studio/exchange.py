@@ -1,18 +1,43 @@
-"""Files that the page leaves to Python to read: what `driftplan place` writes and reads beside GeoJSON."""
+"""Files that the page leaves to Python to read and to write: those of `driftplan place` beside plain text."""
 
 from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.beacon_files import load_beacons
-from driftplan.layouts.layout_files import InstallerRow
+from driftplan.layouts.layout import Layout
+from driftplan.layouts.layout_files import InstallerRow, layout_building, layout_dxf, layout_html, layout_lif
 from driftplan.page.scene import Scene, beacon_of, beacon_said
+from driftplan.report.commands.answer import figure_bytes
+from driftplan.report.figures.layouts import layout_figure
+from driftplan.report.figures.sheet import layout_pdf
 from driftplan.world.route_files import read_path
+
+_OF_BEACONS = (".geojson", ".json", ".lif", ".dxf", ".txt", ".building.yaml")
+_WRITERS: dict[str, Callable[[Layout], bytes]] = {
+    "beacons.dxf": layout_dxf,
+    "layout.lif": layout_lif,
+    "sheet.pdf": layout_pdf,
+    "table.html": layout_html,
+    "layout.svg": lambda layout: figure_bytes(layout_figure(layout), "svg"),
+}
+
+
+def written(name: str, layout: Layout, building: tuple[Path, str | None] | None) -> bytes:
+    """The file of a layout that has this name; ``building`` is the Open-RMF map and its level, None for other maps."""
+    if name in _WRITERS:
+        return _WRITERS[name](layout)
+    if name != "site.building.yaml":
+        raise ValueError(f"expected one of {', '.join(_WRITERS)}, site.building.yaml, got {name!r}")
+    if building is None:
+        raise ValueError("expected the studio of an Open-RMF building: this map is none")
+    return layout_building(layout, building[0], level=building[1])
 
 
 def read(name: str, text: str, scene: Scene, kind: BeaconKind) -> dict[str, Any]:
@@ -22,7 +47,7 @@ def read(name: str, text: str, scene: Scene, kind: BeaconKind) -> dict[str, Any]
     with TemporaryDirectory() as folder:
         file = Path(folder, Path(name).name)
         file.write_text(text, encoding="utf-8")
-        if file.suffix.lower() in (".geojson", ".json", ".txt") or "tag_bundles" in text:
+        if file.name.lower().endswith(_OF_BEACONS) or "tag_bundles" in text:
             return {"beacons": [*map(beacon_said, load_beacons(file, kind))]}
         points = read_path(file)[:, :2].tolist()
     limits = [route["limit_m"] for route in scene["routes"]]
