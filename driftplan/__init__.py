@@ -16,6 +16,11 @@ _IMPORT = re.compile(r"^from (\.\S+) import (\w+) as \2$", re.MULTILINE)
 _MODULE_OF = {name: module for module, name in _IMPORT.findall(Path(__file__).with_suffix(".pyi").read_text())}
 
 __all__ = sorted(_MODULE_OF)
+_FIRST_HOUR = (
+    *("OdometryNoise", "predict_drift", "simulate_drift", "load_world", "bundled_map", "plan_route", "compare_routes"),
+    *("BeaconKind", "place_beacons", "drift_with_beacons", "Beacon", "read_path", "read_odometry", "read_truth"),
+    *("fit_noise", "load_noise", "plot_world", "plot_route", "plot_drift", "plot_comparison", "layout_figure"),
+)
 
 
 def __getattr__(name: str) -> Any:
@@ -31,4 +36,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return list(__all__)
+    """The names of the first hour, in the order in which they are met; all there are: ``__all__``."""
+    return list(_FIRST_HOUR)

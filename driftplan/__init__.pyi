@@ -7,6 +7,7 @@ from .beacons.beacon_files import load_beacons as load_beacons
 from .beacons.beacon_files import static_transforms as static_transforms
 from .beacons.beacon_files import tags_yaml as tags_yaml
 from .beacons.readings import DetectionChance as DetectionChance
+from .beacons.readings import beacon_fixes as beacon_fixes
 from .beacons.readings import beacon_passes as beacon_passes
 from .beacons.readings import detection_chances as detection_chances
 from .beacons.readings import drift_with_beacons as drift_with_beacons
@@ -87,9 +88,15 @@ from .planning.routes import Route as Route
 from .planning.routes import plan_route as plan_route
 from .report.figures.collisions import plot_collisions as plot_collisions
 from .report.figures.comparison import plot_comparison as plot_comparison
+from .report.figures.designs import plot_design as plot_design
 from .report.figures.drift import plot_drift as plot_drift
+from .report.figures.fits import plot_coverage as plot_coverage
 from .report.figures.fits import plot_fit as plot_fit
+from .report.figures.fits import plot_predicted as plot_predicted
+from .report.figures.itinerary import plot_itinerary as plot_itinerary
+from .report.figures.itinerary import plot_pareto as plot_pareto
 from .report.figures.layouts import layout_figure as layout_figure
+from .report.figures.layouts import layouts_figure as layouts_figure
 from .report.figures.layouts import plot_importance as plot_importance
 from .report.figures.layouts import plot_layout as plot_layout
 from .report.figures.layouts import plot_sawtooth as plot_sawtooth
@@ -97,6 +104,7 @@ from .report.figures.layouts import plot_tradeoff as plot_tradeoff
 from .report.figures.maps import plot_route as plot_route
 from .report.figures.maps import plot_world as plot_world
 from .report.figures.sheet import layout_pdf as layout_pdf
+from .report.figures.style import ROUTE_STYLES as ROUTE_STYLES
 from .report.studio.widget import studio_widget as studio_widget
 from .report.study_report import study_html as study_html
 from .world.mapfiles import bundled_map as bundled_map

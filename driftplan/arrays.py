@@ -77,8 +77,6 @@ def whole(name: str, value: object, *, least: int) -> int:
 def bounded(what: str, count: float, most: float, remedy: str) -> float:
     """A count of things derived from input, refused before anything is made of it.
 
-    Examples
-    --------
     >>> bounded("sites", 1e7, 1e6, "use a larger spacing_m")
     Traceback (most recent call last):
     ValueError: expected at most 1e+06 sites, got 1e+07: use a larger spacing_m

@@ -28,8 +28,6 @@ def table(columns: Mapping[str, Iterable[object]]) -> str:
     columns : mapping of heading to cells
         Cells are what `str` makes of them: `decimals` and `digits` make them of numbers.
 
-    Examples
-    --------
     >>> print(table({"route": ["a", "shortest"], "m": decimals([12.5, 9.0], 1)}))
     route        m
     a         12.5
@@ -46,8 +44,6 @@ def table(columns: Mapping[str, Iterable[object]]) -> str:
 def decimals(values: Iterable[float], places: int) -> list[str]:
     """Numbers with so many decimal places.
 
-    Examples
-    --------
     >>> decimals([1.234, float("inf")], 2)
     ['1.23', '-']
     """
@@ -57,8 +53,6 @@ def decimals(values: Iterable[float], places: int) -> list[str]:
 def numbers(rows: Iterable[Mapping[str, float]], places: int, *keys: str) -> dict[str, list[str]]:
     """Columns of a table from rows: ``length_m`` is headed "length m".
 
-    Examples
-    --------
     >>> numbers([{"length_m": 2.0}], 1, "length_m")
     {'length m': ['2.0']}
     """
@@ -69,8 +63,6 @@ def numbers(rows: Iterable[Mapping[str, float]], places: int, *keys: str) -> dic
 def digits(*columns: Iterable[float], count: int = 4) -> list[list[str]]:
     """Columns of one unit with as many decimals as the greatest number needs to show ``count`` digits, at least two.
 
-    Examples
-    --------
     >>> digits([0.01234, 0.5], [0.1, 0.2])
     [['0.0123', '0.5000'], ['0.1000', '0.2000']]
     """
@@ -88,8 +80,6 @@ def yes_no(values: Iterable[object]) -> list[str]:
 def counted(number: int, noun: str) -> str:
     """A number with its noun.
 
-    Examples
-    --------
     >>> counted(1, "beacon"), counted(3, "beacon")
     ('1 beacon', '3 beacons')
     """
@@ -99,8 +89,6 @@ def counted(number: int, noun: str) -> str:
 def html_table(columns: Mapping[str, Iterable[object]], caption: str = "") -> str:
     """The same columns for notebooks, with a caption above them.
 
-    Examples
-    --------
     >>> html_table({"tag": ["A<1>"]}).count("&lt;")
     1
     """

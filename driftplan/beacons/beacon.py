@@ -48,6 +48,10 @@ class BeaconKind:
     Raises
     ------
     ValueError : for values that are not finite, out of range, or a kind that measures nothing
+
+    >>> shelf_tag = BeaconKind.rfid(range_m=1.5, position_std_m=0.1, view_angle_deg=180.0, cost=40.0)
+    >>> shelf_tag.name, shelf_tag.position_std_m, shelf_tag.heading_std is None
+    ('rfid', 0.1, True)
     """
 
     name: str
@@ -88,8 +92,6 @@ class BeaconKind:
     def rfid(cls, range_m: float, position_std_m: float, **more: Unpack[KindOptions]) -> BeaconKind:
         """A tag that tells the position and leaves the heading error as it is; walls do not block it.
 
-        Examples
-        --------
         >>> BeaconKind.rfid(range_m=1.5, position_std_m=0.1).heading_std is None
         True
         """
@@ -113,8 +115,6 @@ class BeaconKind:
     def range_only(cls, range_m: float, range_std_m: float, **more: Unpack[KindOptions]) -> BeaconKind:
         """A radio to which the robot measures its distance (UWB); for a robot with a filter.
 
-        Examples
-        --------
         >>> BeaconKind.range_only(range_m=30.0, range_std_m=0.1).needs_filter
         True
         """
@@ -139,8 +139,6 @@ class Beacon:
 
     ``facing_deg`` is which way it looks, degrees counter-clockwise from +x. A kind with a ``view_angle_deg`` needs it.
 
-    Examples
-    --------
     >>> Beacon(BeaconKind.rfid(range_m=1.5, position_std_m=0.1), x=3.0, y=4.0, id="A7").id
     'A7'
     """

@@ -129,8 +129,6 @@ _KIND = tuple(f.name for f in fields(BeaconKind))
 def beacons_geojson(beacons: Sequence[Beacon]) -> bytes:
     """Beacons as points that `load_beacons` reads back.
 
-    Examples
-    --------
     >>> import tempfile
     >>> tag = Beacon(BeaconKind.rfid(range_m=1.5, position_std_m=0.1), x=3.0, y=4.0, id="A7")
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -160,8 +158,6 @@ def load_beacons(
     ------
     MapError : if the file cannot be read or a point is no beacon: the message names the file and the feature
 
-    Examples
-    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = Path(folder, "map.txt").write_text("7 3.0 4.0 0.0 0.0 0.0 0.0 0.01 1\\n")

@@ -77,8 +77,6 @@ def passes_of(
     world : its obstacles block sight; None: nothing does.
     views : default: beacons are seen from everywhere, and so does the robot see
 
-    Examples
-    --------
     >>> path, xy = np.array([[0, 0], [10, 0], [10, 5]]), np.array([[9.0, 0.0]])
     >>> found = passes_of(path, xy, np.array([2.0]), np.array([False]), None)
     >>> found.enter.tolist(), found.leave.tolist()

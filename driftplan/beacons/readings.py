@@ -53,8 +53,6 @@ def beacon_passes(path: Any, beacon: Beacon, world: World | None = None) -> Floa
     array, shape (k, 2)
         One row per pass, in driving order; a graze is a row of two equal numbers.
 
-    Examples
-    --------
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> beacon_passes([(0, 0), (10, 0), (0, 0)], Beacon(tag, x=4.0, y=1.0)).tolist()
     [[4.0, 4.0], [16.0, 16.0]]
@@ -66,8 +64,6 @@ def beacon_passes(path: Any, beacon: Beacon, world: World | None = None) -> Floa
 def beacon_fixes(path: Any, beacons: Sequence[Beacon], world: World | None = None) -> list[Fix]:
     """The readings of ``beacons`` along a path as fixes of the drift model, in driving order.
 
-    Examples
-    --------
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> [fix.s_m for fix in beacon_fixes([(0, 0), (10, 0)], [Beacon(tag, x=4.0, y=0.0)])]
     [3.0, 5.0]
@@ -96,8 +92,6 @@ def drift_with_beacons(
     estimator, start_heading : as for `predict_drift`: what the robot does with a reading, and where it faces
         before its first turn
 
-    Examples
-    --------
     >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> drift = drift_with_beacons([(0, 0), (30, 0), (30, 10)], noise, [Beacon(tag, x=30.0, y=0.0)])
@@ -214,7 +208,13 @@ def readings_from(beacons: BeaconColumns, beacon: Ints, distance: Floats, s_m: F
 
 
 class DetectionChance(NamedTuple):
-    """One pass of a beacon and the probability that it happens."""
+    """One pass of a beacon and the probability that it happens.
+
+    >>> tag, noise = Beacon(BeaconKind.rfid(range_m=1.0, position_std_m=0.1), 5.0, 0.0), OdometryNoise()
+    >>> [chance] = detection_chances([(0, 0), (10, 0)], noise, [tag])
+    >>> chance.beacon is tag, chance.enter_m, chance.leave_m, chance.probability
+    (True, 4.0, 6.0, 1.0)
+    """
 
     beacon: Beacon
     enter_m: float  # of the path as planned
@@ -245,8 +245,6 @@ def detection_chances(
     ----------
     path, noise, beacons, world, fixes, estimator : as for `drift_with_beacons`
 
-    Examples
-    --------
     >>> noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
     >>> tag = BeaconKind.rfid(range_m=1.0, position_std_m=0.1)
     >>> tags = [Beacon(tag, x=10.0, y=0.5), Beacon(tag, x=55.0, y=0.5)]

@@ -48,6 +48,12 @@ class Layout(Tabular):
     drift_bound : for a budget: no layout within it has a smaller worst drift, metres. For a limit: 0.
     drifts : one per route, all beacons alive
     scenario : what it is for
+
+    >>> from driftplan import BeaconKind, OdometryNoise, Sites, place_beacons
+    >>> noise, sites = OdometryNoise(distance_var_per_m=0.01), Sites(BeaconKind.rfid(1.0, 0.1), [(5, 0), (12, 0)])
+    >>> layout = place_beacons(None, [(0, 0), (20, 0)], noise, 0.35, sites)
+    >>> len(layout.beacons), layout.proven, layout.worst_drift < 0.35
+    (1, True, True)
     """
 
     beacons: tuple[Beacon, ...]
@@ -191,8 +197,6 @@ class LayoutComparison(Rows):
 def compare_layouts(layouts: Mapping[str, Layout]) -> LayoutComparison:
     """What layouts, by name, cost and what they keep, side by side; their routes and limits need not be the same.
 
-    Examples
-    --------
     >>> from driftplan import BeaconKind, OdometryNoise, Sites, place_beacons
     >>> noise = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
     >>> tag = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01)

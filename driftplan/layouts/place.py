@@ -95,8 +95,6 @@ def place_beacons(
         sites that come closest. Also if none was found in time.
     ValueError : for input that makes no sense
 
-    Examples
-    --------
     >>> noise = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
     >>> tag = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01)
     >>> layout = place_beacons(None, [(0, 0), (60, 0), (60, 30)], noise, 0.6, Sites(tag, spacing_m=2.0))
@@ -155,7 +153,7 @@ def beacon_tradeoff(
     estimator: Estimator = "reset",
     start_fix: Fix | None = None,
     drift_tolerance: float = 0.005,
-    time_limit: float = 300.0,
+    time_limit: float = 60.0,
 ) -> tuple[Layout, ...]:
     """The trade-off curve: for 0, 1, 2, … beacons the layout with the least worst drift.
 
@@ -172,8 +170,6 @@ def beacon_tradeoff(
         Fewest beacons first, worst drift falling; numbers of beacons that do not lower it are left out. The curve ends
         where a further beacon no longer helps by more than the tolerance, at ``max_beacons``, or when time is over.
 
-    Examples
-    --------
     >>> noise = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
     >>> tag = BeaconKind.landmark(range_m=2.0, position_std_m=0.05, heading_std=0.01)
     >>> curve = beacon_tradeoff(None, [(0, 0), (60, 0)], noise, Sites(tag, spacing_m=2.0), max_beacons=2)

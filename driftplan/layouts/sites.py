@@ -21,7 +21,11 @@ from driftplan.world.world import World
 
 @dataclass(frozen=True, slots=True)
 class SiteGroup:
-    """Sites, by their position in the list or by id, of which at least and at most so many may be chosen."""
+    """Sites, by their position in the list or by id, of which at least and at most so many may be chosen.
+
+    >>> SiteGroup(members=["S1", "S2", "S7"], at_most=1).at_least  # one socket for three places
+    0
+    """
 
     members: Sequence[int | str]
     at_least: int = 0
@@ -54,8 +58,6 @@ class Sites:
     ------
     ValueError : for input that makes no sense
 
-    Examples
-    --------
     >>> tag = BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
     >>> [site.id for site in Sites(tag, [(2, 0), (5, 0)]).listed(None).new]
     ['S1', 'S2']
@@ -193,8 +195,6 @@ def _named(beacons: Sequence[Beacon], letter: str, taken: set[str]) -> list[Beac
 def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
     """Points of a square grid, ``spacing_m`` apart, where the robot's centre may be: (n, 2), row by row from below.
 
-    Examples
-    --------
     >>> world = World.from_polygons([[(2, 0), (3, 0), (3, 4), (2, 4)]], bounds=(0, 0, 5, 4), robot_radius=0.4)
     >>> grid_sites(world, 1.0).shape
     (16, 2)
@@ -226,8 +226,6 @@ def wall_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ())
 def route_sites(routes: Sequence[Any], spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
     """Points on the routes, at most ``spacing_m`` apart, ends included: (n, 2), route by route, none twice.
 
-    Examples
-    --------
     >>> route_sites([[(0, 0), (4, 0)]], 2.0).tolist()
     [[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]]
     """

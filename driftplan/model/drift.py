@@ -26,6 +26,10 @@ class Drift(PointDrift):
     """Drift at every waypoint of a path, (..., n) for paths (..., n, 2); made by `predict_drift`.
 
     At a waypoint with a fix the values are those after it. `at` goes anywhere between.
+
+    >>> drift = predict_drift([(0, 0), (9, 0), (9, 16)], OdometryNoise(distance_var_per_m=0.01))
+    >>> drift.rms, float(drift.at(4.0).rms), float(drift.length)
+    (array([0. , 0.3, 0.5]), 0.2, 25.0)
     """
 
     runs: Runs

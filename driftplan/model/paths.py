@@ -50,6 +50,9 @@ class Runs:
     heading : (...), heading before the first turn, rad
     turns, lengths, curvatures : (..., m), rad, m, 1/m
     legs_per_waypoint : legs between two waypoints of the path that was read
+
+    >>> Runs.from_odometry([1.0, 2.0], [0.0, 0.5]).turns
+    array([0. , 0.5])
     """
 
     start: NDArray[np.complex128]

@@ -26,6 +26,11 @@ class PointDrift(Tabular):
     ----------
     distance : (...), metres driven from the path's start
     moments : Moments, shape (...): true pose and error moments, world frame
+
+    >>> from driftplan import OdometryNoise, predict_drift
+    >>> end = predict_drift([(0, 0), (100, 0)], OdometryNoise(distance_var_per_m=0.01)).end
+    >>> float(end.rms), end.bias, end.cov.diagonal()
+    (1.0, array([0., 0.]), array([1., 0.]))
     """
 
     distance: Floats

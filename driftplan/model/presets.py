@@ -31,6 +31,9 @@ class Preset:
     lengths_m : segments over which it was measured, from the shortest to the longest; None where the source says
         nothing.
     intervals : mapping of str to (float, float): 95 % intervals of the rates, where they were fitted
+
+    >>> PRESETS["visual_odometry_indoor"].noise.step_m
+    0.064
     """
 
     noise: OdometryNoise

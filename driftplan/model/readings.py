@@ -78,6 +78,10 @@ class Fix:
     anchor : (2,) array or None: where the beacon is to which a range or bearing is measured, metres, world frame
 
     Raises ValueError for negative or infinite values, a covariance that is none, a probability outside [0, 1].
+
+    >>> Fix.position(12.0, position_std_m=0.1).position_cov
+    array([[0.01, 0.  ],
+           [0.  , 0.01]])
     """
 
     s_m: float

@@ -39,8 +39,6 @@ def scene_of(
 ) -> Scene:
     """The scene of checked things; ``limits`` in metres and ``names`` one per route.
 
-    Examples
-    --------
     >>> import numpy as np
     >>> scene_of(None, [np.array([[0.0, 0.0], [9.0, 4.0]])], OdometryNoise(heading_var_per_m=1e-4))["bounds"]
     [-1.0, -1.0, 10.0, 5.0]

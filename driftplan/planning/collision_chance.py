@@ -44,6 +44,13 @@ class CollisionChance:
     xy, distance : (k, 2) and (k,), the places: metres, world frame, and along the path
     at : (k,) chance of being in a wall at each, on arrival, by the predicted errors, taken for Gaussian (good to 0.01)
     by : (k,) share of simulated drives that have touched one by then
+
+    >>> from driftplan import OdometryNoise, predict_drift
+    >>> aisle = World.from_polygons([], bounds=(0, 0, 20, 2), robot_radius=0.4)
+    >>> drift = predict_drift([(1, 1), (19, 1)], OdometryNoise(heading_var_per_m=1e-4))
+    >>> chance = collision_chance(drift, aisle, runs=200)
+    >>> chance.low < chance.probability < chance.high < 0.5, len(chance.at) == len(chance.xy)
+    (True, True)
     """
 
     runs: int
@@ -80,8 +87,6 @@ def collision_chance(
 
     Raises ValueError for several paths at once, runs < 1 and a spacing <= 0.
 
-    Examples
-    --------
     >>> from driftplan import OdometryNoise, predict_drift
     >>> world = World.from_polygons([[(0, 2), (30, 2), (30, 3), (0, 3)]], bounds=(0, -9, 30, 3), robot_radius=0.5)
     >>> drift = predict_drift([(1, 1), (25, 1)], OdometryNoise(lateral_var_per_m=0.01))  # the wall is 0.5 m away

@@ -22,6 +22,11 @@ class Comparison(Rows):
     rows : one per route: name, length_m, rms_m, bias_m (its norm), radius95_m, all at the goal, planner (None for
         paths of your own), and estimator; how many beacons each counts on, where one does; collision_free, where
         a world was given; of collisions the chance, low, high and bound (`CollisionChance`), where asked for
+
+    >>> from driftplan import OdometryNoise, predict_drift
+    >>> drives = [predict_drift([(0, 0), end], OdometryNoise(distance_var_per_m=0.01)) for end in ((9, 0), (0, 25))]
+    >>> [(row["name"], round(row["rms_m"], 2)) for row in compare_routes(drives, ["east", "north"]).rows]
+    [('east', 0.3), ('north', 0.5)]
     """
 
     def columns(self) -> dict[str, Iterable[object]]:
@@ -62,8 +67,7 @@ def compare_routes(
 
     Parameters
     ----------
-    routes : sequence of Route or Drift
-        A `Drift` is that of a path of your own.
+    routes : sequence of Route or Drift; a `Drift` is that of a path of your own
     names : default: what each minimises, "given" for paths of your own
     world : say of every route whether it is free of collisions there, so that paths through walls do not set the
         standard
@@ -74,8 +78,6 @@ def compare_routes(
     ValueError
         For no routes, or another number of names.
 
-    Examples
-    --------
     >>> from driftplan.planning.routes import plan_route
     >>> from driftplan.world.world import World
     >>> world = World.from_polygons([], bounds=(0, 0, 10, 10), robot_radius=0.5)

@@ -58,8 +58,6 @@ class CostRates:
     def of(cls, noise: OdometryNoise | CostRates, dimensions: int = 2) -> CostRates:
         """Rates of ``noise`` in the plane or, isotropic, in space; noise per step by its equivalent rate.
 
-        Examples
-        --------
         >>> CostRates.of(OdometryNoise.per_step(heading_std=0.5, distance_std=0.2, step_m=0.5)).heading
         0.5
         """

@@ -30,6 +30,11 @@ class GraphRoute:
     ----------
     nodes : their ids, from start to goal
     drift : along the way
+
+    >>> corridor = RouteGraph.of_routes([np.array([[0.0, 0.0], [9.0, 0.0]])])
+    >>> least, shortest = graph_routes(corridor, 0, 1, OdometryNoise(distance_var_per_m=0.01))
+    >>> shortest.nodes, float(shortest.drift.end.rms)
+    ((0, 1), 0.3)
     """
 
     nodes: tuple[int | str, ...]
@@ -58,8 +63,6 @@ def graph_routes(
     ------
     NoPathError : if no edges lead from start to goal
 
-    Examples
-    --------
     >>> xy = np.array([[0.0, 0.0], [10, 0], [10, 8], [0, 8]])
     >>> graph = RouteGraph((1, 2, 3, 4), xy, (5, 6, 7, 8), np.array([[0, 1], [1, 2], [0, 3], [3, 2]]))
     >>> [route.nodes for route in graph_routes(graph, 1, 3, OdometryNoise(heading_var_per_m=1e-3))]

@@ -64,14 +64,10 @@ def plan_routes(
     ----------
     world, noise, beacons, minimise, max_drift, max_detour, start_fix, estimator, planner, seed
         As for `plan_route`.
-    trips : iterable of (2, 2)
-        Start and goal of each, metres.
-    time_limit : float, optional
-        Seconds for each trip, to look for something better than the graph has.
-    workers : int, optional
-        Processes; 1: none but this one. Default: one per processor.
-    progress : callable, optional
-        Called with the number of trips done and that of all.
+    trips : iterable of (2, 2), start and goal of each, metres
+    time_limit : seconds for each trip, to look for something better than the graph has
+    workers : processes; 1: none but this one. Default: one per processor.
+    progress : called with the number of trips done and that of all
 
     Returns
     -------
@@ -84,8 +80,6 @@ def plan_routes(
         As `plan_route`, with the number of the trip, counted from 0: ends that are not free or not connected before
         anything is planned.
 
-    Examples
-    --------
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
     >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
     >>> there, back = plan_routes(world, [[(2, 2), (8, 2)], [(8, 2), (2, 2)]], noise, workers=1)

@@ -42,8 +42,6 @@ class DriftLimit:
     min_capture : in [0, 1), only where routes are planned: a beacon that the drifting robot would come within range of
         less surely than this on one of its passes (`driftplan.detection_chances`) is not counted on. None: 0.9.
 
-    Examples
-    --------
     >>> DriftLimit(0.5, redundancy=2)
     DriftLimit(max_drift=0.5, redundancy=2, confidence=None, min_capture=None)
     """
@@ -86,8 +84,6 @@ class Planner:
     initial_paths : other paths (n, 2) from start to goal to be considered: the route is never worse than the best of
         them that keeps the limit. A path that collides is refused.
 
-    Examples
-    --------
     >>> Planner("bitstar").name, Planner(max_nodes=200).name
     ('bitstar', 'roadmap')
     """

@@ -47,37 +47,28 @@ class Route(Tabular):
 
     Attributes
     ----------
-    path : (n, 2) array
-        Waypoints in metres, world frame.
-    drift : Drift
-        Exact along the path, with the noise of the zones it crosses and the readings of the beacons it counts on.
-    planner : str
-        Which planner found it.
-    minimise : {"drift", "length", "worst_drift"}
-        What it minimises.
-    status : Status
-        Why the search ended, a sentence for people.
-    bound : float
-        Proven lower bound of what was minimised, metres: among the obstacles (`driftplan.planning.taut_strings`), with
-        the noise of the best of the zones everywhere, and turns for nothing; with beacons or a limit taking no notice
-        of obstacles, redundancy and min_capture. Zero where nothing is known, as of noise that is systematic.
-    bound_heading_std : float
-        rad; it covers the routes whose heading error at the goal has a standard deviation of up to this. Infinite
-        where it covers all routes.
-    shortest : Route or None
-        The shortest route that the same search came by, drift or not. None if this is a shortest one.
-    beacons : tuple of Beacon
-        Those it counts on, in the order of their first reading.
-    captures : tuple of DetectionChance
-        Every pass of a beacon and the probability that it happens.
-    max_drift : float or None
-        The limit asked for.
-    worst_drift : float
-        Greatest rms drift anywhere on the way, metres, all beacons alive.
-    worst_guaranteed : float
-        The same with any one beacon dead where ``redundancy`` was 2.
-    labels : int
-        How many partial routes the search kept.
+    path : (n, 2), waypoints in metres, world frame
+    drift : exact along the path, with the noise of the zones it crosses and the readings of the beacons it counts on
+    planner : which planner found it
+    minimise : "drift", "length" or "worst_drift"
+    status : why the search ended, a sentence for people
+    bound : proven lower bound of what was minimised, metres: among the obstacles (`driftplan.planning.taut_strings`),
+        with the noise of the best of the zones everywhere, and turns for nothing; with beacons or a limit taking no
+        notice of obstacles, redundancy and min_capture. Zero where nothing is known, as of noise that is systematic.
+    bound_heading_std : rad; it covers the routes whose heading error at the goal has a standard deviation of up to
+        this. Infinite where it covers all routes.
+    shortest : the shortest route that the same search came by, drift or not. None if this is a shortest one.
+    beacons : those it counts on, in the order of their first reading
+    captures : every pass of a beacon and the probability that it happens
+    max_drift : the limit asked for, or None
+    worst_drift : greatest rms drift anywhere on the way, metres, all beacons alive
+    worst_guaranteed : the same with any one beacon dead where ``redundancy`` was 2
+    labels : how many partial routes the search kept
+
+    >>> hall = World.from_polygons([], bounds=(0, 0, 9, 9), robot_radius=0.5)
+    >>> route = plan_route(hall, (1, 1), (8, 1), OdometryNoise(heading_var_per_m=1e-4), iterations=1)
+    >>> route.path.tolist(), route.length, route.shortest.length
+    ([[1.0, 1.0], [8.0, 1.0]], 7.0, 7.0)
     """
 
     path: Floats
@@ -124,12 +115,9 @@ class Route(Tabular):
 
         Parameters
         ----------
-        world : with the radius of the robot itself. A route of least drift goes round obstacles as near as its own
-            world lets it: plan it in a world of a greater radius, so that it keeps clear.
+        world : its walls block sight, its zones override ``noise`` where they are
         runs, spacing_m, seed : as for `driftplan.collision_chance`
 
-        Examples
-        --------
         >>> wall = [(4, 0), (6, 0), (6, 7), (4, 7)]
         >>> wide, real = (World.from_polygons([wall], bounds=(0, 0, 10, 10), robot_radius=r) for r in (0.8, 0.5))
         >>> noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.1, after_m=10.0)
@@ -199,8 +187,7 @@ def plan_route(
         Its walls block sight, its zones override ``noise`` where they are.
     start, goal : (2,)
         Metres, world frame. A start with a heading, (3,), rad: then the first turn counts too.
-    noise : OdometryNoise
-        With beacons or a limit, of the continuous kind (no ``step_m``).
+    noise : with beacons or a limit, of the continuous kind (no ``step_m``)
     beacons : sequence of Beacon
     minimise : {"drift", "length", "worst_drift"}
         rms drift at the goal, length, or the greatest rms drift on the way (to within 2 %).
@@ -210,8 +197,7 @@ def plan_route(
     max_detour : float, optional
         Greatest length as a multiple of the shortest route found, >= 1. Default: 1.5 with beacons unless length is
         minimised, else none.
-    start_fix : Fix, optional
-        Uncertainty at the start; default: the start is known.
+    start_fix : uncertainty at the start; default: the start is known
     estimator : {"reset", "filter"}
         What the robot does with a reading, as for `driftplan.predict_drift`. Only with ``filter`` may beacons be of
         kinds that measure a range or a bearing.
@@ -251,8 +237,6 @@ def plan_route(
     KeywordError
         For keywords that there are not, with the nearest one.
 
-    Examples
-    --------
     >>> from driftplan.beacons.beacon import BeaconKind
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
     >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)

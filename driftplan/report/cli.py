@@ -91,8 +91,6 @@ def _drop_stdout() -> None:
 def in_options(message: str, command: Command) -> str:
     """A message of the library in the words of the command line: ``max_drift`` is ``--max-drift``.
 
-    Examples
-    --------
     >>> in_options("expected max_drift > 0, got -1", COMMANDS["place"])
     'expected --max-drift > 0, got -1'
     """

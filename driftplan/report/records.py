@@ -82,8 +82,6 @@ def drift_geojson(drift: Drift, properties: Mapping[str, Any]) -> bytes:
 def record(thing: object, *keys: str) -> dict[str, Any]:
     """Attributes by names that carry their unit: ``length_m`` is the attribute of that name, or else ``length``.
 
-    Examples
-    --------
     >>> record(1 + 2j, "real", "imag_m")
     {'real': 1.0, 'imag_m': 2.0}
     """

@@ -27,8 +27,6 @@ def study_html(result: StudyResult) -> bytes:
     """The report: what was asked, curves with their spread, what matters most, the layout behind every point, what is
     infeasible and why, predictions against simulated drives, and how to do it again.
 
-    Examples
-    --------
     >>> from driftplan import run_study
     >>> study = {"routes": [[[0, 0], [60, 0]]], "noise": {"heading_deg": 2}, "vary": {"seed": [1, 2]}}
     >>> study_html(run_study(study)).startswith(b"<!doctype html>")

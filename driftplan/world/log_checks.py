@@ -33,8 +33,6 @@ def in_order(times: Floats) -> tuple[Ints, list[str]]:
     ------
     ValueError : where times fall so often that they are none, or too many rows would be dropped
 
-    Examples
-    --------
     >>> in_order(np.array([0.0, 2.0, 1.0, 3.0]))[0].tolist()
     [0, 2, 1, 3]
     """

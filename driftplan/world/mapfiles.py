@@ -70,8 +70,6 @@ def load_world(
     MapError : if the file is missing, broken, too large or not a map; the message names file and line, key or feature
     ValueError : if an argument is out of range or means nothing for this format
 
-    Examples
-    --------
     >>> world = load_world(bundled_map("office"), robot_radius=0.3)
     >>> len(world.zones)
     1
@@ -110,8 +108,6 @@ def save_world(world: World, path: str | os.PathLike[str], *, cell_size_m: float
     ValueError : if the format cannot hold the world's zones or origin, or an argument is out of range. Nothing is
         written.
 
-    Examples
-    --------
     >>> import tempfile
     >>> world = World.from_polygons([[(2, 0), (3, 0), (3, 4), (2, 4)]], bounds=(0, 0, 5, 4), robot_radius=0.4)
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -136,8 +132,6 @@ def save_world(world: World, path: str | os.PathLike[str], *, cell_size_m: float
 def bundled_maps() -> tuple[str, ...]:
     """Names of the maps that come with driftplan.
 
-    Examples
-    --------
     >>> bundled_maps()
     ('office', 'warehouse')
     """
@@ -147,8 +141,6 @@ def bundled_maps() -> tuple[str, ...]:
 def bundled_map(name: str) -> Path:
     """Path of a map that comes with driftplan, for `load_world`.
 
-    Examples
-    --------
     >>> bundled_map("warehouse").name
     'warehouse.yaml'
     """

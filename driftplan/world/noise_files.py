@@ -25,8 +25,6 @@ _KEYS = tuple(f.name for f in fields(OdometryNoise))
 def save_noise(path: str | os.PathLike[str], noise: OdometryNoise | NoiseFit) -> None:
     """Write a noise, or a fitted one with its intervals as comments, under the names of `OdometryNoise`.
 
-    Examples
-    --------
     >>> import tempfile
     >>> noise = OdometryNoise(heading_var_per_m=1e-4, distance_scale_error=-0.01)
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -68,8 +66,6 @@ def load_noise(path: str | os.PathLike[str]) -> OdometryNoise:
     TrajectoryError
         If the file is missing or broken, has unknown keys or values out of range: the message names file and key.
 
-    Examples
-    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = Path(folder, "noise.yaml").write_text("heading_var_per_m: 1e-4\\n")

@@ -44,6 +44,9 @@ class RouteGraph:
     metadata : of every edge, by name
     notes : what a person might not expect of the file
     text : of the file that it was read from, if that is nav2's
+
+    >>> RouteGraph.of_routes([np.array([[0.0, 0.0], [5.0, 0.0], [5.0, 3.0]])]).edges.tolist()
+    [[0, 1], [1, 2]]
     """
 
     node_ids: tuple[int, ...] | tuple[str, ...]
@@ -97,8 +100,6 @@ def load_graph(path: str | os.PathLike[str], *, level: str | None = None) -> Rou
     ------
     MapError : if the file is missing, broken, or no route graph: the message names the feature
 
-    Examples
-    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "graph.geojson")

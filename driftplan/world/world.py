@@ -61,8 +61,6 @@ class World:
     ------
     ValueError : if the bounds are empty, the radius is negative, a polygon is invalid, or anything is not finite
 
-    Examples
-    --------
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
     >>> world.is_free([[2, 2], [5, 5]]).tolist()
     [True, False]
@@ -99,8 +97,6 @@ class World:
     ) -> World:
         """A world from obstacle polygons (shapely, or (n, 2) arrays of corners), which may overlap.
 
-        Examples
-        --------
         >>> World.from_polygons([], bounds=(0, 0, 4, 3), robot_radius=0.5).free.area
         6.0
         """
@@ -171,8 +167,6 @@ class World:
     def free_part(self, xy: ArrayLike) -> Ints:
         """Index into `free_parts` of the part that each of the points ``(..., 2)`` is in; -1 where not free.
 
-        Examples
-        --------
         >>> wall = [(4, 0), (6, 0), (6, 10), (4, 10)]
         >>> world = World.from_polygons([wall], bounds=(0, 0, 12, 10), robot_radius=0.5)
         >>> world.free_part([[2, 5], [9, 5], [5, 5]]).tolist(), round(world.free_parts[0].area, 1)
@@ -224,8 +218,6 @@ class World:
         tolerance_m : default: a twentieth of the robot's radius, at least 1e-5 m. Paths round these corners are longer
             than the shortest by a few tolerances per corner; passages narrower than 3 tolerances get no corners.
 
-        Examples
-        --------
         >>> pillar = [(4, 4), (6, 4), (6, 6), (4, 6)]
         >>> corners = World.from_polygons([pillar], bounds=(0, 0, 10, 10), robot_radius=0.5).corners()
         >>> corners.shape, corners.min(axis=0).round(2).tolist()
@@ -285,8 +277,6 @@ class World:
     def zone_pieces(self, a: ArrayLike, b: ArrayLike) -> ZonePieces:
         """Cut the segments from ``a`` to ``b``, (n, 2) each, where the zone that holds changes.
 
-        Examples
-        --------
         >>> wet = Zone([(2, -1), (4, -1), (4, 1), (2, 1)], OdometryNoise(heading_var_per_m=1e-3))
         >>> world = World.from_polygons([], bounds=(-1, -1, 9, 1), robot_radius=0.1, zones=[wet])
         >>> pieces = world.zone_pieces([[0, 0]], [[8, 0]])
@@ -307,8 +297,6 @@ class World:
         zone : (m - 1,) array
             Index into `zones`, -1 outside all of them.
 
-        Examples
-        --------
         >>> wet = Zone([(2, -1), (4, -1), (4, 1), (2, 1)], OdometryNoise(heading_var_per_m=1e-3))
         >>> world = World.from_polygons([], bounds=(-1, -1, 9, 9), robot_radius=0.1, zones=[wet])
         >>> path, zone = world.cut_at_zones([[0, 0], [3, 0], [3, 5]])

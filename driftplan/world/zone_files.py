@@ -44,8 +44,6 @@ def load_zones(path: str | os.PathLike[str], *, origin: tuple[float, float] | No
     ------
     MapError : if the file is missing, broken or without zones, or names a grey that its picture does not have
 
-    Examples
-    --------
     >>> from driftplan.world.mapfiles import bundled_map
     >>> [zone.polygon.area > 50 for zone in load_zones(bundled_map("office"))]
     [True]

@@ -80,8 +80,6 @@ class Zone:
     polygon : shapely Polygon or MultiPolygon, or (n, 2) array of its corners in metres
     noise : replaces, inside the polygon, the noise that holds elsewhere
 
-    Examples
-    --------
     >>> Zone([(0, 0), (4, 0), (4, 3)], OdometryNoise(heading_var_per_m=1e-3)).polygon.area
     6.0
     """

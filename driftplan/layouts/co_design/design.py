@@ -27,8 +27,6 @@ _NAMED = "start_x, start_y, goal_x, goal_y and perhaps weight"
 class Trip:
     """A drive from start to goal, metres, and how often it is driven.
 
-    Examples
-    --------
     >>> Trip((2, 5), (58, 5), weight=20, name="dock to press").weight
     20.0
     """
@@ -57,8 +55,6 @@ def load_trips(path: str | os.PathLike[str]) -> tuple[Trip, ...]:
     ------
     TrajectoryError : if the file cannot be read, has other columns or no trips: the message names it, and the line
 
-    Examples
-    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "trips.csv")
@@ -150,6 +146,13 @@ class CoDesign(Design, Tabular):
     rounds : passes over all neighbours, the last one without a gain unless ``status`` says otherwise
     tried : neighbours looked at
     history : cost of the best design, after every improvement
+
+    >>> from driftplan import BeaconKind, OdometryNoise, World, co_design
+    >>> hall = World.from_polygons([], bounds=(0, 0, 40, 4), robot_radius=0.5)
+    >>> noise, sign = OdometryNoise(heading_var_per_m=2e-4), BeaconKind.landmark(2.0, 0.05, 0.01, cost=100.0)
+    >>> found = co_design(hall, [((2, 2), (38, 2))], noise, 1.2, sign, price_per_m=1.0, max_nodes=20)
+    >>> found.beacon_cost, found.driving_cost, found.cost
+    (100.0, 36.0, 136.0)
     """
 
     trips: tuple[Trip, ...]

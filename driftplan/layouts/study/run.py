@@ -33,6 +33,10 @@ class StudyResult(Tabular):
     cells, tasks : all of them, in the order of the study
     rows : by key of a task, as far as they are done
     inputs : what the study names
+
+    >>> study = {"routes": [[[0, 0], [60, 0]]], "noise": {"heading_deg": 2}, "vary": {"seed": [1, 2]}}
+    >>> len(run_study(study).cells)
+    2
     """
 
     study: Study
@@ -109,8 +113,6 @@ def run_study(
     StudyError : for a study that makes no sense, results that are no results, or another run of it
     DriftplanError : if the cluster goes away; what was done is kept
 
-    Examples
-    --------
     >>> tag = {"kind": "landmark", "range_m": 2.0, "position_std_m": 0.05, "heading_std_deg": 0.5}
     >>> study = {"routes": [[[0, 0], [60, 0]]], "noise": {"heading_deg": 2, "distance_m": 0.05}, "beacon": tag,
     ...          "vary": {"limit_m": [0.6, 1.5]}}

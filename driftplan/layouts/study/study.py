@@ -95,8 +95,6 @@ class Study:
         ------
         StudyError : if a key is unknown or a value not what it may be: with file, line and key
 
-        Examples
-        --------
         >>> study = Study.of({"routes": [[[0, 0], [60, 0]]], "vary": {"seed": {"from": 1, "to": 3}}})
         >>> [cell.varied for cell in study.cells()]
         [{'seed': 1}, {'seed': 2}, {'seed': 3}]

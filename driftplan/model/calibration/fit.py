@@ -88,6 +88,12 @@ class NoiseFit(Tabular):
         eighth.
     notes : the faults, and what to know before using the numbers: parameters left out, drives that differ, a wrong
         model
+
+    >>> from driftplan import simulate_log
+    >>> drive = simulate_log(5 * [(0, 0), (5, 0), (5, 5), (0, 5)], OdometryNoise(distance_scale_error=0.02))
+    >>> fit = fit_noise(*drive, parameters=["distance_scale_error"], resamples=100)
+    >>> round(fit.noise.distance_scale_error, 4), fit.faults
+    (0.02, ())
     """
 
     noise: OdometryNoise

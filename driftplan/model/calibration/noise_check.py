@@ -154,8 +154,6 @@ def check_noise(
     estimates, truths, lengths_m, use_heading, time_offset_s, heading_offset, max_gap_s : as for `fit_noise`
     truth_position_std_m, truth_heading_std : white errors of the reference: metres per coordinate, rad
 
-    Examples
-    --------
     >>> from driftplan.model.calibration.simulated_log import simulate_log
     >>> noise = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3)
     >>> check = check_noise(noise, *simulate_log(5 * [(0, 0), (5, 0), (5, 5), (0, 5)], noise, rng=1))

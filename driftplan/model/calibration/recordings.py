@@ -35,6 +35,10 @@ class OdometryLog:
     glitches : (m,), when the steps began that `without_glitches` took out, s: what happened in them is unknown
     notes : what is to be said about the file that it was read from
     start : where the first pose was, x + jy in the odometry's own frame, metres: nothing depends on it
+
+    >>> log = OdometryLog.from_increments(distances_m=[1.0, 1.0], turns_rad=[0.0, 0.5])
+    >>> log.times, log.headings
+    (array([0., 1., 2.]), array([0. , 0. , 0.5]))
     """
 
     times: Floats

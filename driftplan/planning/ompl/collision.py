@@ -100,8 +100,6 @@ def use_world(si: ob.SpaceInformation, world: World) -> None:
     ------
     ValueError : if the space is none of these
 
-    Examples
-    --------
     >>> from ompl import base as ob
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
     >>> space = ob.RealVectorStateSpace(2)

@@ -21,8 +21,6 @@ class CostConvergence:
     share : of the cost, > 0
     seconds : > 0
 
-    Examples
-    --------
     >>> from ompl import base as ob, geometric as og
     >>> space = ob.RealVectorStateSpace(2)
     >>> space.setBounds(0, 10)

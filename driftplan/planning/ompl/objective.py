@@ -60,8 +60,6 @@ class DriftObjective(ob.OptimizationObjective):
     ValueError : for a space that cannot be priced, several goal positions or a goal region, a weight that is not >= 0,
         and a world in three dimensions, which would be a floor plan there
 
-    Examples
-    --------
     >>> space = ob.RealVectorStateSpace(2)
     >>> space.setBounds(0, 10)
     >>> si = ob.SpaceInformation(space)
@@ -132,8 +130,6 @@ class DriftObjective(ob.OptimizationObjective):
         goal : State, GoalState or GoalStates
             One of the states must be at the place, to a micrometre.
 
-        Examples
-        --------
         >>> space = ob.RealVectorStateSpace(2)
         >>> si = ob.SpaceInformation(space)
         >>> objective = DriftObjective(si, OdometryNoise(heading_var_per_m=1e-3), goal=(10.0, 0.0))

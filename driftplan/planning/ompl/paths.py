@@ -62,8 +62,6 @@ def predict_ompl_path(
     ValueError : for a path of fewer than 2 states, a space that cannot be priced, and in three dimensions for zones and
         noise that has no meaning there
 
-    Examples
-    --------
     >>> from ompl import base as ob, geometric as og
     >>> space = ob.DubinsStateSpace(1.0)
     >>> si = ob.SpaceInformation(space)

@@ -44,8 +44,6 @@ def polish_ompl_path(path: og.PathGeometric, objective: ob.OptimizationObjective
     PlannerError : for other objectives, and a world whose zones are not those of the objective
     ValueError : for a path of fewer than 2 states, and a space that is not of the plane
 
-    Examples
-    --------
     >>> from ompl import base as ob
     >>> from driftplan import DriftObjective, OdometryNoise
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)

@@ -72,8 +72,6 @@ class RoadmapPlanner(ob.Planner):
     ValueError
         For options that make no sense.
 
-    Examples
-    --------
     >>> from driftplan import Beacon, BeaconKind, DriftObjective, OdometryNoise
     >>> from driftplan.planning.ompl.collision import use_world
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)

@@ -33,13 +33,9 @@ def run(args: argparse.Namespace) -> Answer:
             spacing_m=args.spacing_m,
             existing=load_beacons(args.existing) if args.existing else (),
         ),
-        price_per_m=args.price_per_m,
-        max_detour=args.max_detour,
-        estimator=args.estimator,
         start_fix=shared.start_fix_from(args),
-        time_limit=args.time_limit,
-        seed=args.seed,
         progress=_tell,
+        **{name: getattr(args, name) for name in _AS_NAMED},
     )
     return Answer(
         payload=lambda: {"map": args.map, "noise": shared.noise_as_json(noise), "design": design_as_json(found)},
@@ -98,6 +94,7 @@ def _costs(design: Design) -> dict[str, Any]:
     }
 
 
+_AS_NAMED = ("price_per_m", "max_detour", "estimator", "max_nodes", "rounds", "time_limit", "seed")
 # fmt: off
 _WANTED = Group("what is wanted", (
     Option("max_drift", "M", "limit on the rms drift anywhere, metres", how={"required": True}),
@@ -109,6 +106,8 @@ _WANTED = Group("what is wanted", (
            "count)", default=0.9),
     shared.ESTIMATOR,
     *shared.START_SPREAD,
+    Option("max_nodes", "N", "nodes of every roadmap, about", int, 500),
+    Option("rounds", "N", "passes over all neighbours of the best design, at most", int, 10),
     Option("time_limit", "S", "seconds to search", default=120.0),
     Option("seed", "N", "seed of samples and restarts", int, 0),
 ))

@@ -189,8 +189,6 @@ class _HelpFormatter(argparse.HelpFormatter):
 def point(text: str) -> tuple[float, float]:
     """An argument X,Y in metres.
 
-    Examples
-    --------
     >>> point("-3,4.5")
     (-3.0, 4.5)
     """
@@ -204,8 +202,6 @@ def point(text: str) -> tuple[float, float]:
 def metres(text: str) -> list[float]:
     """An argument M or M,M,... in metres.
 
-    Examples
-    --------
     >>> metres("10,20.5")
     [10.0, 20.5]
     """

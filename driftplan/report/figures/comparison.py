@@ -43,8 +43,6 @@ def plot_comparison(
         knows nothing of pyplot
     confidence : of the error ellipses
 
-    Examples
-    --------
     >>> from driftplan import OdometryNoise, predict_drift
     >>> drift = predict_drift([(0, 0), (3, 0), (3, 1)], OdometryNoise(heading_var_per_m=1e-4))
     >>> plot_comparison(None, {"round the corner": drift}).axes[0].get_title()

@@ -43,7 +43,15 @@ def draw_design(world: World, design: Design, *, ax: Axes) -> list[Line2D]:
 
 
 def plot_design(world: World, found: CoDesign, *, figure: Figure | None = None) -> Figure:
-    """Shortest routes with the beacons placed for them, and beside it routes and beacons chosen together."""
+    """Shortest routes with the beacons placed for them, and beside it routes and beacons chosen together.
+
+    >>> from driftplan import BeaconKind, OdometryNoise, World, co_design
+    >>> hall = World.from_polygons([], bounds=(0, 0, 40, 4), robot_radius=0.5)
+    >>> noise, sign = OdometryNoise(heading_var_per_m=2e-4), BeaconKind.landmark(2.0, 0.05, 0.01, cost=100.0)
+    >>> found = co_design(hall, [((2, 2), (38, 2))], noise, 1.2, sign, price_per_m=1.0, max_nodes=20)
+    >>> plot_design(hall, found).axes[1].get_title()
+    'chosen together\\n1 beacon, 36 m of routes: cost 136'
+    """
     designs = [("shortest routes, then beacons", found.baseline), ("chosen together", found)]
     shown = [(name, design) for name, design in designs if design is not None]
     xmin, ymin, xmax, ymax = world.bounds

@@ -37,8 +37,6 @@ def plot_drift(
     list of Line2D
         The rms, and the radius if asked for.
 
-    Examples
-    --------
     >>> from matplotlib.figure import Figure
     >>> from driftplan import OdometryNoise, predict_drift
     >>> drift = predict_drift([(0, 0), (3, 0), (3, 1)], OdometryNoise(heading_var_per_m=1e-4))

@@ -25,8 +25,6 @@ def error_ellipse(cov: ArrayLike, confidence: float = 0.95) -> tuple[Floats, Flo
     width_m, height_m, angle_deg : (...), full axes, the longer one first, and the angle from +x to it,
         counter-clockwise, in degrees, as matplotlib has it
 
-    Examples
-    --------
     >>> [round(float(x), 3) for x in error_ellipse([[4.0, 0.0], [0.0, 1.0]])]
     [9.791, 4.895, 0.0]
     """
@@ -42,8 +40,6 @@ def error_ellipse(cov: ArrayLike, confidence: float = 0.95) -> tuple[Floats, Flo
 def mark_spacing(length_m: float, marks: int = 8) -> float:
     """A round distance (1, 2 or 5 times a power of ten, metres) that divides ``length_m`` into about ``marks`` pieces.
 
-    Examples
-    --------
     >>> mark_spacing(62.0)
     10.0
     """
@@ -56,8 +52,6 @@ def mark_spacing(length_m: float, marks: int = 8) -> float:
 def mark_distances(length_m: float, spacing_m: float) -> Floats:
     """Distances along a path to mark, metres: every ``spacing_m``, and the end.
 
-    Examples
-    --------
     >>> mark_distances(33.0, 10.0)
     array([10., 20., 33.])
     """

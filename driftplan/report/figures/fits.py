@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,13 +22,13 @@ if TYPE_CHECKING:
 FITTED = "the drives of the fit"
 _MAX_DOTS = 400  # of single segments, per length
 _MAX_ALL_LEVELS = 2  # drives of which the shares in all regions are shown; of more, those in one
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#AA4499", "#E69F00", "#56B4E9", "#882255", "#000000", "#999933")
 _MARKERS = "os^vDPX*"
 
 
 def _looks(count: int) -> list[dict[str, str]]:
     """Colour and marker of every drive: no two alike."""
-    return [{"color": _COLOURS[k % len(_COLOURS)], "marker": _MARKERS[k % len(_MARKERS)]} for k in range(count)]
+    looks = zip(range(count), cycle(style.MANY_COLOURS), cycle(_MARKERS), strict=False)
+    return [{"color": colour, "marker": marker} for _, colour, marker in looks]
 
 
 def plot_fit(
@@ -40,8 +41,6 @@ def plot_fit(
     ----------
     others : mapping of label to SegmentCheck, optional: checks of the fit on other drives, from `NoiseFit.check_on`
 
-    Examples
-    --------
     >>> from driftplan import OdometryNoise, fit_noise, simulate_log
     >>> drive = 5 * [(0, 0), (5, 0), (5, 5), (0, 5)]
     >>> fit = fit_noise(*simulate_log(drive, OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3), rng=1))
@@ -83,7 +82,7 @@ def plot_tracks(fit: NoiseFit, *, ax: Axes | None = None) -> list[Line2D]:
     for k, (true, estimated) in enumerate(fit.tracks):
         drawn += ax.plot(true.real, true.imag, color="0.65", linewidth=2.0, label=None if k else "truth")
         drawn += ax.plot(
-            estimated.real, estimated.imag, color=_COLOURS[0], linewidth=0.9, label=None if k else "odometry"
+            estimated.real, estimated.imag, color=style.MANY_COLOURS[0], linewidth=0.9, label=None if k else "odometry"
         )
     style.in_metres(ax)
     ax.set_aspect("equal", adjustable="datalim")
@@ -148,6 +147,13 @@ def _dots(check: SegmentCheck, ax: Axes) -> None:
 def plot_predicted(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None) -> list[ErrorbarContainer]:
     """Draw measured against predicted rms position errors, a point per length, with two standard errors upright and the
     fit's interval across; on the line they agree, and between the dotted ones within a quarter.
+
+    >>> from matplotlib.figure import Figure
+    >>> from driftplan import OdometryNoise, fit_noise, simulate_log
+    >>> drive = simulate_log(5 * [(0, 0), (5, 0), (5, 5), (0, 5)], OdometryNoise(heading_var_per_m=1e-3), rng=1)
+    >>> fit = fit_noise(*drive, parameters=["heading_var_per_m"], resamples=100)
+    >>> len(plot_predicted({"fitted": fit.check}, ax=Figure().subplots()))
+    1
     """
     ax = style.current_axes(ax)
     drawn, sizes = [], []
@@ -170,6 +176,13 @@ def plot_predicted(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None
 def plot_coverage(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None) -> list[ErrorbarContainer]:
     """Draw, against length, the shares of errors inside the regions that should hold 50, 90 and 95 %, with the two
     standard errors that chance allows about each; of more than two drives, the region of 90 % alone.
+
+    >>> from matplotlib.figure import Figure
+    >>> from driftplan import OdometryNoise, fit_noise, simulate_log
+    >>> drive = simulate_log(5 * [(0, 0), (5, 0), (5, 5), (0, 5)], OdometryNoise(heading_var_per_m=1e-3), rng=1)
+    >>> fit = fit_noise(*drive, parameters=["heading_var_per_m"], resamples=100)
+    >>> len(plot_coverage({"fitted": fit.check}, ax=Figure().subplots()))
+    3
     """
     ax = style.current_axes(ax)
     drawn = []

@@ -115,8 +115,6 @@ def plot_sawtooth(
         thin and grey
     **line_kwargs : go to the lines of ``routes`` untouched; these are returned, in order
 
-    Examples
-    --------
     >>> from matplotlib.figure import Figure
     >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
     >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
@@ -163,8 +161,8 @@ def plot_tradeoff(curve: Sequence[Layout], *, ax: Axes | None = None, **line_kwa
     if not curve:
         raise ValueError("expected a trade-off curve of at least one layout, got none")
     drift, count = np.array([x.worst_drift for x in curve]), np.array([len(x.beacons) for x in curve])
-    look: dict[str, Any] = {"color": "#0072B2", "linewidth": 1.5, "drawstyle": "steps-post", "zorder": 2, **line_kwargs}
-    (line,) = ax.plot(drift[::-1], count[::-1], **look)
+    look: dict[str, Any] = {"color": style.MANY_COLOURS[0], "linewidth": 1.5, "drawstyle": "steps-post", "zorder": 2}
+    (line,) = ax.plot(drift[::-1], count[::-1], **look | line_kwargs)
     for proven, face in ((True, line.get_color()), (False, "white")):
         some = np.array([x.proven == proven for x in curve])
         if some.any():
@@ -235,7 +233,14 @@ def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
 
 def layouts_figure(layouts: Mapping[str, Layout], *, figure: Figure | None = None) -> Figure:
     """Layouts for the same routes side by side, each on its map above its sawtooth: in an empty figure, by default a
-    new one that knows nothing of pyplot."""
+    new one that knows nothing of pyplot.
+
+    >>> from driftplan import BeaconKind, OdometryNoise, place_beacons
+    >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
+    >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
+    >>> layouts_figure({"tags": layout}).axes[0].get_title()
+    'tags: 1 beacon (proven fewest)'
+    """
     first, *_ = layouts.values()
     height = 6.0 * _map_shape(first)
     figure = style.new_figure(figure, 6.3 * len(layouts) + 0.8, height + 3.8)

@@ -91,8 +91,6 @@ def plot_route(
     magnify : enlargement of the ellipses, told in the legend; default: as much as it takes to see them
         (`magnification`)
 
-    Examples
-    --------
     >>> from matplotlib.figure import Figure
     >>> from driftplan import OdometryNoise, predict_drift
     >>> drift = predict_drift([(0, 0), (3, 0), (3, 1)], OdometryNoise(heading_var_per_m=1e-4))

@@ -16,13 +16,14 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Ellipse
 
-ROUTE_STYLES: tuple[dict[str, Any], ...] = (  # colours of Okabe and Ito, told apart by the colour-blind too
-    {"color": "#0072B2", "linestyle": "-", "marker": "o"},
-    {"color": "#D55E00", "linestyle": "--", "marker": "s"},
-    {"color": "#009E73", "linestyle": "-.", "marker": "^"},
+ROUTE_STYLES: tuple[dict[str, Any], ...] = (  # told apart by the colour-blind, and in grey by how dark they are
+    {"color": "#0B55B0", "linestyle": "-", "marker": "o"},
+    {"color": "#D04A10", "linestyle": "--", "marker": "s"},
+    {"color": "#10A67B", "linestyle": "-.", "marker": "^"},
     {"color": "#000000", "linestyle": ":", "marker": "D"},
-    {"color": "#AA4499", "linestyle": (0, (6, 1, 1, 1, 1, 1)), "marker": "v"},
+    {"color": "#5C1060", "linestyle": (0, (6, 1, 1, 1, 1, 1)), "marker": "v"},
 )
+MANY_COLOURS = (*(own["color"] for own in ROUTE_STYLES), "#8D0F29", "#AC4B98", "#87B0F3", "#97BD71")
 OTHER_ROUTE: dict[str, Any] = {"color": "0.6", "linewidth": 0.8, "zorder": 1.2}
 OBSTACLE: dict[str, Any] = {"facecolor": "0.80", "edgecolor": "0.45", "linewidth": 0.5}
 ZONE: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.5", "linewidth": 0.8, "hatch": "///"}
@@ -40,7 +41,7 @@ GOAL: dict[str, Any] = {
     "markeredgecolor": "white",
     "markeredgewidth": 0.8,
 }
-BEACON_COLOUR, OTHER_BEACON_COLOUR = "#B35900", "#555555"
+BEACON_COLOUR, OTHER_BEACON_COLOUR = "#5A4000", "#555555"
 BEACON: dict[str, Any] = {"marker": "^", "markersize": 7, "color": BEACON_COLOUR}
 OTHER_BEACON: dict[str, Any] = {"marker": "s", "markersize": 5, "color": OTHER_BEACON_COLOUR}
 RANGE: dict[str, Any] = {"facecolor": ("#E69F00", 0.3), "edgecolor": BEACON_COLOUR, "linewidth": 0.8}

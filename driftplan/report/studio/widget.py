@@ -38,8 +38,6 @@ def studio_widget(
     ------
     ImportError : without anywidget: ``pip install 'driftplan[notebook]'``
 
-    Examples
-    --------
     >>> from driftplan import BeaconKind
     >>> tag = Beacon(BeaconKind.rfid(range_m=1.5, position_std_m=0.1), x=3.0, y=0.0, id="A7")
     >>> studio_widget(None, [[(0, 0), (10, 0)]], OdometryNoise(heading_var_per_m=1e-3), beacons=[tag]).beacons == (tag,)
