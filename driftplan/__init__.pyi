@@ -67,6 +67,7 @@ from .model.spatial.drift import predict_drift_3d as predict_drift_3d
 from .model.spatial.drift import predict_flight_drift as predict_flight_drift
 from .model.spatial.rotations import RotationNoise as RotationNoise
 from .model.spatial.simulation import simulate_drift_3d as simulate_drift_3d
+from .model.spatial.steps import flight_steps as flight_steps
 from .planning.collision_chance import CollisionChance as CollisionChance
 from .planning.collision_chance import collision_chance as collision_chance
 from .planning.comparison import Comparison as Comparison

@@ -111,6 +111,14 @@ def main() -> None:
     part = predict_drift_3d(R[:few], t[:few], LAWS["anisotropic"], COV).end.rms
     rms = (errors[:, -1] ** 2).sum(axis=-1).mean() ** 0.5
     print(f"  1000 Monte Carlo runs          {spent / mine:8.1f} times as long, rms off by {rms / part - 1:+.1e}")
+
+    print("\nequal steps by squaring [ms]")
+    for n in (10**3, 10**6, 10**9):
+        times = [
+            1e3 * seconds(lambda noise=noise, n=n: predict_drift_3d(R[:1], t[:1], noise, COV, repeats=n))
+            for noise in LAWS.values()
+        ]
+        print(f"{n:>12}" + "".join(f"{x:>18.2f}" for x in times))
     path = np.cumsum(np.random.default_rng(0).normal(size=(100_000, 3)), axis=0)
     flight = seconds(lambda: predict_flight_drift(path, rotation_var_per_m=1e-6, distance_var_per_m=1e-4))
     print(f"\ncontinuous noise, 100000 waypoints: {flight:.3f} s")

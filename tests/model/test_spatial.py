@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.spatial.drift import predict_drift_3d, predict_flight_drift
 from driftplan.model.spatial.rotations import RotationNoise
 from driftplan.model.spatial.simulation import simulate_drift_3d
+from driftplan.model.spatial.steps import flight_steps
 
 COV = np.array([[0.03, 0.01, 0.0], [0.01, 0.02, 0.005], [0.0, 0.005, 0.01]])
 BIAS = np.array([0.02, -0.01, 0.03])
@@ -68,6 +68,23 @@ def test_what_happens_later_changes_nothing_earlier(seed, name):
     whole, part = predict_drift_3d(R, t, NOISES[name], COV), predict_drift_3d(R[:9], t[:9], NOISES[name], COV)
     np.testing.assert_allclose(whole.bias[:10], part.bias, rtol=0, atol=1e-13 * np.abs(part.bias).max())
     np.testing.assert_allclose(whole.cov[:10], part.cov, rtol=0, atol=1e-13 * np.abs(part.cov).max())
+
+
+@settings(max_examples=30)
+@given(seed=seeds, name=noises, counts=st.lists(st.integers(0, 9), min_size=1, max_size=5))
+def test_repeating_a_step_is_listing_it_that_often(seed, name, counts):
+    R, t = motion(seed, len(counts))
+    short = predict_drift_3d(R, t, NOISES[name], COV, translation_bias=BIAS, repeats=counts)
+    if sum(counts) == 0:
+        assert not short.rms.any()
+        return
+    listed = predict_drift_3d(
+        np.repeat(R, counts, 0), np.repeat(t, counts, 0), NOISES[name], COV, translation_bias=BIAS
+    )
+    at = np.concatenate([[0], np.cumsum(counts)])
+    for name in ("position", "distance", "bias", "cov"):
+        expected = getattr(listed, name)[at]
+        np.testing.assert_allclose(getattr(short, name), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
 @given(seed=seeds)
@@ -260,10 +277,26 @@ def test_moments_agree_with_the_16_by_16_kronecker_product_in_60_digits(kind, st
 def test_published_helix():
     """1000 steps along a helix, Gaussian noise of 0.01 rad and 0.01 m."""
     noise = RotationNoise.isotropic(0.01)
-    drift = predict_drift_3d([about_z(0.1)] * 1000, [[0.1, 0.0, 0.02]] * 1000, noise, 1e-4 * np.eye(3)).end
+    drift = predict_drift_3d([about_z(0.1)], [[0.1, 0.0, 0.02]], noise, 1e-4 * np.eye(3), repeats=1000).end
     np.testing.assert_allclose(drift.position, [-0.51282765578251, 0.11224809225675, 20.0], rtol=1e-12)
     np.testing.assert_allclose(drift.bias, [0.044264608997416, 0.084860460908766, -0.96844302288606], rtol=1e-11)
     np.testing.assert_allclose(drift.rms**2, 26.423679205902, rtol=1e-12)
+
+
+def test_a_thousand_million_equal_steps_keep_their_digits():
+    """Straight on: E|p̂|² = n + 2 Σ_{i<k} l1^(k-i) and E p̂ = Σ l1^k, summed in 50 digits."""
+    n, std = 10**9, 1e-5
+    with mp.workdps(50):
+        x = mp.mpf(std) ** 2
+        lost = 2 * (1 - (1 - x) * mp.exp(-x / 2)) / 3
+        fade = -mp.expm1(n * mp.log1p(-lost))  # 1 - l1ⁿ
+        bias = (1 - lost) * fade / lost - n
+        spread = n + 2 * (1 - lost) / lost * (n - fade / lost)
+        square = spread - 2 * n * bias - mp.mpf(n) ** 2
+    for noise in (RotationNoise.isotropic(std), RotationNoise.anisotropic(std**2 * np.eye(3))):
+        drift = predict_drift_3d([np.eye(3)], [[1.0, 0.0, 0.0]], noise, repeats=n).end
+        np.testing.assert_allclose(drift.bias, [float(bias), 0, 0], rtol=1e-13, atol=1e-13 * abs(float(bias)))
+        np.testing.assert_allclose(drift.rms**2, float(square), rtol=1e-13)
 
 
 def test_each_step_may_have_its_own_noise():
@@ -282,6 +315,15 @@ def test_each_step_may_have_its_own_noise():
     assert_same(one, two)
     once = predict_drift_3d(R[:1], t[:1], RotationNoise.isotropic(0.1), 0.1 * COV, translation_bias=0.1 * BIAS)
     np.testing.assert_allclose(one.cov[1], once.cov[1], rtol=1e-13)
+    repeated = predict_drift_3d(
+        R,
+        t,
+        RotationNoise.isotropic(stds),
+        stds[:, None, None] * COV,
+        translation_bias=stds[:, None] * BIAS,
+        repeats=1,
+    )
+    assert_same(repeated, one)
 
 
 # The planar model
@@ -358,13 +400,9 @@ def test_monte_carlo_agrees_when_every_step_differs():
 def test_monte_carlo_of_a_flight_in_short_steps_agrees_with_continuous_noise():
     """200 steps of 0.05 m: each errs before it moves, which adds 0.75 % to E|e|², a third of a standard error."""
     path = [(0, 0, 0), (4, 0, 0), (4, 3, 0), (4, 3, 3)]
-    left, up = Rotation.from_euler("z", 90, degrees=True), Rotation.from_euler("y", -90, degrees=True)
-    rotations = np.tile(np.eye(3), (200, 1, 1))
-    rotations[80], rotations[140] = left.as_matrix(), up.as_matrix()
+    steps = flight_steps(path, 0.05)
     noise = RotationNoise.brownian((0.02 * 0.05) ** 0.5)
-    errors = simulate_drift_3d(rotations, [(0.05, 0, 0)] * 200, noise, 0.001 * 0.05 * np.eye(3), runs=2000, rng=2)[
-        :, -1
-    ]
+    errors = simulate_drift_3d(*steps, noise, 0.001 * 0.05 * np.eye(3), runs=2000, rng=2)[:, -1]
     flight = predict_flight_drift(path, rotation_var_per_m=0.02, distance_var_per_m=0.001, lateral_var_per_m=0.001).end
     squares = (errors**2).sum(axis=-1)
     assert abs(squares.mean() - flight.rms**2) <= 4 * squares.std() / 2000**0.5
@@ -408,22 +446,26 @@ def test_shapes_and_frozen_arrays():
         drift.bias[0, 0] = 1.0
 
 
-def test_long_motions_are_flown_in_blocks_that_do_not_show(monkeypatch):
-    """More steps than one scan holds, against the same in one scan; 1e4 roundings."""
+def test_long_motions_are_flown_in_blocks_that_do_not_show():
+    """More steps than one scan holds, against the same by powers; 1e4 roundings."""
     n = 10_000
     for name in ("gaussian", "anisotropic"):
         R, t = np.tile(about_z(0.01), (n, 1, 1)), np.tile([0.01, 0.0, 0.002], (n, 1))
-        blocks = predict_drift_3d(R, t, NOISES[name], 1e-4 * COV)
-        with monkeypatch.context() as patch:
-            patch.setattr("driftplan.model.spatial.drift._AT_ONCE", n)
-            whole = predict_drift_3d(R, t, NOISES[name], 1e-4 * COV)
-        np.testing.assert_allclose(blocks.end.position, whole.end.position, rtol=1e-10, atol=1e-11)
-        np.testing.assert_allclose(blocks.end.cov, whole.end.cov, rtol=0, atol=1e-10 * blocks.end.trace)
+        long = predict_drift_3d(R, t, NOISES[name], 1e-4 * COV)
+        powers = predict_drift_3d(R[:1], t[:1], NOISES[name], 1e-4 * COV, repeats=n)
+        np.testing.assert_allclose(long.end.position, powers.end.position, rtol=1e-10, atol=1e-11)
+        np.testing.assert_allclose(long.end.cov, powers.end.cov, rtol=0, atol=1e-10 * long.end.trace)
 
 
 # Bad input
 
 GOOD = {"rotations": [np.eye(3)] * 3, "translations": np.ones((3, 3)), "rotation_noise": RotationNoise.isotropic(0.1)}
+
+
+@pytest.mark.parametrize("repeats", [-1, 1.5, [1, 2], "twice", True])
+def test_bad_repeats(repeats):
+    with pytest.raises(ValueError, match="expected repeats to be an int >= 0 or 3 of them"):
+        predict_drift_3d(**GOOD, repeats=repeats)
 
 
 @pytest.mark.parametrize(

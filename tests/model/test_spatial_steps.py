@@ -1,16 +1,43 @@
-"""Steps in space: the checks of what a caller hands in."""
+"""Steps in space: flights cut into steps, and the checks of what a caller hands in."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from driftplan.model.spatial.drift import predict_drift_3d
 from driftplan.model.spatial.rotations import RotationNoise, orthonormal
 from driftplan.model.spatial.simulation import simulate_drift_3d
-from driftplan.model.spatial.steps import read_steps
+from driftplan.model.spatial.steps import flight_steps, read_steps
 
 GOOD = {"rotations": [np.eye(3)] * 3, "translations": np.ones((3, 3)), "rotation_noise": RotationNoise.isotropic(0.1)}
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 10**6), step=st.floats(0.05, 2.0))
+def test_steps_lead_along_the_flight(seed, step):
+    path = np.random.default_rng(seed).normal(size=(6, 3))
+    rotations, translations = flight_steps(path, step)
+    drift = predict_drift_3d(rotations, translations, RotationNoise.isotropic(0.1))
+    lengths = np.linalg.norm(np.diff(path, axis=0), axis=-1)
+    ends = np.cumsum(np.ceil(lengths / step - 1e-9)).astype(int)
+    np.testing.assert_allclose(drift.position[ends], path[1:] - path[0], atol=1e-12)
+    assert translations.max() <= step * (1 + 1e-9)
+    assert not translations[:, 1:].any()
+
+
+@pytest.mark.parametrize(
+    ("out", "back"),
+    [((1, 0, 0), np.diag([-1, -1, 1])), ((0, 0, 1), np.diag([-1, 1, -1])), ((-1, 0, 0), np.diag([-1, -1, 1]))],
+)
+def test_flying_back_turns_about_the_vertical_or_pitches_over(out, back):
+    rotations, _ = flight_steps([(0, 0, 0), out, (0, 0, 0)], 1.0)
+    np.testing.assert_allclose(rotations[1] @ [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(rotations[0] @ [1.0, 0.0, 0.0], out, atol=1e-15)
+    world = rotations[0] @ rotations[1] @ rotations[0].T
+    np.testing.assert_allclose(world, back if out != (0, 0, 1) else np.diag([1, -1, -1]), atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -39,6 +66,21 @@ def test_bad_steps_say_what_was_expected(changed, message):
     for ask in (predict_drift_3d, simulate_drift_3d):
         with pytest.raises(ValueError, match=message):
             ask(**(GOOD | changed))
+
+
+@pytest.mark.parametrize(
+    ("path", "step", "message"),
+    [
+        ([(0, 0, 0), (1, 0, 0)], 0.0, "step_m > 0, got 0.0"),
+        ([(0, 0, 0), (1, 0, 0)], float("nan"), "step_m finite"),
+        ([(0, 0, 0), (1, 0, 0)], 1e-12, "at most 50000000 steps, got 1e"),
+        ([(0, 0, 0), (0, 0, 0)], 1.0, "two different places"),
+        ([(0, 0, 0), (1, 0, np.inf)], 1.0, "waypoints finite"),
+    ],
+)
+def test_bad_cuts_say_what_was_expected(path, step, message):
+    with pytest.raises(ValueError, match=message):
+        flight_steps(path, step)
 
 
 def test_rounded_rotations_are_made_orthonormal():

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from driftplan.arrays import Floats, finite
 from driftplan.model.spatial.moments import SpatialMoments, rotate, scan
@@ -98,6 +98,7 @@ def predict_drift_3d(
     translation_cov: ArrayLike | None = None,
     *,
     translation_bias: ArrayLike | None = None,
+    repeats: ArrayLike | None = None,
 ) -> SpatialDrift:
     """Bias and covariance of the position of a dead reckoner in space, after every step.
 
@@ -114,6 +115,9 @@ def predict_drift_3d(
     translation_cov : (3, 3) or (n, 3, 3), optional
         Covariance of the displacement error, m², body frame. Default: none.
     translation_bias : (3,) or (n, 3), optional: mean of the displacement error, metres, body frame. Default: none.
+    repeats : int or (n,) ints, optional
+        How often each step is done in a row, >= 0, by repeated squaring: 10⁹ equal steps take milliseconds. Results are
+        then for the ends of the rows of equal steps.
 
     Returns the drift at n + 1 points; the first is the start, where nothing has drifted yet. Raises ValueError for
     wrong shapes, values that are not finite, matrices that are no rotations or no covariances.
@@ -127,24 +131,34 @@ def predict_drift_3d(
     >>> c, s = np.cos(0.1), np.sin(0.1)
     >>> turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     >>> noise = RotationNoise.isotropic(0.01)
-    >>> drift = predict_drift_3d([turn] * 1000, [[0.1, 0, 0.02]] * 1000, noise, 1e-4 * np.eye(3))
+    >>> drift = predict_drift_3d([turn], [[0.1, 0, 0.02]], noise, 1e-4 * np.eye(3), repeats=1000)
     >>> drift.end.position.round(3), drift.end.rms.round(4).item()
     (array([-0.513,  0.112, 20.   ]), 5.1404)
     """
     R, t, cov, bias = read_steps(rotations, translations, rotation_noise, translation_cov, translation_bias)
-    S = attitudes(R)
+    times, count = _repeats(repeats, len(R)), len(R)
 
     def at_rest(where: slice) -> SpatialMoments:
         return SpatialMoments.of_step(rotation_noise.of_steps(where), _part(bias, 2, where), _part(cov, 3, where))
 
-    differ = rotation_noise.batch or bias.ndim == 2 or cov.ndim == 3
-    same = None if differ else at_rest(slice(None))
+    same = at_rest(slice(None)) if not rotation_noise.batch and bias.ndim == 1 and cov.ndim == 2 else None
+    distance = np.linalg.norm(t, axis=-1)
+    if times is None:
+        S = attitudes(R)
 
-    def pieces(where: slice) -> SpatialMoments:
-        step = at_rest(where) if same is None else same
-        return step.rotated(S[where]).moved(rotate(S[where], t[where]))
+        def pieces(where: slice) -> SpatialMoments:
+            step = same if same is not None else at_rest(where)
+            return step.rotated(S[where]).moved(rotate(S[where], t[where]))
+    else:
+        step = same if same is not None else at_rest(slice(None))
+        gained, rows = power(R, step.rotated(R).moved(rotate(R, t)).spread(count), times)
+        S = np.concatenate([np.eye(3)[None], attitudes(gained)[:-1]])
+        distance = distance * times
 
-    return _drift(np.linalg.norm(t, axis=-1), *chain(pieces, len(R)))
+        def pieces(where: slice) -> SpatialMoments:
+            return rows.part(where).rotated(S[where])
+
+    return _drift(distance, *chain(pieces, count))
 
 
 def predict_flight_drift(
@@ -158,7 +172,7 @@ def predict_flight_drift(
 
     The attitude error is Brownian about all three axes alike, so that the vehicle's attitude, roll included, does not
     matter; turning at a waypoint costs nothing. Exact, consistent under subdivision, O(waypoints). For noise per step
-    or a preferred axis: `predict_drift_3d`.
+    or a preferred axis: `flight_steps` and `predict_drift_3d`.
 
     Parameters
     ----------
@@ -223,6 +237,32 @@ def attitudes(rotations: Floats) -> Floats:
         products[begin : begin + _AT_ONCE] = part[1:]
         last = orthonormal(part[-1:])
     return products
+
+
+def power(R: Floats, piece: SpatialMoments, count: NDArray[np.int64]) -> tuple[Floats, SpatialMoments]:
+    """Attitude gained, and moments, when piece k (in the axes in which it starts), which turns by R[k], is flown
+    count[k] >= 0 times: by squaring."""
+    left, gained = count.copy(), np.broadcast_to(np.eye(3), R.shape)
+    total = SpatialMoments(*(np.zeros_like(x) for x in piece))
+    while True:
+        odd = (left % 2 == 1)[:, None, None]
+        more = total.append(piece.rotated(gained))
+        total = SpatialMoments(np.where(odd[..., 0], more.p, total.p), np.where(odd, more.X, total.X))
+        gained = np.where(odd, orthonormal(gained @ R), gained)
+        left //= 2
+        if not left.any():
+            return gained, total
+        piece = piece.append(piece.rotated(R))
+        R = orthonormal(R @ R)
+
+
+def _repeats(repeats: ArrayLike | None, count: int) -> NDArray[np.int64] | None:
+    if repeats is None:
+        return None
+    times = np.asarray(repeats)
+    if times.dtype.kind not in "iu" or times.shape not in ((), (count,)) or (times < 0).any():
+        raise ValueError(f"expected repeats to be an int >= 0 or {count} of them, got {repeats!r}")
+    return np.broadcast_to(times.astype(np.int64), (count,))
 
 
 def _rate(name: str, value: ArrayLike, runs: int) -> Floats:
