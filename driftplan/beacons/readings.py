@@ -273,7 +273,7 @@ def chances_of_passes(path: Floats, passes: Passes, beacons: BeaconColumns, arri
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     begins = np.cumsum(lengths) - lengths
     k, leg = np.nonzero((begins < end[:, None]) & (begins + lengths > start[:, None]))
-    along = (steps @ _PLANE / np.where(lengths > 0, lengths, 1.0))[leg]
+    along = np.exp(1j * np.angle(steps @ _PLANE))[leg]  # of a waypoint repeated any direction
     low, high = np.maximum(start[k] - begins[leg], 0.0), np.minimum(end[k] - begins[leg], lengths[leg])
     # the beacons beside the path as planned
     places = gaussian_points(beacons.xy[passes.beacon] + arrival.bias, arrival.cov, _ERRORS) @ _PLANE

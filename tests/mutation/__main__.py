@@ -37,7 +37,7 @@ CORE = {  # module: the tests that should notice, the quickest first
     "model.worst": "model/test_worst.py model/test_filter_drift.py",
     "planning.cost": "planning/test_cost.py",
     "beacons.passes": "beacons/test_beacon.py beacons/test_views.py",
-    "beacons.readings": "beacons/test_beacon.py beacons/test_views.py",
+    "beacons.readings": "beacons/test_readings.py beacons/test_beacon.py beacons/test_views.py",
     "layouts.placement.covering": "layouts/test_covering.py",
     "layouts.placement.requirements": "layouts/test_requirements.py layouts/test_placement.py",
     "layouts.placement.weighted_cuts": "layouts/test_fused_placement.py",
