@@ -1,5 +1,5 @@
 """Theorems 1 to 3 of Knuth & Barooah, corrected: bounds for the error on any motion, and the exact error after equal,
-and after repeated, steps. What was corrected is listed in `driftplan.literature`, [K].
+and after repeated, steps. What was corrected is listed in the guide, under misprints.
 
 J. Knuth, P. Barooah, "Error growth in position estimation from noisy relative pose measurements", Robotics and
 Autonomous Systems, 2013.

@@ -1,5 +1,5 @@
 r"""Propositions 1 and 2 of the unbounded-drift paper with its Tables I and II, corrected, in O(n) instead of O(n²).
-What was corrected is listed in `driftplan.literature`, [O].
+What was corrected is listed in the guide, under misprints.
 
 Model: step i turns by θ_i and drives d_i. The odometry reports both with independent Gaussian errors, of deviation δ_θ
 for the turn (drawn before the step moves) and δ_d for the distance. Letters as in the paper: T_i is the heading after i

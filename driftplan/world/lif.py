@@ -1,7 +1,8 @@
 """LIF, the layout interchange format of VDMA (version 1.0.0, March 2024): nodes, edges and stations of a fleet's track.
 
-What its JSON schema asks for is asked for here, and nothing else. One layout is one level, named by its layoutId. Edges
-are taken as straight and for every type of vehicle; beacons are stations whose description begins with "beacon".
+What its JSON schema asks for is asked for here (`lif.yaml`), and nothing else. One layout is one level, named by its
+layoutId. Edges are taken as straight and for every type of vehicle; beacons are stations whose description begins with
+"beacon".
 """
 
 from __future__ import annotations
@@ -16,44 +17,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Floats, Ints, number
+from driftplan.arrays import Floats, Ints, finite
 from driftplan.errors import MapError, naming
 from driftplan.files import plain_numbers
 from driftplan.world.formats import Mark
-from driftplan.world.plain_data import read_json
+from driftplan.world.plain_data import read_json, read_yaml
+from driftplan.world.schema import Place, check
 
 _BEACON = "beacon"
-_TEXT, _NUMBER = "a text", "a number"
-_LAYOUT = {
-    "layoutId": _TEXT,
-    "nodes": [
-        {
-            "nodeId": _TEXT,
-            "nodePosition": {"x": _NUMBER, "y": _NUMBER},
-            "vehicleTypeNodeProperties": [{"vehicleTypeId": _TEXT}],
-        }
-    ],
-    "edges": [
-        {
-            "edgeId": _TEXT,
-            "startNodeId": _TEXT,
-            "endNodeId": _TEXT,
-            "vehicleTypeEdgeProperties": [{"vehicleTypeId": _TEXT}],
-        }
-    ],
-    "stations?": [
-        {
-            "stationId": _TEXT,
-            "interactionNodeIds": [_TEXT],
-            "stationDescription?": _TEXT,
-            "stationPosition?": {"x": _NUMBER, "y": _NUMBER, "theta?": _NUMBER},
-        }
-    ],
-}
-_SCHEMA = {
-    "metaInformation": dict.fromkeys(("projectIdentification", "creator", "exportTimestamp", "lifVersion"), _TEXT),
-    "layouts": [_LAYOUT],
-}  # "?": may be missing
 
 
 class LifLayout(NamedTuple):
@@ -71,7 +42,7 @@ def read_lif(path: Path, level: str | None = None) -> LifLayout:
     """A layout, which must be named where there are several."""
     held = read_json(path)
     with naming(path, MapError):
-        _check("the file", held, _SCHEMA)
+        check(held, read_yaml(Path(__file__).with_suffix(".yaml"), MapError), Place(str(path), MapError))
         version = held["metaInformation"]["lifVersion"]
         if version.split(".")[0] not in ("0", "1"):
             raise ValueError(f"expected lifVersion 1, got {short(version)}")
@@ -85,7 +56,7 @@ def _layout(path: Path, layout: dict[str, Any]) -> LifLayout:
     index = {node["nodeId"]: k for k, node in enumerate(layout["nodes"])}
     if len(index) < len(layout["nodes"]):
         raise ValueError("expected every nodeId once, got one twice")
-    xy = np.array([[node["nodePosition"][axis] for axis in "xy"] for node in layout["nodes"]], dtype=float)
+    xy = finite("nodePosition", [[node["nodePosition"][axis] for axis in "xy"] for node in layout["nodes"]])
     ends = [(edge["startNodeId"], edge["endNodeId"]) for edge in layout["edges"]]
     inside = [edge for edge, pair in zip(layout["edges"], ends, strict=True) if index.keys() >= {*pair}]
     kinds = {kind["vehicleTypeId"] for edge in inside for kind in edge["vehicleTypeEdgeProperties"]}
@@ -156,23 +127,3 @@ def lif_bytes(
         "lifVersion": "1.0.0",
     }
     return (json.dumps(plain_numbers({"metaInformation": about, "layouts": [layout]}), indent=1) + "\n").encode()
-
-
-def _check(where: str, held: Any, wanted: Any) -> None:
-    """Refuse what is not as wanted, naming where."""
-    if wanted == _NUMBER:
-        number(where, held)
-    elif not isinstance(held, str if wanted == _TEXT else type(wanted)):
-        kind = _TEXT if wanted == _TEXT else "a list"
-        kind = f"an object with {', '.join(wanted)}" if isinstance(wanted, dict) else kind
-        raise ValueError(f"expected {where} to be {kind}, got {short(held)}")
-    elif isinstance(wanted, dict):
-        for name, inner in wanted.items():
-            key = name.removesuffix("?")
-            if key in held:
-                _check(key if where == "the file" else f"{where}.{key}", held[key], inner)
-            elif key == name:
-                raise ValueError(f"expected {where} to have {key}: is this a file in LIF?")
-    elif isinstance(wanted, list):
-        for k, item in enumerate(held):
-            _check(f"{where}[{k}]", item, wanted[0])

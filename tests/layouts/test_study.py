@@ -23,9 +23,10 @@ from driftplan.layouts.study.executors import Deal
 from driftplan.layouts.study.inputs import Trips, digest
 from driftplan.layouts.study.results import appending, read_rows
 from driftplan.layouts.study.run import planned_study
-from driftplan.layouts.study.schema import Place, check, study_schema
+from driftplan.layouts.study.schema import study_schema
 from driftplan.layouts.study.study import Study
 from driftplan.layouts.study.work import Workshop
+from driftplan.world.schema import Place, check
 
 SAMPLE = Path(__file__).resolve().parents[2] / "driftplan/layouts/study/sample.yaml"
 TAG = {"kind": "landmark", "range_m": 2.0, "position_std_m": 0.05, "heading_std_deg": 0.5}
@@ -96,7 +97,7 @@ def test_the_schema_says_of_every_value_what_the_check_says():
     for key, value in changes:
         study = {**LINE, key: value}
         try:
-            check(study, study_schema(), Place("study"))
+            check(study, study_schema(), Place("study", StudyError))
             right = True
         except StudyError:
             right = False

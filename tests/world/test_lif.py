@@ -119,18 +119,22 @@ def change(held, path, value):
 @pytest.mark.parametrize(
     ("path", "value", "said"),
     [
-        (("layouts",), None, "expected the file to have layouts: is this a file in LIF"),
-        (("metaInformation", "creator"), None, "expected metaInformation to have creator"),
+        (("layouts",), None, "layouts of a file in LIF"),
+        (("metaInformation", "creator"), None, "metaInformation: expected the key creator"),
         (("metaInformation", "lifVersion"), "2.0.0", "expected lifVersion 1, got '2.0.0'"),
-        (("layouts", 0, "nodes"), {}, r"expected layouts\[0\].nodes to be a list"),
+        (("layouts", 0, "nodes"), {}, r"layouts\.0\.nodes: expected a list"),
         (
             ("layouts", 0, "nodes", 1, "nodePosition", "x"),
             "far",
-            r"expected layouts\[0\].nodes\[1\].nodePosition.x to be",
+            r"layouts\.0\.nodes\.1\.nodePosition\.x: expected a number",
         ),
-        (("layouts", 0, "nodes", 1, "nodePosition", "x"), 1e300, r"nodePosition.x no greater than"),
+        (("layouts", 0, "nodes", 1, "nodePosition", "x"), 1e300, r"nodePosition no greater than"),
         (("layouts", 0, "nodes", 1, "nodeId"), "3", "expected every nodeId once"),
-        (("layouts", 0, "nodes", 1), 3, r"expected layouts\[0\].nodes\[1\] to be an object with nodeId"),
+        (
+            ("layouts", 0, "nodes", 1),
+            3,
+            r"layouts\.0\.nodes\.1: expected keys and values \(a node with nodeId\), got 3",
+        ),
         (("layouts", 0, "edges"), [], "3 nodes and no edges"),
         (("layouts",), [], "expected level to be one of"),
     ],

@@ -15,8 +15,9 @@ import numpy as np
 
 from driftplan.arrays import bounded
 from driftplan.errors import StudyError
-from driftplan.layouts.study.schema import Place, check, study_schema
+from driftplan.layouts.study.schema import study_schema
 from driftplan.world.plain_data import read_yaml
+from driftplan.world.schema import Place, check
 
 Values = dict[str, Any]
 _MAX_CELLS, _MAX_BYTES = 1_000_000, 1 << 20
@@ -102,10 +103,10 @@ class Study:
         if isinstance(study, Study):
             return study
         if isinstance(study, Mapping):
-            return cls._checked(study, Place("study"), None, json.dumps(study, indent=2, default=str))
+            return cls._checked(study, Place("study", StudyError), None, json.dumps(study, indent=2, default=str))
         path = Path(study)
         held = read_yaml(path, StudyError, max_bytes=_MAX_BYTES)
-        return cls._checked(held, Place(str(path)), path, path.read_text(encoding="utf-8-sig"))
+        return cls._checked(held, Place(str(path), StudyError), path, path.read_text(encoding="utf-8-sig"))
 
     @classmethod
     def _checked(cls, held: Any, place: Place, path: Path | None, text: str) -> Study:
