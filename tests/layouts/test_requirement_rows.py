@@ -1,0 +1,286 @@
+"""What a limit demands, part by part: against plain loops over readings, and against drives with few sites alive."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from driftplan.layouts.placement.drives import ReadingSets, _driven, drives_of
+from driftplan.layouts.placement.fresh_fixes import Limit
+from driftplan.layouts.placement.interval_moments import IntervalMoments
+from driftplan.layouts.placement.requirements import DriftRequirements
+from driftplan.layouts.placement.route_table import route_table
+from driftplan.layouts.scenario import Scenario
+from driftplan.model.readings import Fix
+from driftplan.planning.request import DriftLimit
+
+NAMES = ["tags", "perfect", "coarse", "two full", "mixed", "with compass", "unsure", "everything"]
+START = Fix.full(0.0, position_std_m=0.05, heading_std=0.02)
+
+
+class Case:
+    """Requirements of a small instance, with a limit among the drifts of its sites one by one."""
+
+    def __init__(self, instance, share=0.4, redundancy=1, start_fix=START):
+        scenario = Scenario.of(None, instance.paths, instance.noise, DriftLimit(), start_fix)
+        self.n, self.redundancy = len(instance.sites), redundancy
+        self.table = route_table(scenario, scenario.readings(instance.sites), 1.0)
+        self.intervals = IntervalMoments(self.table)
+        worst = [self.squares(r, [i])[1].max() for r in range(self.table.routes) for i in range(self.n)]
+        self.limit = float(np.sqrt(np.quantile(worst, share))) * 1.003
+        limits = Limit(np.full(self.table.routes, self.limit))
+        self.needs = DriftRequirements(self.table, self.n, limits, redundancy)
+
+    def readings(self, route, sites):
+        here = self.table.readings_of(route)
+        return [e for e in range(here.start, here.stop) if self.table.site[e] in sites]
+
+    def squares(self, route, sites):
+        """E|e|² at every breakpoint of a drive with these sites alive, on arrival and when all is read."""
+        readings = np.array(self.readings(route, sites), dtype=np.intp)
+        driven = _driven(self.intervals, ReadingSets(np.array([route]), np.zeros(len(readings), np.intp), readings))
+        breakpoint = driven.j - self.intervals.first[route]
+        arriving, leaving = np.full((2, int(self.table.slots[route]) + 1), np.nan)
+        leaving[breakpoint] = driven.square  # the last of several at one breakpoint
+        arriving[breakpoint[::-1]] = driven.square[::-1]
+        return arriving, leaving
+
+    def last(self, route, site, slot):
+        """The last position reading of a site at or before a slot, or None."""
+        before = [e for e in self.readings(route, [site]) if self.table.breakpoint[e] <= slot]
+        before = [e for e in before if not np.isnan(self.table.trace[e])]
+        return before[-1] if before else None
+
+    def holders(self, route, slot):
+        """Sites whose own last reading holds the limit from there to the end of the slot, when nothing else is read."""
+        found = set()
+        for site in range(self.n):
+            if (e := self.last(route, site, slot)) is not None:
+                arriving, leaving = self.squares(route, [site])
+                first, end = int(self.table.breakpoint[e]), min(slot + 1, len(arriving) - 1)
+                found |= {site} if max(leaving[first], *arriving[first + 1 : end + 1], 0.0) <= self.limit**2 else set()
+        return found
+
+    def started(self, route, slot):
+        """Whether the limit holds to the end of a slot when nothing is read at all."""
+        arriving, leaving = self.squares(route, [])
+        return max(leaving[0], *arriving[1 : slot + 2], 0.0) <= self.limit**2
+
+
+@pytest.fixture
+def case(make_instance, kinds_named):
+    return lambda name, seed, **options: Case(make_instance(seed, kinds_named[name], sites=(4, 6)), **options)
+
+
+def some_slots(case, route):
+    """Some slots of a route, those among them before which something is read."""
+    at = case.table.breakpoint[case.table.readings_of(route)]
+    last = int(case.table.slots[route])
+    return sorted({0, last, *(at[::3]).tolist(), *np.maximum(at[::3] - 1, 0).tolist(), *range(1, last, 1 + last // 6)})
+
+
+@pytest.mark.parametrize(
+    ("name", "sure", "blind", "independent"),
+    [
+        ("tags", True, False, True),
+        ("two full", True, False, True),
+        ("mixed", True, False, False),
+        ("with compass", True, True, False),
+        ("unsure", False, False, False),
+    ],
+)
+def test_routes_are_told_apart_by_what_is_read_on_them(name, sure, blind, independent, make_instance, kinds_named):
+    instance = make_instance(3, kinds_named[name], sites=(6, 7))
+    sort = ([k.detection_probability == 1, k.position_std_m is None, k.heading_std is None] for k in kinds_named[name])
+    assert np.array(list(sort)).any(axis=0)[1] == blind
+    along = np.array([(0.0, 0.0), (30.0, 0.0)])  # and once more, far away
+    sites = [type(instance.sites[0])(kind, 5.0 * k + 3.0, 0.5, f"s{k}") for k, kind in enumerate(kinds_named[name])]
+    instance.paths, instance.sites = [along, along + 50.0], sites
+    needs = Case(instance).needs
+    assert needs.sure.tolist() == [sure, True]  # on the other nothing is read
+    assert needs.blind.tolist() == [blind, False]
+    assert needs.independent.tolist() == [independent, True]
+    assert [r.tolist() for r in needs._routes_meeting] == [[0]] * len(sites)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("seed", [0, 5])
+def test_a_reading_is_its_sites_last_until_the_site_is_read_again(name, seed, case):
+    its = case(name, seed)
+    stop, table = its.needs._before_next_own(), its.table
+    for route in range(table.routes):
+        for site in range(its.n):
+            mine = its.readings(route, [site])
+            until = [*(table.breakpoint[mine[1:]] - 1), table.slots[route]]
+            np.testing.assert_array_equal(stop[mine], until[len(until) - len(mine) - 1 + bool(mine) :][: len(mine)])
+    assert [r.tolist() for r in its.needs._routes_meeting] == [
+        [r for r in range(table.routes) if its.readings(r, [site])] for site in range(its.n)
+    ]
+
+
+@pytest.mark.parametrize("name", ["tags", "coarse", "two full"])
+@pytest.mark.parametrize("seed", range(4))
+def test_known_rows_ask_for_exactly_the_sites_that_hold_a_slot_and_imply_it_for_every_slot(name, seed, case):
+    its = case(name, seed, redundancy=1 + seed % 2)
+    rows = its.needs.rows()
+    for route in range(its.table.routes):
+        mine = {cut.where[1]: cut for cut in rows if cut.where[0] == route}
+        for slot, cut in mine.items():
+            assert cut.least == its.redundancy
+            assert set(cut.columns.tolist()) == its.holders(route, slot)
+            assert not its.started(route, slot)
+        able = its.needs.able(route)
+        assert len(able) == its.table.slots[route] + 1
+        asked = [set(cut.columns.tolist()) for cut in mine.values()]
+        for slot in some_slots(its, route):
+            holders = its.holders(route, slot)
+            assert able[slot] == len(holders)
+            if not its.started(route, slot):
+                assert any(columns <= holders for columns in asked)
+        met = {int(s) for s in its.table.site[its.table.readings_of(route)]}
+        assert len(mine) <= 2 * len(its.readings(route, met)) + 1  # where a site comes in, at most
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("seed", [1, 7])
+def test_hops_beyond_reach_are_those_found_one_by_one(name, seed, case):
+    its = case(name, seed, redundancy=2)
+    needs, table = its.needs, its.table
+    simple = np.ones(table.routes, dtype=bool)
+    for chosen in np.random.default_rng(seed).random((6, its.n)) < 0.5:
+        sets = drives_of(table, chosen, np.arange(table.routes), 2)
+        expected = []
+        for drive, route in enumerate(sets.route.tolist()):
+            alive = sets.reading[sets.drive == drive].tolist()
+            last_at = {0: -1} | {int(table.breakpoint[e]): e for e in alive}  # the last of those at one place
+            places = sorted(last_at)
+            for k, place in enumerate(places):
+                e = last_at[place]
+                until = int(needs.last_slot_of_start[route] if e < 0 else needs.last_slot_of[e])
+                if until < (places[k + 1] - 1 if k + 1 < len(places) else table.slots[route]):
+                    expected.append((route, until + 1, e))
+        assert sorted(needs._breached_intervals(sets, simple[sets.route])) == sorted(expected)
+
+
+@pytest.mark.parametrize("name", ["tags", "coarse", "two full"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_cut_asks_for_holders_of_the_slot_or_for_those_read_after_what_does_not_reach_it(name, seed, case):
+    its = case(name, seed, redundancy=1 + seed % 2)
+    for bits in range(1, 2**its.n, 3):
+        chosen = np.array([bits >> i & 1 for i in range(its.n)], dtype=bool)
+        for cut in its.needs.cuts(chosen):
+            (route, slot), holders = cut.where, its.holders(*cut.where)
+            if (cut.weights > 0).all() and cut.least > 0:
+                assert set(cut.columns.tolist()) == holders
+                assert cut.least == its.redundancy > chosen[list(holders)].sum()
+                continue
+            own = int(cut.columns[-1])
+            after = {i for i in holders if its.last(route, i, slot) > its.last(route, own, slot)}
+            assert own not in holders
+            assert set(cut.columns[:-1].tolist()) == after
+            assert cut.weights.tolist() == [1.0] * len(after) + [-float(its.redundancy)]
+            assert cut.least == 0.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("seed", [2, 4])
+def test_the_least_drift_after_a_last_reading_is_that_of_the_best_heading_read_before(name, seed, case):
+    its = case(name, seed)
+    needs, table = its.needs, its.table
+    for route in range(table.routes):
+        for slot in some_slots(its, route)[::2]:
+            site, least, at_start = needs.least_squares(route, slot)
+            end = min(slot + 1, int(table.slots[route]))
+            side = int(end == slot)  # nothing is driven in the last slot
+            expected = [i for i in range(its.n) if its.last(route, i, slot) is not None]
+            assert sorted(site.tolist()) == expected
+            if not needs.blind[route]:
+                assert at_start == pytest.approx(its.squares(route, [])[side][end])
+            for i, value in zip(site.tolist(), least.tolist(), strict=True):
+                alone = its.squares(route, [i])[side][end]
+                own = its.last(route, i, slot)
+                if not needs.sure[route]:
+                    continue
+                if needs.turns[own] and not needs.blind[route]:
+                    assert value == pytest.approx(alone)
+                    continue
+                later = [a for a in range(its.n) if (e := its.last(route, a, slot)) is not None and e > own]
+                drifts = [its.squares(route, {i, a})[side][end] for a in range(its.n) if a not in later]
+                assert value <= min(drifts) * (1 + 1e-9)
+                if not (needs.blind[route] or needs.turns[its.readings(route, later)].any()):
+                    assert value == pytest.approx(min(drifts))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_pairs_that_hold_a_slot_are_those_that_hold_it_when_driven(seed, case):
+    its = case("mixed", seed, share=0.6)
+    needs, table = its.needs, its.table
+    for route in range(table.routes):
+        if needs.blind[route] or not needs.sure[route]:
+            continue
+        for slot in some_slots(its, route):
+            pairs, ends = needs._pairs(route, slot), {slot, min(slot + 1, int(table.slots[route]))}
+
+            def holds(sites, route=route, slot=slot):
+                arriving, leaving = its.squares(route, sites)
+                return max(leaving[slot], arriving[min(slot + 1, int(table.slots[route]))]) <= its.limit**2
+
+            last = [its.last(route, int(i), slot) for i in pairs.site]
+            assert last == sorted(last)
+            assert len(ends) == 2 or slot == table.slots[route]
+            for b, site in enumerate(pairs.site.tolist()):
+                in_reach = needs.last_slot_of[last[b]] >= slot
+                assert pairs.turns[b] == needs.turns[last[b]]
+                assert pairs.alone[b] == (in_reach and (pairs.turns[b] or holds([site])))
+                for a, other in enumerate(pairs.site.tolist()):
+                    able = a < b and pairs.turns[a] and not pairs.turns[b] and in_reach
+                    assert not pairs.together[a, b] or able
+                    between = [e for e in its.readings(route, [site, other]) if needs.turns[e] and e > last[a]]
+                    if able and not between:
+                        assert pairs.together[a, b] == holds([site, other])
+
+
+@pytest.mark.parametrize("name", ["mixed", "with compass", "unsure", "everything"])
+@pytest.mark.parametrize("seed", [0, 3])
+def test_a_no_good_cut_names_the_sites_on_which_the_drift_in_the_slot_depends(name, seed, case):
+    its = case(name, seed)
+    needs, table = its.needs, its.table
+    for chosen in np.random.default_rng(seed).random((3, its.n)) < 0.5:
+        for route in range(table.routes):
+            met = {int(s) for s in table.site[table.readings_of(route)]}
+            alive = np.array(its.readings(route, np.flatnonzero(chosen).tolist()), dtype=np.intp)
+            for slot in some_slots(its, route)[1::2]:
+                before = alive[table.breakpoint[alive] <= slot]
+                cut = needs._no_good(chosen, route, slot, before)
+                assert chosen[cut.columns] @ cut.weights == cut.least - 1
+                assert (cut.weights == np.where(chosen[cut.columns], -1, 1)).all()
+                now = its.squares(route, np.flatnonzero(chosen).tolist())[1][slot]
+                for site in met:
+                    other = chosen.copy()
+                    other[site] = not other[site]
+                    then = its.squares(route, np.flatnonzero(other).tolist())[1][slot]
+                    if site not in cut.columns:
+                        assert then == pytest.approx(now, rel=1e-9, abs=1e-15)
+
+
+@pytest.mark.parametrize("name", ["mixed", "unsure"])
+@pytest.mark.parametrize("seed", range(4))
+def test_sets_that_cannot_hold_a_slot_are_looked_for_beforehand(name, seed, case):
+    its = case(name, seed, share=0.3)
+    needs = its.needs
+    rows = [cut for cut in needs.rows() if not needs.independent[cut.where[0]] and not needs.blind[cut.where[0]]]
+    for cut in rows:
+        route, slot = cut.where
+        met = {int(s) for s in its.table.site[its.table.readings_of(route)]}
+        outside = [s for s in met if s not in cut.columns]
+        need = int(cut.least) - its.redundancy + 1
+        some = [c for k in range(need) for c in combinations(cut.columns.tolist(), k)]
+        for few in some[:8]:  # with fewer of them than that the slot fails
+            arriving, leaving = its.squares(route, {*outside, *few})
+            everything = [leaving[slot], arriving[min(slot + 1, len(arriving) - 1)]]
+            assert max(everything) > its.limit**2 * (1 - 1e-9)
+    hard = [r for r in range(its.table.routes) if not needs.independent[r] and not needs.blind[r]]
+    for route in hard:
+        slots = int(its.table.slots[route])
+        if not its.started(route, slots) and needs._narrow_slots(route, *needs._stretches(route)[1:]):
+            assert [cut for cut in rows if cut.where[0] == route]
