@@ -40,7 +40,7 @@ from driftplan.model.noise import OdometryNoise
 
 @dataclass(frozen=True, slots=True)
 class CostRates:
-    """The four rates that price a motion, in one place of the world.
+    """The four rates that price a motion, in one place of the world; or arrays of them, one for each motion.
 
     Attributes
     ----------

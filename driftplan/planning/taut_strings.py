@@ -45,7 +45,9 @@ _MOST_LOOKS = 1_500_000  # at corners, from others, for one string: about half a
 _LENGTHS = 2000  # of routes, at which the bound of the mean square is evaluated
 _HEADING_STD_FACTOR = 2.0  # times that of the route found: where a bound must be restricted, it is for up to that
 
-Stop = Callable[[], bool]
+_OUTLINED_S = 1e-5  # per corner of free space, about, to make it larger or smaller by a margin, in one go
+
+Left = Callable[[], float]  # seconds
 
 _FLAT, _CONE = 1, 3  # powers of the lever: distances in the plane, and in the plane flattened
 
@@ -65,7 +67,7 @@ class LeastRoute(NamedTuple):
 
     def cost(self, noises: Sequence[OdometryNoise]) -> float:
         """Additive cost, m², at the least rates of any of the noises, turns left out."""
-        rates = [CostRates.of(noise) for noise in noises]
+        rates = [CostRates.of(noise) for noise in set(noises)]
         return min(r.heading for r in rates) * self.squared_levers + min(r.position for r in rates) * self.length
 
     def bound(self, noises: Sequence[OdometryNoise], heading_std: float) -> tuple[float, float]:
@@ -81,6 +83,7 @@ class LeastRoute(NamedTuple):
         A route of length L that gains the heading variance H has ``E|e|² >= Λ(H) q_h ∫|w|² ds + q_p L``, and without
         noise of turns L is at least H over the greatest rate. Zero for noise that is not plain.
         """
+        noises = list(set(noises))
         if not all(noise.is_plain for noise in noises):
             return 0.0
         rates = [CostRates.of(noise) for noise in noises]
@@ -96,8 +99,8 @@ class LeastRoute(NamedTuple):
         return max(min(float(at_least.min()), position * farthest), worst + position * self.length)
 
 
-def _never() -> bool:
-    return False
+def _unhurried() -> float:
+    return math.inf
 
 
 def least_route(
@@ -108,38 +111,40 @@ def least_route(
     known: Floats | None = None,
     *,
     only_length: bool = False,
-    stop: Stop = _never,
+    left_s: Left = _unhurried,
     most_looks: float = math.inf,
 ) -> LeastRoute:
     """Lower bounds, among the obstacles, of a route's length and of its integral of the squared distance to the goal.
 
     Obstacles are made smaller by ``margin_m``: the smaller, the closer the bound and the longer it takes; what is
     thinner than two margins vanishes. Start and goal (2,), metres, are free and in one part of free space. Ways that
-    are longer than a ``known`` route (n, 2) are not looked at. ``only_length`` leaves the other at zero. ``stop`` is
-    asked again and again: once it answers True, or after so many looks from one corner at another, what is proven by
-    then is returned.
+    are longer than a ``known`` route (n, 2) are not looked at. ``only_length`` leaves the other at zero. ``left_s`` is
+    asked again and again: once no seconds are left, or after so many looks from one corner at another, what is proven
+    by then is returned.
 
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
     >>> least = least_route(world, np.array([2.0, 2.0]), np.array([8.0, 2.0]), 0.01)
     >>> round(least.length, 1)
     14.0
     """
-    free, w = _free(world, start, margin_m), complex(*(start - goal))
+    w = complex(*(start - goal))
     most = (math.inf, math.inf) if known is None else LeastRoute.of_path(known)
     if w == 0:
         return LeastRoute(0.0, 0.0)
-    found = []
+    free, found = _free(world, start, margin_m, left_s), []
+    if free is None:
+        return LeastRoute(abs(w) ** 3 / 3, abs(w))
     for power, upper in zip((_CONE, _FLAT), most, strict=True):
         if only_length and power == _CONE:
             found.append(0.0)
             continue
         corners = _Corners.of(free, goal, power, margin_m).near(w, upper)
-        found.append(min(corners.string(w, upper, stop, most_looks)[0], upper))
+        found.append(min(corners.string(w, upper, left_s, most_looks)[0], upper))
     return LeastRoute(*found)
 
 
 def tight_least_route(
-    world: World, path: Floats, noise: OdometryNoise, gap: float = 0.01, *, stop: Stop = _never
+    world: World, path: Floats, noise: OdometryNoise, gap: float = 0.01, *, left_s: Left = _unhurried
 ) -> LeastRoute:
     """`least_route` with a margin made smaller until the path costs at most a share ``gap`` more, or while that pays.
 
@@ -159,10 +164,10 @@ def tight_least_route(
     cost, best = LeastRoute.of_path(path).cost(noises), LeastRoute(straight**3 / 3, straight)
     only_length = min(CostRates.of(kind).heading for kind in noises) == 0
     for _ in range(_MARGINS):
-        if stop():
+        if left_s() <= 0:
             break
         open_before = cost - best.cost(noises)
-        asked = {"only_length": only_length, "stop": stop, "most_looks": _MOST_LOOKS}
+        asked = {"only_length": only_length, "left_s": left_s, "most_looks": _MOST_LOOKS}
         least = least_route(world, path[0], path[-1], margin, path, **asked)  # type: ignore[arg-type]
         best = LeastRoute(*map(max, best, least))
         missing = cost - best.cost(noises)
@@ -186,22 +191,22 @@ def taut_route(
     known: Floats | None = None,
     *,
     by_length: bool = False,
-    stop: Stop = _never,
+    left_s: Left = _unhurried,
 ) -> Floats | None:
     """The route of least ∫|w|² ds, or the shortest, that keeps a margin from obstacles: waypoints (n, 2), or None.
 
     Parameters as in `least_route`. Where the margin closes a passage, the route goes round about; where start or goal
     are nearer to an obstacle, or the ``known`` route is better, there is none.
     """
-    free, w = _free(world, start, -margin_m), complex(*(start - goal))
+    free, w = _free(world, start, -margin_m, left_s), complex(*(start - goal))
     power = _FLAT if by_length else _CONE
-    if free.is_empty or w == 0:
+    if free is None or free.is_empty or w == 0:
         return None
     corners, upper = _Corners.of(free, goal, power, margin_m), math.inf
     if known is not None:
         upper = LeastRoute.of_path(known)[by_length]
         corners = corners.near(w, upper)
-    at = corners.string(w, upper, stop, _MOST_LOOKS)[1]
+    at = corners.string(w, upper, left_s, _MOST_LOOKS)[1]
     if at is None:
         return None
     bends = [w, *corners.z[at].tolist(), 0j]
@@ -215,11 +220,15 @@ def taut_route(
 _PARTS: WeakKeyDictionary[World, dict[tuple[int, float], Any]] = WeakKeyDictionary()
 
 
-def _free(world: World, start: Floats, margin_m: float) -> Any:
-    """The part of free space that the start is in, a margin larger (or smaller), its outline thinned out."""
+def _free(world: World, start: Floats, margin_m: float, left_s: Left) -> Any:
+    """The part of free space that the start is in, a margin larger (or smaller), its outline thinned out; None if there
+    is no time left, or if that has still to be made and would take longer."""
     part = int(world.free_part(start))
     known = _PARTS.setdefault(world, {})
-    if (part, margin_m) not in known:
+    is_known = (part, margin_m) in known
+    if left_s() <= (0.0 if is_known else _OUTLINED_S * shapely.get_num_coordinates(world.free_parts[part])):
+        return None
+    if not is_known:
         grown = shapely.buffer(world.free_parts[part], margin_m, quad_segs=_CHORDS_PER_QUARTER)
         known[part, margin_m] = shapely.orient_polygons(shapely.simplify(grown, _THINNING * abs(margin_m)))
     return known[part, margin_m]
@@ -279,7 +288,7 @@ class _Corners:
         after = np.where(kept[corners], number[self._after[corners]], same)
         return _Corners(self.z[corners], before, after, self._power)
 
-    def string(self, start: complex, upper: float, stop: Stop, most_looks: float) -> tuple[float, list[int] | None]:
+    def string(self, start: complex, upper: float, left_s: Left, most_looks: float) -> tuple[float, list[int] | None]:
         """The shortest string from the start to the goal, and the corners it bends at; if none is below ``upper``, or
         none was found in time or with so many looks, a length that every string has, and None."""
         power, goal = self._power, len(self.z)
@@ -291,7 +300,7 @@ class _Corners:
         while queue:
             bound, corner, gone = heapq.heappop(queue)
             looks += goal
-            if bound >= upper * (1 + _SLACK) or looks > most_looks or stop():
+            if bound >= upper * (1 + _SLACK) or looks > most_looks or left_s() <= 0:
                 return bound, None
             if corner == goal:
                 bends = [int(came_from[goal])]

@@ -4,9 +4,9 @@ drift at the goal; and what no path can beat."""
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -75,7 +75,7 @@ def best_unaided(request: PlanRequest) -> Unaided:
 
 def _least(request: PlanRequest, path: Floats) -> LeastRoute:
     noise = _PER_METRE if request.minimise == "length" else request.noise
-    return tight_least_route(request.world, path, noise, _GAP, stop=lambda: request.left_s() < 0)
+    return tight_least_route(request.world, path, noise, _GAP, left_s=request.left_s)
 
 
 def _mean_square(request: PlanRequest, path: Floats) -> float:
@@ -119,22 +119,22 @@ class _RoadmapPaths:
         return [search.path for search in self._searches if search.path is not None]
 
     def begin(self) -> None:
-        """First routes: the caller's, and a taut string that keeps a margin, or else one along the triangles of free
-        space."""
+        """First routes: the caller's, one along the triangles of free space, which is had at once, and a taut string
+        that keeps a margin; or else the former polished."""
         world, ends = self.request.world, self.request.ends
         channel = channel_route(world, ends)
         for search in self._searches:
             stop = self._stop(search)
+            if channel is not None:
+                search.offer(channel)
             for path in self.request.initial_paths:
                 search.consider(path, stop)
             string, by_length = None, search.pricing.minimise == "length"
-            if by_length or not world.zones:  # a string does not know of zones
-                known = channel if search.path is None else search.path
-                string = taut_route(
-                    world, ends[0], ends[1], first_margin_m(world), known, by_length=by_length, stop=stop
-                )
+            if (by_length or not world.zones) and not stop():  # a string does not know of zones
+                given, left_s = (world, *ends, first_margin_m(world), search.path), partial(self._left_s, search)
+                string = taut_route(*given, by_length=by_length, left_s=left_s)
             for path in (channel if string is None else string,):
-                if path is not None:
+                if path is not None and not stop():
                     search.consider(path, stop)
         self._share()
 
@@ -179,14 +179,15 @@ class _RoadmapPaths:
         cost = AdditiveCost(world, request.ends[1], noise, score)
         return RoadmapSearch(cost, request.ends[0], seed=request.seed, start_heading=request.reliance.start_heading)
 
+    def _left_s(self, search: RoadmapSearch) -> float:
+        """Seconds left, as far as that search is concerned: a path there must be."""
+        if search.path is None and search.batches < BATCHES_TO_FIND_ONE:
+            return math.inf
+        return self.request.left_s(_SEARCH_SHARE) - search.reserve_s
+
     def _stop(self, search: RoadmapSearch) -> Callable[[], bool]:
-        """Whether it is late, as far as that search is concerned: a path there must be."""
-
-        def late() -> bool:
-            enough = search.path is not None or search.batches >= BATCHES_TO_FIND_ONE
-            return enough and self.request.left_s(_SEARCH_SHARE) < search.reserve_s
-
-        return late
+        """Whether it is late for that search."""
+        return lambda: self._left_s(search) < 0
 
     def _is_done(self, search: RoadmapSearch) -> bool:
         """Whether further batches would bring next to nothing, where that is what ends the search."""
@@ -247,19 +248,22 @@ class _OmplPaths:
 
         request = self.request
         world, noise = _dearer_by(request.world, request.noise, price_per_m)
-        began, limit = time.monotonic(), max(share * request.left_s(_SEARCH_SHARE), 0.0)
+        keep_s = (1 - share) * max(request.left_s(_SEARCH_SHARE), 0.0)
+
+        def stop() -> bool:
+            return request.left_s(_SEARCH_SHARE) <= keep_s
+
         raw = solve(
             world,
             request.ends[0],
             request.ends[1],
             noise if score == "drift" else None,
             planner=request.planner.name,
-            time_limit=limit,
+            stop=stop,
             iterations=request.iterations,
             seed=request.seed,
-            until=request.until,
         )
-        in_time = request.iterations is not None and time.monotonic() - began < limit
+        in_time = request.iterations is not None and not stop()
         self._status = Status.ITERATIONS_DONE if in_time else Status.TIME_LIMIT
         if raw is None:
             return []

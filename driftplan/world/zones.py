@@ -68,6 +68,7 @@ class ZoneBoxes:
 
 
 _FEW_SIDES = 32  # of all zones: then arithmetic on all pairs of sides and segments beats searching
+_SHARE_SIDES, _MOST_SHARES = 2.0, 64  # a segment is looked up in shares as long as so many sides, at most so many
 _PAST_CORNER = 1e-9  # of a side's length: rounding must not let a segment slip through a corner
 
 
@@ -168,8 +169,15 @@ class ZoneIndex:
             which, k = np.nonzero(crossed)
             return which, at[which, k]
         near = _PAST_CORNER * float(np.abs(side).max())
-        lines = shapely.linestrings(np.stack([a, a + along], axis=-2))
-        which, k = self._tree.query(lines, predicate="dwithin", distance=near)
+        # The box of a long segment meets many sides far from it; those of its shares do not.
+        share_m = _SHARE_SIDES * float(np.median(np.abs(side).max(axis=1)))
+        shares = np.ceil(np.abs(along).max(axis=1) / share_m).clip(1, _MOST_SHARES).astype(int)
+        whole = np.repeat(np.arange(len(a)), shares)
+        step = (along / shares[:, None])[whole]
+        begun = a[whole] + (np.arange(len(whole)) - np.repeat(np.cumsum(shares) - shares, shares))[:, None] * step
+        low, high = np.minimum(begun, begun + step) - near, np.maximum(begun, begun + step) + near
+        share, k = self._tree.query(shapely.linestrings(np.stack([low, high], axis=1)))  # by their boxes
+        which, k = np.divmod(np.unique(whole[share] * len(side) + k), len(side))
         at, crossed = _crossing(a[which], along[which], begin[k], side[k])
         return which[crossed], at[crossed]
 

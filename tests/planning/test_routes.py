@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from itertools import combinations
+from contextlib import suppress
+from itertools import combinations, count
 from pathlib import Path
 
 import numpy as np
@@ -418,9 +419,26 @@ def test_a_planner_that_finds_nothing_in_time_is_not_asked_again(monkeypatch):
     from driftplan.planning.ompl import solve
 
     asked = []
-    monkeypatch.setattr(solve, "solve", lambda *args, **kwargs: asked.append(kwargs["time_limit"]))
+    monkeypatch.setattr(solve, "solve", lambda *args, **kwargs: asked.append(kwargs["stop"]))
     world = World.from_polygons([], bounds=(0, 0, 10, 10), robot_radius=0.5)
     with pytest.raises(NoPathError):
         plan_route(world, (2, 2), (8, 2), OdometryNoise(heading_var_per_m=1e-4), planner="rrtstar", time_limit=0.5)
     assert len(asked) == 2  # for the shortest path, and for that of least drift
-    assert max(asked) <= 0.5
+
+
+@pytest.mark.parametrize("planner", ALL_PLANNERS)
+def test_when_the_time_is_over_nothing_long_is_begun(monkeypatch, planner):
+    """By a clock on which ten seconds go by between any two looks, of a limit of five."""
+    from driftplan.planning import request, taut_strings
+
+    columns = [[(x, y), (x + 2, y), (x + 2, y + 2), (x, y + 2)] for x in range(4, 96, 5) for y in range(4, 96, 5)]
+    world = World.from_polygons(columns, bounds=(0, 0, 100, 100), robot_radius=0.5)
+    plan_route(world, (1, 1), (99, 98), NOISE, iterations=1)  # what is done once for a world
+    ticks = count(0.0, 10.0)
+    monkeypatch.setattr(request.time, "monotonic", lambda: next(ticks))
+    monkeypatch.setattr(taut_strings._Corners, "of", None)  # the strings of a goal take long
+    asked = []
+    monkeypatch.setattr(World, "segments_free", lambda *args, free=World.segments_free: asked.append(1) or free(*args))
+    with suppress(NoPathError):  # OMPL's planners have no path at once
+        assert len(plan_route(world, (1, 1), (99, 98), NOISE, planner=planner, time_limit=5.0).path) > 2
+    assert len(asked) < 30

@@ -67,16 +67,16 @@ def solve(
     noise: OdometryNoise | None,
     *,
     planner: str,
-    time_limit: float,
+    stop: Callable[[], bool],
     seed: int,
     iterations: int | None = None,
-    until: Callable[[], bool] | None = None,
 ) -> Floats | None:
-    """Waypoints (n, 2) of the best path the planner found within ``time_limit`` seconds, or None.
+    """Waypoints (n, 2) of the best path the planner found before ``stop``, asked in every iteration, said True; or
+    None.
 
     With a noise it minimises `DriftObjective`, without one OMPL's path length. OMPL seeds its random numbers per
     process: the same seed gives the same samples, but how many are drawn depends on the time, unless the number of
-    ``iterations`` ends the search. So does ``until``, once it says True.
+    ``iterations`` ends the search.
     """
     with _quiet():
         ou.RNG.setSeed(seed + 1)  # OMPL refuses 0
@@ -101,15 +101,11 @@ def solve(
         chosen = PLANNERS[planner](si)
         chosen.setProblemDefinition(pdef)
         chosen.setup()
-        condition = ob.timedPlannerTerminationCondition(float(time_limit))
-        if iterations is not None or until is not None:
 
-            def is_enough() -> bool:
-                counted = iterations is not None and chosen.numIterations() >= iterations
-                return counted or (until is not None and bool(until()))
+        def is_enough() -> bool:
+            return bool(stop()) or (iterations is not None and chosen.numIterations() >= iterations)
 
-            condition = ob.plannerOrTerminationCondition(condition, ob.PlannerTerminationCondition(is_enough))
-        chosen.solve(condition)
+        chosen.solve(ob.PlannerTerminationCondition(is_enough))
         if not pdef.hasExactSolution():
             return None
         states = pdef.getSolutionPath().getStates()

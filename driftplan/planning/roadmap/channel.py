@@ -41,8 +41,9 @@ class Mesh(NamedTuple):
     def of(cls, polygon: Polygon) -> Mesh:
         triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
         corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)
-        ends = np.sort((corners @ np.array([1, 1j]))[:, [[0, 1], [1, 2], [2, 3]]])
-        _, side, count = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True)
+        _, corner = np.unique((corners @ np.array([1, 1j])).ravel(), return_inverse=True)
+        ends = np.sort(corner.reshape(-1, 4)[:, [[0, 1], [1, 2], [2, 3]]])
+        _, side, count = np.unique(ends @ [len(corner), 1], return_inverse=True, return_counts=True)
         number = np.where(count == 2, np.cumsum(count == 2) - 1, -1)
         sides = number[side.reshape(-1, 3)]
         middles = np.zeros((int((count == 2).sum()), 2))

@@ -99,16 +99,16 @@ class RoadmapSearch:
     def consider(self, path: Floats, stop: Callable[[], bool] = lambda: False) -> None:
         """Take a collision-free path (n, 2) from start to goal, as it is or polished, if it is better than the best."""
         path = path[np.append(True, (np.diff(path, axis=0) != 0).any(axis=1))]
-        self._offer(path)
+        self.offer(path)
         if not stop():
-            self._offer(polished(self.pricing, path, self.start_heading, stop))
+            self.offer(polished(self.pricing, path, self.start_heading, stop))
 
     def _consider(self, nodes: Ints, stop: Callable[[], bool]) -> None:
         if len(nodes):
             self.consider(self.roadmap.xy[nodes], stop)
 
-    def _offer(self, path: Floats) -> None:
-        """Take the path if it is the best by exact cost."""
+    def offer(self, path: Floats) -> None:
+        """Take a collision-free path as it is, if it is the best by exact cost."""
         additive = cost = self.pricing.path(path, self.start_heading)
         self._least_additive = min(self._least_additive, additive)
         if self.pricing.minimise == "drift":

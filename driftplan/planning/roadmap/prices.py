@@ -7,8 +7,8 @@ does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, field
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -63,17 +63,14 @@ class AdditiveCost:
     goal: Floats
     noise: OdometryNoise
     minimise: Score = "drift"
-    _rates: tuple[CostRates, ...] = field(init=False, repr=False)  # of the zones, and last of everywhere else
+    _rates: Floats = field(init=False, repr=False)  # (n, 4) of the zones, and last of everywhere else
     _floor: CostRates = field(init=False, repr=False)  # the least of all
 
     def __post_init__(self) -> None:
-        rates = [CostRates.of(noise) for noise in self.noises]
-        if self.minimise == "length":
-            rates = [_LENGTH]
-        names = ("heading", "position", "turn_heading", "turn_position")
-        floor = CostRates(**{name: min(getattr(rate, name) for rate in rates) for name in names})
-        object.__setattr__(self, "_rates", tuple(rates))
-        object.__setattr__(self, "_floor", floor)
+        kinds = {noise: astuple(CostRates.of(noise)) for noise in set(self.noises)}
+        rates = np.array([astuple(_LENGTH)] if self.minimise == "length" else [kinds[noise] for noise in self.noises])
+        object.__setattr__(self, "_rates", rates)
+        object.__setattr__(self, "_floor", CostRates(*rates.min(axis=0).tolist()))
 
     @property
     def noises(self) -> tuple[OdometryNoise, ...]:
@@ -87,18 +84,18 @@ class AdditiveCost:
     @property
     def has_turns(self) -> bool:
         """Whether turning on the spot costs anything, so that an edge's price depends on the one before."""
-        return any(rate.turn_heading > 0 or rate.turn_position > 0 for rate in self._rates)
+        return bool((self._rates[:, 2:] > 0).any())
 
     def edges(self, a: Floats, b: Floats) -> EdgePrices:
         """Prices of the edges from ``a`` to ``b``, (n, 2) each."""
         if not self.has_zones:
             nowhere = np.full(len(a), -1, dtype=np.int64)
-            return EdgePrices(edge_cost(a, b, self.goal, self._rates[-1]), nowhere, nowhere)
+            return EdgePrices(edge_cost(a, b, self.goal, self._at(-1)), nowhere, nowhere)
         pieces = self.space.zone_pieces(a, b)
         step = (b - a)[pieces.segment]
         begin = a[pieces.segment] + pieces.start[:, None] * step
         end = a[pieces.segment] + pieces.end[:, None] * step
-        prices = self._by_zone(pieces.zone, lambda rates, at: edge_cost(begin[at], end[at], self.goal, rates))
+        prices = edge_cost(begin, end, self.goal, self._at(pieces.zone))
         cost = np.bincount(pieces.segment, weights=prices, minlength=len(a)).astype(float)
         first = np.searchsorted(pieces.segment, np.arange(len(a)))
         last = np.searchsorted(pieces.segment, np.arange(len(a)), side="right") - 1
@@ -106,7 +103,7 @@ class AdditiveCost:
 
     def turns(self, at: Floats, turn_rad: Floats, zone: Ints) -> Floats:
         """Prices of turns on the spot at ``at`` (n, 2), before runs that begin in ``zone`` (n,)."""
-        return self._by_zone(zone, lambda rates, i: turn_cost(at[i], turn_rad[i], self.goal, rates))
+        return turn_cost(at, turn_rad, self.goal, self._at(zone))
 
     def path(self, xy: Floats, start_heading: float | None = None) -> float:
         """Price of a polyline (n, 2) without repeated points."""
@@ -120,13 +117,9 @@ class AdditiveCost:
         """What any motion from ``a`` to ``b`` costs at least, obstacles or not: the best floor everywhere, no turns."""
         return geodesic_cost(a, b, self.goal, self._floor)
 
-    def _by_zone(self, zone: Ints, price: Callable[[CostRates, Ints], Floats]) -> Floats:
-        """``price`` of every item at the rates of its zone, one bulk call per zone."""
-        cost = np.empty(len(zone))
-        for index in np.unique(zone):
-            items = np.flatnonzero(zone == index)
-            cost[items] = price(self._rates[index], items)
-        return cost
+    def _at(self, zone: Ints | int) -> CostRates:
+        """The rates of a zone, or of one for each item."""
+        return CostRates(*self._rates[zone].T)
 
 
 def noises_of(space: Space, noise: OdometryNoise) -> tuple[OdometryNoise, ...]:
