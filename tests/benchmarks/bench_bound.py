@@ -49,8 +49,9 @@ def bounds_on(name: str) -> None:
     )
 
 
-def zone_price(count: int, reach_m: float) -> float:
-    """Microseconds per motion of up to ``reach_m`` along each axis, with so many zones on a floor of 100 m by 100 m."""
+def zone_price(count: int, reach_m: float) -> tuple[float, float]:
+    """Microseconds per motion of up to ``reach_m`` along each axis, with so many zones on a floor of 100 m by 100 m; and
+    in how many pieces the zones cut it."""
     side = int(np.ceil(np.sqrt(count)))
     x, y = np.divmod(np.arange(count), side) * np.array([[100 / side]])
     zones = [Zone(shapely.box(a, b, a + 50 / side, b + 50 / side), NOISE) for a, b in zip(x, y, strict=True)]
@@ -68,15 +69,19 @@ def zone_price(count: int, reach_m: float) -> float:
         for a, b in pairs:
             objective.motionCost(a, b)
         best = min(best, (time.process_time() - began) / len(pairs) * 1e6)
-    return float(best)
+    ends = np.array([[(a[0], a[1]), (b[0], b[1])] for a, b in pairs])
+    return float(best), len(world.zone_pieces(ends[:, 0], ends[:, 1]).segment) / len(pairs)
 
 
 def main() -> None:
     for name in ("warehouse", "office"):
         bounds_on(name)
     for reach in (1.0, 5.0, 100.0):
-        few, many = zone_price(10, reach), zone_price(1000, reach)
-        print(f"motions of {reach:g} m: {few:.1f} us with 10 zones, {many:.1f} us with 1000: {many / few:.1f} times")
+        (few, cut), (many, often) = zone_price(10, reach), zone_price(1000, reach)
+        print(
+            f"motions of {reach:g} m: {few:.1f} us with 10 zones, {many:.1f} us with 1000: {many / few:.1f} times; "
+            f"{cut:.2f} and {often:.2f} pieces, {many / often / few * cut:.1f} times for each"
+        )
 
 
 if __name__ == "__main__":
