@@ -50,7 +50,7 @@ def bounds_on(name: str) -> None:
 
 
 def zone_price(count: int, reach_m: float) -> tuple[float, float]:
-    """Microseconds per motion of up to ``reach_m`` along each axis, with so many zones on a floor of 100 m by 100 m; and
+    """Microseconds per motion of up to ``reach_m`` along each axis, with so many zones on a floor of 100 x 100 m; and
     in how many pieces the zones cut it."""
     side = int(np.ceil(np.sqrt(count)))
     x, y = np.divmod(np.arange(count), side) * np.array([[100 / side]])
