@@ -117,6 +117,8 @@ def test_ranges_and_bearings_from_within_a_centimetre_of_their_anchor_are_left_o
     readings = Readings.of([both] * 3)
     counts = [len(rows) for rows, _ in readings.rows(3 + 4j + np.array([0.0, 0.0099j, 0.0101]))]
     assert counts == [0, 0, 2]
+    ((at_a_centimetre, _),) = Readings.of([Fix.range(0.0, anchor=(0.0, 0.0), range_std_m=0.1)]).rows(np.array([0.01j]))
+    assert at_a_centimetre == ()
 
 
 def test_ranges_and_bearings_do_not_reset_and_other_estimators_there_are_none():

@@ -57,7 +57,7 @@ def main() -> int:
     parser.add_argument("modules", nargs="*", default=[], help=f"some of: {' '.join(CORE)}")
     parser.add_argument("--sample", type=int, default=40, help="mutants of each module (40)")
     parser.add_argument("--seed", type=int, default=0, help="of the sample (0)")
-    parser.add_argument("--again", action="store_true", help="only the survivors in score.md, and leave that as it is")
+    parser.add_argument("--again", action="store_true", help="only what survived the last time; its score is made good")
     parser.add_argument("--minutes", type=float, default=60.0, help="after which no further mutant is tried (60)")
     args = parser.parse_args()
     if unknown := set(args.modules) - set(CORE):
@@ -65,16 +65,15 @@ def main() -> int:
     end = time.monotonic() + 60 * args.minutes
     warm_up()
     for module in args.modules or CORE:
-        report = try_module(module, args.sample, args.seed, end, survivors_of(module) if args.again else None)
-        if not args.again:
-            keep(module, report)
+        report = try_module(module, args.sample, args.seed, end, args.again)
+        keep(module, report)
         print(report, flush=True)
     return 0
 
 
-def try_module(module: str, sample: int, seed: int, end: float, only: set[str] | None = None) -> str:
-    """The score of one module: a line of a table, and the survivors; ``only`` those of these names are tried, if any
-    are given."""
+def try_module(module: str, sample: int, seed: int, end: float, again: bool = False) -> str:
+    """The score of one module: a line of a table, and the survivors. With ``again`` those of the last time are tried,
+    and what was killed then counts as killed: good as long as tests are only added."""
     tests = [str(ROOT / "tests" / name) for name in CORE[module].split()]
     calls = Calls(str(file_of(module)))
     with tempfile.TemporaryDirectory() as folder:
@@ -84,10 +83,13 @@ def try_module(module: str, sample: int, seed: int, end: float, only: set[str] |
     known = equivalent(module)
     mutants = mutants_of(file_of(module))
     random.Random(seed).shuffle(mutants)  # all, so that the sample hardly changes when some turn out equivalent
-    mutants = [m for m in mutants if m.name not in known and (only is None or m.name in only)]
-    tried, survivors = 0, []
-    for mutant in mutants[:sample]:
-        if time.monotonic() > end:
+    mutants = [m for m in mutants if m.name not in known]
+    tried, survivors, sampled = 0, [], mutants[:sample]
+    if again:
+        tried, survived = last_time(module)
+        sampled = [m for m in mutants if m.name in survived]
+    for mutant in sampled:
+        if time.monotonic() > end and not again:
             break
         tried += 1
         chosen, seconds = calls.tests_of(mutant.function)
@@ -233,9 +235,10 @@ def scores() -> tuple[str, dict[str, str]]:
     return head, {part.split("\n")[0].split()[0]: part.rstrip() for part in parts}
 
 
-def survivors_of(module: str) -> set[str]:
-    """Names of the mutants of a module that the tests did not notice the last time."""
-    return {line.split("  ", 1)[1] for line in map(str.strip, scores()[1].get(module, "").splitlines()[1:])}
+def last_time(module: str) -> tuple[int, set[str]]:
+    """How many mutants of a module the tests noticed the last time, and the names of those that they did not."""
+    head, *lines = scores()[1][module].splitlines()
+    return int(head.split()[1]), {line.strip().split("  ", 1)[1] for line in lines}
 
 
 def keep(module: str, report: str) -> None:
