@@ -36,9 +36,6 @@ export class Calculator {
     return found;
   }
 
-  /** The same with these beacons instead, and not kept. */
-  computed(scene, route, beacons) { return this.predicted(scene, route, this.read(beacons, route).flat(), scene.estimator); }
-
   predicted(scene, route, readings, estimator) {
     if (estimator === "reset" && readings.some(({ anchor }) => anchor)) return new Error(NEEDS_FILTER);
     const { points, zone } = this.floorOf(scene, route);

@@ -9,8 +9,8 @@ export class Chart {
     this.studio = studio;
     [this.still, this.live] = [el("canvas", { "aria-hidden": "true" }), el("canvas", { "aria-hidden": "true" })];
     this.node = el("div", { class: "chart", tabindex: "0", role: "slider", "aria-label": "Drift along the selected route",
-      "aria-valuemin": "0", onkeydown: (event) => this.key(event), onpointermove: (event) => this.hover(event),
-      onpointerleave: () => this.studio.setCursor(null) }, this.still, this.live);
+      "aria-valuemin": "0", onkeydown: (event) => this.key(event), onpointermove: (event) => this.hover(event), onpointerdown: (event) => this.hover(event),
+      onpointerleave: ({ pointerType }) => pointerType === "mouse" && this.studio.setCursor(null) }, this.still, this.live);
   }
 
   resize() {

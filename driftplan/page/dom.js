@@ -49,5 +49,6 @@ export function resized(view, ...canvases) {
     [canvas.width, canvas.height] = [width, height].map((size) => Math.round(size * ratio));
     canvas.getContext("2d").setTransform(ratio, 0, 0, ratio, 0, 0);
   }
-  Object.assign(view, { width, height, drawnStill: [], unit: Math.max(1, Math.sqrt(width / 1500)) });  // letters grow with a screen
+  const least = window.matchMedia("(pointer: coarse)").matches ? 1.6 : 1;  // for fingers; and letters grow with a screen
+  Object.assign(view, { width, height, drawnStill: [], unit: Math.max(least, Math.sqrt(width / 1500)) });
 }

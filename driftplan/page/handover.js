@@ -46,7 +46,7 @@ function installersTable({ session: { scene }, calculator }) {
   const rows = alive.map((beacon) => {
     const { id, kind, x, y, facing_deg: facing, existing } = beacon, others = alive.filter((one) => one !== beacon);
     const routes = [...scene.routes.keys()].filter((k) => calculator.readingsOn(scene.routes[k], beacon).length);
-    const without = routes.map((k) => calculator.computed(scene, scene.routes[k], others).worst), worst = Math.max(...without);
+    const without = routes.map((k) => calculator.drift({ ...scene, beacons: others }, scene.routes[k]).worst), worst = Math.max(...without);
     const [wx, wy] = calculator.walls.nearest(x, y, Infinity) ?? [NaN, NaN];
     const cells = [quoted(id), quoted(kind.name), cell(x), cell(y), cell(facing ?? NaN), existing ? "False" : "True",
       ...[Math.hypot(wx - x, wy - y), wx, wy].map(cell), routes.join(" "), cell(worst), routes[without.indexOf(worst)] ?? -1, "map", 1];

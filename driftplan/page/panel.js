@@ -71,7 +71,8 @@ export class Panel {
     this.limit = el("input", { type: "number", step: "any", min: "0", "aria-label": "limit for all routes, metres",
       onchange: () => this.setLimit(session.scene.routes.map((_, k) => k), this.limit.value) });
     this.table = el("table", {}, el("thead", {}, el("tr", {}, heads)), this.rows);
-    return this.section("Routes", this.table, el("div", { class: "row" }, el("label", {}, "limit of all, m", this.limit),
+    this.trouble = el("p", { class: "quiet" });
+    return this.section("Routes", this.table, this.trouble, el("div", { class: "row" }, el("label", {}, "limit of all, m", this.limit),
       el("label", {}, this.compared, "compare both estimators"),
       button("Insert waypoint", () => session.route && session.insertWaypoint(session.selected.waypoint ?? 0)),
       button("Remove waypoint", () => session.selected.waypoint !== null && session.removeWaypoint(session.selected.waypoint))));
@@ -177,21 +178,21 @@ export class Panel {
     if (!beacon || this.beaconShown === beacon) return;
     this.beaconShown = beacon;
     this.id.value = beacon.id;
-    if (!KIND_NAMES.includes(beacon.kind.name) && ![...this.kind.options].some((one) => one.value === beacon.kind.name)) {
-      this.kind.append(el("option", { value: beacon.kind.name }, beacon.kind.name));
-    }
-    this.kind.value = beacon.kind.name;
+    const { name } = beacon.kind;
+    if (![...this.kind.options].some(({ value }) => value === name)) this.kind.append(el("option", { value: name }, name));
+    this.kind.value = name;
     this.seen.checked = Boolean(beacon.kind.line_of_sight);
     for (const { input, where, unit, row } of this.fields) {
       const value = (where.startsWith("kind.") ? beacon.kind[where.slice(5)] : beacon[where]) ?? null;
       row.hidden = value === null && where !== "facing_deg";
-      input.value = value === null ? "" : Number((value / unit).toPrecision(9));
+      input.value = value === null ? "" : Number((value / unit).toPrecision(8));
     }
   }
 
   updateRoutes({ scene, drifts, others, worst, otherWorst }) {
     this.lines ??= [];
     this.table.classList.toggle("alone", !this.compared.checked);
+    this.trouble.textContent = [...drifts, ...others].find((drift) => drift instanceof Error)?.message ?? "";
     while (this.lines.length > scene.routes.length) this.lines.pop().node.remove();
     scene.routes.forEach((route, k) => {
       const line = this.lines[k] ?? (this.lines[k] = this.rowOf(k)), { cells } = line;
@@ -202,8 +203,8 @@ export class Panel {
       line.name.textContent = route.name;
       const broken = drifts[k] instanceof Error, { limit_m: limit } = route, over = exceeds(worst[k], limit);
       cells[1].textContent = broken ? "–" : drifts[k].length.toFixed(1);
-      cells[2].textContent = broken ? drifts[k].message : worst[k].toFixed(3);
-      cells[3].textContent = others[k] instanceof Error ? others[k].message : others[k] ? otherWorst[k].toFixed(3) : "";
+      cells[2].textContent = broken ? "–" : worst[k].toFixed(3);
+      cells[3].textContent = others[k] instanceof Error ? "–" : others[k] ? otherWorst[k].toFixed(3) : "";
       if (document.activeElement !== line.limit) line.limit.value = limit ?? "";
       line.limit.setAttribute("aria-label", `limit of ${route.name}, metres`);
       cells[5].textContent = broken || limit === null ? "" : over ? "✗ exceeds" : "✓ keeps";

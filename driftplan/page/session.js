@@ -99,11 +99,6 @@ export class Session {
     this.change("routes", this.selected.route, { points: this.route.points.filter((_, k) => k !== index) });
   }
 
-  addRoute(route) {
-    this.selected.route = this.scene.routes.length;
-    this.edit({ routes: [...this.scene.routes, route] });
-  }
-
   /** A rectangle of floor on which odometry errs `factor` times as much. */
   addZone([x0, y0], [x1, y1], factor) {
     const [left, right, low, high] = [Math.min(x0, x1), Math.max(x0, x1), Math.min(y0, y1), Math.max(y0, y1)];

@@ -38,6 +38,7 @@ class Studio {
     this.session.listen(() => this.session.scene !== this.shown?.scene && this.highlights.splice(0));
     this.session.listen(() => this.render({ base: ["zones", "sites"].some((one) => this.session.scene[one] !== this.shown?.scene[one]) }));
     new ResizeObserver(() => { this.map.resize(); this.chart.resize(); this.render({ base: true }); }).observe(this.map.node);
+    new ResizeObserver(() => root.classList.toggle("narrow", root.clientWidth < 880)).observe(root);  // a notebook's cell is not its window
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.render({ base: true }));
     this.say(scene.notes.join(" "));
   }
@@ -204,10 +205,16 @@ class Studio {
 
   plan(start, goal) {
     this.say("Planning, for five seconds at most …");
-    return this.ask("plan", { start, goal }, ({ routes }) => {
-      for (const { name, points } of routes) this.session.addRoute({ name, points, limit_m: this.session.route?.limit_m ?? null });
+    const { session } = this, limit = session.route?.limit_m ?? null;
+    let found = [];
+    const show = ({ routes }) => {  // a first answer at once, and a better one in its place: one step of the history
+      const others = session.scene.routes.filter((route) => !found.includes(route));
+      found = routes.map(({ name, points }) => ({ name, points, limit_m: limit }));
+      session.selected.route = others.length;
+      session.edit({ routes: [...others, ...found] }, "plan");
       this.say(routes.map(({ name, rms_m: rms, length_m: length }) => `${name}: ${metres(rms)} of drift at the goal, ${metres(length, 1)} long`).join("; "));
-    });
+    };
+    return this.ask("plan", { start, goal }, (answer) => { show(answer); session.settle(); }, show);
   }
 }
 
@@ -262,35 +269,32 @@ class Keys {
       else studio.session.undo();
     } else if (!typing && !event.ctrlKey && !event.metaKey && !event.defaultPrevented) {
       const { map, tools } = studio, tool = TOOLS.find(([, letter]) => letter === key);
-      const acts = { "+": () => map.zoom(1.25), "=": () => map.zoom(1.25), "-": () => map.zoom(0.8), 0: () => map.fit() };
+      const acts = { "+": () => map.zoom(1.25), "=": () => map.zoom(1.25), "-": () => map.zoom(0.8), 0: () => map.fit(), escape: () => tools.choose("select") };
       (tool ? () => tools.choose(tool[0]) : acts[key])?.();
     }
   }
 
-  /** Arrow keys as metres: 0.1, with Shift 1. */
-  step(event) { return MOVES[event.key]?.map((c) => c * (event.shiftKey ? 1 : 0.1)); }
-
   beacon(event, k) {
-    const { studio } = this, { session } = studio, beacon = session.scene.beacons[k], move = this.step(event);
-    const acts = { delete: () => session.remove("beacons", k), backspace: () => session.remove("beacons", k), d: () => studio.duplicate(k),
-      l: () => studio.toggle(k, "locked"), k: () => studio.toggle(k, "dead"),
-      r: () => session.changeBeacon(k, { facing_deg: (beacon.facing_deg ?? 0) + (event.shiftKey ? -15 : 15) }) };
-    const act = acts[event.key.toLowerCase()];
-    if (event.ctrlKey || event.metaKey || (!move && !act)) return;
-    event.preventDefault();
-    if (act) act();
-    else if (!beacon.locked) session.changeBeacon(k, { x: beacon.x + move[0], y: beacon.y + move[1] }, `keys ${k}`);
-    studio.announce();
+    const { studio } = this, { session } = studio, beacon = session.scene.beacons[k], { x, y, facing_deg: facing, locked } = beacon;
+    this.act(event, { delete: () => session.remove("beacons", k), d: () => studio.duplicate(k), l: () => studio.toggle(k, "locked"),
+      k: () => studio.toggle(k, "dead"), r: () => session.changeBeacon(k, { facing_deg: (facing ?? 0) + (event.shiftKey ? -15 : 15) }) },
+    ([dx, dy]) => locked || session.changeBeacon(k, { x: x + dx, y: y + dy }, `keys ${k}`));
   }
 
   waypoint(event, k) {
-    const { session } = this.studio, move = this.step(event), [x, y] = session.route.points[k];
-    if (move) session.moveWaypoint(k, [x + move[0], y + move[1]], `keys waypoint ${k}`);
-    else if (event.key === "Delete" || event.key === "Backspace") session.removeWaypoint(k);
-    else if (event.key === "Insert" || event.key === "i") session.insertWaypoint(k);
-    else return;
+    const { session } = this.studio, [x, y] = session.route.points[k], insert = () => session.insertWaypoint(k);
+    this.act(event, { delete: () => session.removeWaypoint(k), insert, i: insert },
+      ([dx, dy]) => session.moveWaypoint(k, [x + dx, y + dy], `keys waypoint ${k}`));
+  }
+
+  /** What is said of a key, or a move by arrow keys: 0.1 m, with Shift 1 m. */
+  act(event, acts, go) {
+    const move = MOVES[event.key]?.map((c) => c * (event.shiftKey ? 1 : 0.1)), name = event.key.toLowerCase();
+    const act = move ? () => go(move) : acts[name === "backspace" ? "delete" : name];
+    if (event.ctrlKey || event.metaKey || !act) return;
     event.preventDefault();
-    this.studio.announce();
+    act();
+    if (name !== "k") this.studio.announce();  // a death has said what it breaks
   }
 
   /** The cross of those who have no mouse. */
@@ -299,6 +303,8 @@ class Keys {
     if (move) {
       const step = (event.shiftKey ? 50 : 5) / map.scale;
       map.cross = (map.cross ?? map.centre).map((c, k) => c + move[k] * step);
+      const [x, y] = map.toScreen(map.cross), beyond = (at, size) => Math.min(Math.max(at, 0), size) - at;
+      map.pan(beyond(x, map.width), beyond(y, map.height));  // the map follows
       if (tools.drag) tools.move(map.snapped(map.cross));
     } else if (event.key === "Enter" && map.cross && !["select", "kill"].includes(tools.tool)) {
       const xy = map.snapped(map.cross);

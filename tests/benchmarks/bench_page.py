@@ -66,17 +66,21 @@ def main() -> None:
 
 def round_trip(world: World) -> None:
     """A route asked for by the page, as the widget's message handler answers it."""
-    answers, spent = Answers(world=world), []
+    answers, spent, first = Answers(world=world), [], []
     scene = scene_of(world, [np.array([[3.0, 3.0], [50.0, 30.0]])], NOISE)
     for k in range(5):
         start, goal = (3.0 + k, 3.0), (56.0, 36.0 - k)
         begin = time.process_time()
         plan_route(world, start, goal, NOISE)
         planned = time.process_time()
-        assert "routes" in answers.answer("plan", {"scene": scene, "start": start, "goal": goal}, print)["answer"]
-        spent.append((planned - begin, time.process_time() - planned))
-    alone, asked = 1e3 * np.median(spent, axis=0)
-    print(f"a route asked for by the page: {asked:.0f} ms of processor, where plan_route alone takes {alone:.0f} ms")
+        question = {"scene": scene, "start": start, "goal": goal}
+        assert "routes" in answers.answer("plan", question, lambda _: first.append(time.process_time()))["answer"]
+        spent.append((planned - begin, first[-1] - planned, time.process_time() - planned))
+    alone, soon, asked = 1e3 * np.median(spent, axis=0)
+    print(
+        f"a route asked for by the page: {soon:.0f} ms of processor until it is there, {asked:.0f} for the best, "
+        f"where plan_route alone takes {alone:.0f}"
+    )
 
 
 def _spent_ms(browser: Browser, frames: str) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -102,6 +103,9 @@ def test_everything_is_done_by_keys(browser, studio, layout):
     for key, modifiers in (("ArrowRight", 0), ("ArrowRight", 8), ("l", 0), ("ArrowRight", 0)):  # locked: it stays
         browser.key(key, modifiers)
     assert studio("studio.session.scene.beacons[0].x") == pytest.approx(x + 1.1)
+    browser.key("k")  # those who listen hear what it breaks
+    assert " is dead. " in studio("studio.status.textContent")
+    browser.key("k")
     browser.key("d")
     assert studio("studio.session.scene.beacons.length") == count + 1
     browser.key("Delete")
@@ -163,6 +167,81 @@ def test_nothing_is_wider_than_its_place(browser, studio, width, dark):
     wide = "[...document.querySelectorAll('body, header, aside, aside *')].filter((n) => n.scrollWidth > n.clientWidth)"
     shown = f"{wide}.filter((n) => getComputedStyle(n).display !== 'inline').map((n) => n.outerHTML.slice(0, 200))"
     assert browser.js(shown) == []
+
+
+def test_a_narrow_cell_of_a_wide_window_has_one_column(browser, studio):
+    browser.js("(document.body.style.width = '600px', 0)")
+    browser.until(f"{STUDIO}.root.classList.contains('narrow')")
+    below = "studio.panel.node.getBoundingClientRect().top >= studio.chart.node.getBoundingClientRect().bottom"
+    assert studio(below)
+    assert studio("studio.root.scrollWidth <= studio.root.clientWidth")
+    browser.js("(document.body.style.width = '', 0)")
+    browser.until(f"!{STUDIO}.root.classList.contains('narrow')")
+
+
+def contrast(one, other):
+    """Of two colours as a browser says them, WCAG 2."""
+
+    def luminance(colour):
+        share = np.array([float(part) for part in re.findall(r"[\d.]+", colour)[:3]]) / 255
+        return np.where(share <= 0.03928, share / 12.92, ((share + 0.055) / 1.055) ** 2.4) @ (0.2126, 0.7152, 0.0722)
+
+    low, high = sorted([luminance(one), luminance(other)])
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_what_is_written_stands_out(browser, studio, dark):
+    browser.open(browser.js("window.location.href"), dark=dark)
+    seen = (
+        "(name) => { const probe = document.createElement('i'); probe.style.color = `var(--${name})`;"
+        " studio.root.append(probe); return getComputedStyle(probe).color; }"
+    )
+    names = ["text", "paper", "card", "over", "accent", "route", "wall", "zone", "drift-high"]
+    colour = dict(zip(names, studio(f"{json.dumps(names)}.map({seen})"), strict=True))
+    pairs = [
+        ("text", "paper"),
+        ("text", "card"),
+        ("over", "paper"),
+        ("over", "card"),
+        ("accent", "paper"),
+        ("text", "zone"),
+    ]
+    assert [pair for pair in pairs if contrast(*map(colour.get, pair)) < 4.5] == []
+    lines = [("route", "paper"), ("wall", "paper"), ("drift-high", "paper")]  # what is drawn
+    assert [pair for pair in lines if contrast(*map(colour.get, pair)) < 3] == []
+
+
+def test_a_finger_drags_a_tag_and_reads_the_curve(browser, studio, layout):
+    first = layout.beacons[0]
+    studio("(studio.snap = false)")
+    for kind, place in (
+        ("touchStart", (0, 0)),
+        ("touchMove", (0.5, 0)),
+        ("touchMove", (1.3, -0.4)),
+        ("touchEnd", None),
+    ):
+        points = [] if place is None else [screen(studio, (first.x + place[0], first.y + place[1]))]
+        touches = [{"x": x, "y": y} for x, y in points]
+        browser.call("Input.dispatchTouchEvent", type=kind, touchPoints=touches)
+    moved = studio("[studio.session.scene.beacons[0].x, studio.session.scene.beacons[0].y]")
+    assert moved == pytest.approx((first.x + 1.3, first.y - 0.4), abs=0.05)
+    box = studio("(({ left, top }) => [left, top])(studio.chart.node.getBoundingClientRect())")
+    touches = [{"x": box[0] + studio("studio.chart.x(5)"), "y": box[1] + 60}]
+    for kind, points in (("touchStart", touches), ("touchEnd", [])):
+        browser.call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+    assert studio("studio.cursor") == pytest.approx(5, abs=0.1)
+
+
+def test_the_map_follows_the_cross(browser, studio):
+    studio("(studio.map.zoom(4), studio.map.overlay.focus(), 0)")
+    for _ in range(20):
+        browser.key("ArrowRight", modifiers=8)
+    x, width = studio("[studio.map.toScreen(studio.map.cross)[0], studio.map.width]")
+    assert x == pytest.approx(width)
+    browser.key("m")
+    browser.key("Escape")
+    assert studio("studio.tools.tool") == "select"
 
 
 def test_two_fingers_zoom(browser, studio):

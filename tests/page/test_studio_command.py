@@ -210,6 +210,20 @@ def test_the_page_asks_and_shows_the_answers(browser, server, layout, tmp_path):
     assert browser.js(f"{STUDIO}.highlights.length") == 1
 
 
+def test_a_plan_is_there_at_once_and_a_better_one_takes_its_place(browser, server, layout):
+    scenario = layout.scenario
+    scene = scene_of(scenario.world, scenario.routes, scenario.noise)
+    first, last = ask(server, "plan", {"scene": scene, "start": [1, 1], "goal": [18, 11]})
+    soon, done = first["progress"]["routes"][0], last["answer"]["routes"][0]
+    assert done["rms_m"] <= soon["rms_m"] * (1 + 1e-9)
+    browser.open(server.url)
+    browser.js(f"{STUDIO}.plan([1, 1], [18, 11])")
+    assert browser.js(f"{STUDIO}.session.scene.routes.length") == 4
+    assert browser.js(f"{STUDIO}.session.scene.routes[2].points") == done["points"]
+    browser.js(f"{STUDIO}.session.undo()")  # both answers are one step of the history
+    assert browser.js(f"{STUDIO}.session.scene.routes.length") == 2
+
+
 def test_a_plan_starts_as_unsure_as_the_robot(layout, scene):
     """What is said of a planned route is what the page then computes for it."""
     answers, fix = Answers(world=layout.scenario.world), Fix.full(0.0, position_std_m=0.4, heading_std=0.05)
@@ -272,7 +286,7 @@ NOTEBOOK = """(async () => {
     on: (name, listen) => { model.answer = listen; },
     send: ({ id, what, question }) => { if (what === "stop") return (model.told = id);
       if (question.goal?.[0] === 3) return null;  // Python is busy
-      model.answer({ id, progress: { cost: 4, bound: 2 } });
+      model.answer({ id, progress: what === "plan" ? { routes: [] } : { cost: 4, bound: 2 } });
       const answer = { beacons: [], proven: true, message: "none" };
       model.answer(what === "fewest" ? { id, answer } : { id, error: "no" }); } };
   render({ model, el: document.body });
@@ -407,7 +421,7 @@ def test_a_kernel_answers_the_page_of_a_notebook():
         while answer is None:
             message = run_sync(client.kc.get_iopub_msg)(timeout=60)
             said = message["content"].get("data", {}) if message["msg_type"] == "comm_msg" else {}
-            answer = said["content"] if said.get("method") == "custom" else None
+            answer = said["content"] if "answer" in said.get("content", {}) else None
         assert answer["id"] == 5
         assert [route["name"] for route in answer["answer"]["routes"]] == ["least drift", "shortest"]
         client.execute_cell(notebook.cells[1], 1)

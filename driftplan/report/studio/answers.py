@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from math import isfinite
 from pathlib import Path
@@ -28,6 +29,8 @@ from driftplan.planning.routes import plan_route
 from driftplan.planning.status import Status
 from driftplan.report.studio.exchange import read, written
 from driftplan.world.world import World
+
+_AT_ONCE_S = 0.05  # to plan a first route, while a better one is looked for
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +67,10 @@ class Answers:
                 file = written(str(question["name"]), _layout(scene, world, noise), self.building)
                 return {"answer": {"bytes": file.decode("latin-1")}}
             if what == "plan" and world is not None:
-                return {"answer": _plan(scene, world, noise, question["start"], question["goal"])}
+                ends = world.nearest_free(question["start"]), world.nearest_free(question["goal"])
+                with suppress(DriftplanError):  # the long search says what is wrong
+                    tell(_plan(scene, world, noise, ends, _AT_ONCE_S))
+                return {"answer": _plan(scene, world, noise, ends)}
             if what == "save" and self.save is not None:
                 write_files({self.save: beacons_geojson([*map(beacon_of, _alive(scene))])})
                 return {"answer": {"message": f"wrote {self.save}"}}
@@ -170,11 +176,15 @@ def _start_fix(scene: Scene) -> Fix | None:
     return None if start is None else Fix(s_m=0.0, **start)
 
 
-def _plan(scene: Scene, world: World, noise: OdometryNoise, start: list[float], goal: list[float]) -> dict[str, Any]:
+def _plan(
+    scene: Scene, world: World, noise: OdometryNoise, ends: Sequence[Floats], time_limit: float | None = None
+) -> dict[str, Any]:
     """The route of least drift and the shortest one, with the beacons that are alive."""
     beacons, fix, estimator = [*map(beacon_of, _alive(scene))], _start_fix(scene), scene["estimator"]
-    ends = world.nearest_free(start), world.nearest_free(goal)
-    route = plan_route(world, *ends, noise, beacons=beacons, estimator=estimator, start_fix=fix)
+    start, goal = ends
+    route = plan_route(
+        world, start, goal, noise, beacons=beacons, estimator=estimator, start_fix=fix, time_limit=time_limit
+    )
     fixes, found = [] if fix is None else [fix], []
     for name, one in (("least drift", route), ("shortest", route.shortest)):
         if one is not None:
