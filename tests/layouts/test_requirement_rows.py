@@ -1,5 +1,6 @@
 """What a limit demands, part by part: against plain loops over readings, and against drives with few sites alive."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -44,6 +45,12 @@ class Case:
         leaving[breakpoint] = driven.square  # the last of several at one breakpoint
         arriving[breakpoint[::-1]] = driven.square[::-1]
         return arriving, leaving
+
+    def state(self, route, readings):
+        """The state when the last of these readings is taken, and nothing else is read."""
+        readings = np.array(readings, dtype=np.intp)
+        driven = _driven(self.intervals, ReadingSets(np.array([route]), np.zeros(len(readings), np.intp), readings))
+        return driven.state[driven.interval[-1:]][0]
 
     def last(self, route, site, slot):
         """The last position reading of a site at or before a slot, or None."""
@@ -211,9 +218,38 @@ def test_the_least_drift_after_a_last_reading_is_that_of_the_best_heading_read_b
                     assert value == pytest.approx(min(drifts))
 
 
+@pytest.mark.parametrize("name", ["tags", "two full", "mixed", "with compass", "unsure"])
+@pytest.mark.parametrize("bias", [0.0, 0.02])
+def test_the_heading_after_a_reading_lies_between_those_of_the_readings_before(name, bias, make_instance, kinds_named):
+    instance = make_instance(2, kinds_named[name], sites=(4, 6))
+    instance.noise = replace(instance.noise, heading_bias_per_m=bias)
+    its = Case(instance, start_fix=Fix.full(0.0, position_std_m=0.05, heading_std=0.4))
+    fresh, turns, table = its.needs.fresh, its.needs.turns, its.table
+    for route in range(table.routes):
+        here = table.readings_of(route)
+        for e in range(here.start, here.stop):
+            if table.chance[e] < 1:
+                continue
+            before = [a for a in range(here.start, e) if turns[a] and table.chance[a] == 1]
+            states = [its.state(route, [e])] + [its.state(route, [a, e]) for a in before] * (not turns[e])
+            if its.needs.places[e]:
+                assert fresh.state.N[e].real == pytest.approx(states[0].N.real)
+            d1 = np.array([state.d1 for state in states])
+            for part in (np.real, np.imag):
+                low, high = part(d1).min(), part(d1).max()
+                assert part(fresh.low[e]) <= low + 1e-12
+                assert high - 1e-12 <= part(fresh.high[e])
+                if len(states) == 1 or (not bias and its.needs.sure[route]):
+                    assert (part(fresh.low[e]), part(fresh.high[e])) == (pytest.approx(low), pytest.approx(high))
+            if len(states) == 1 and its.needs.sure[route]:
+                for name_ in ("d1", "d2", "D"):
+                    assert getattr(fresh.state, name_)[e] == pytest.approx(getattr(states[0], name_))
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.7])
 @pytest.mark.parametrize("seed", range(6))
-def test_pairs_that_hold_a_slot_are_those_that_hold_it_when_driven(seed, case):
-    its = case("mixed", seed, share=0.6)
+def test_pairs_that_hold_a_slot_are_those_that_hold_it_when_driven(seed, share, case):
+    its = case("mixed", seed, share=share)
     needs, table = its.needs, its.table
     for route in range(table.routes):
         if needs.blind[route] or not needs.sure[route]:
@@ -261,6 +297,29 @@ def test_a_no_good_cut_names_the_sites_on_which_the_drift_in_the_slot_depends(na
                     then = its.squares(route, np.flatnonzero(other).tolist())[1][slot]
                     if site not in cut.columns:
                         assert then == pytest.approx(now, rel=1e-9, abs=1e-15)
+
+
+@pytest.mark.parametrize("name", ["mixed", "with compass", "unsure", "everything"])
+@pytest.mark.parametrize("seed", [1, 2, 6])
+def test_cuts_of_a_slot_are_met_by_all_layouts_that_hold_to_its_end_and_missed_by_the_one_that_fails(name, seed, case):
+    its = case(name, seed, share=0.5)
+    needs, table = its.needs, its.table
+    layouts = np.array([[s >> i & 1 for i in range(its.n)] for s in range(2**its.n)], dtype=bool)
+    for route in range(table.routes):
+        squares = [its.squares(route, np.flatnonzero(chosen).tolist()) for chosen in layouts]
+        reach = [until for e in its.readings(route, range(its.n)) if (until := int(needs.last_slot_of[e])) >= 0]
+        slots = sorted({slot for until in reach for slot in (until, until + 1) if slot <= table.slots[route]})
+        for slot in slots[:: 1 + len(slots) // 8]:
+            early = np.array([leaving[slot] > its.limit**2 for _, leaving in squares])
+            late = np.array([arriving[slot + 1 : slot + 2].max(initial=0.0) > its.limit**2 for arriving, _ in squares])
+            worst = [max(*leaving[: slot + 1], *arriving[1 : slot + 2], 0.0) for arriving, leaving in squares]
+            good = layouts[np.array(worst) <= its.limit**2 * (1 - 1e-9)]
+            for k in np.flatnonzero(early | late)[::3].tolist():
+                alive = np.array(its.readings(route, np.flatnonzero(layouts[k]).tolist()), dtype=np.intp)
+                for cut in needs._cuts_of(layouts[k], route, slot, bool(early[k]), alive):
+                    assert cut.where == (route, slot)
+                    assert layouts[k][cut.columns] @ cut.weights < cut.least
+                    assert (good[:, cut.columns] @ cut.weights >= cut.least - 1e-9).all()
 
 
 @pytest.mark.parametrize("name", ["mixed", "unsure"])
