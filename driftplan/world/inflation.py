@@ -20,7 +20,7 @@ _QUAD_SEGS = 8
 # nearest integer), which pass inside the circle. Growing the radius by 1/cos(half a chord) puts them outside.
 _CHORD_FACTOR = 1 / cos(0.75 * (pi / 2) / _QUAD_SEGS) + 1e-9
 _CELLS = 20_000  # of the reach table: some 50 ms to fill
-_MAX_RINGS = 40  # of free cells looked for around a cell
+_MAX_RINGS = 40  # of cells looked at around a free one
 _UNSURE, _BLOCKED = -1.0, -2.0  # cells with an outline in them, cells inside an obstacle
 
 
@@ -98,6 +98,8 @@ class Inflation:
 
         A flat list of cells, row by row from the lower left, the number of cells in a row, and cells per metre.
         """
+        from scipy.spatial import cKDTree
+
         xmin, ymin, xmax, ymax = self.bounds
         width_m, height_m = max(xmax - xmin, 0.0), max(ymax - ymin, 0.0)
         cell = max(sqrt(width_m * height_m / _CELLS), max(width_m, height_m) / _CELLS) or 1.0
@@ -112,20 +114,11 @@ class Inflation:
         free = ~shapely.intersects(self._obstacles.prepared, cells)
         reach = np.zeros(free.shape)
         reach[~free] = np.where(shapely.contains_properly(self._obstacles.prepared, cells[~free]), _BLOCKED, _UNSURE)
-        rings = np.pad(free, 1, constant_values=True)  # beyond the frame no segment goes: both its ends are inside
-        for ring in range(1, _MAX_RINGS + 1):
-            rings = np.pad(_all_of_three(_all_of_three(rings).T).T, 1, constant_values=True)
-            free = rings[1:-1, 1:-1]
-            if not free.any():
-                break
-            reach[free] = ring * cell
+        # beyond the frame no segment goes: both its ends are inside
+        rings, _ = cKDTree(np.argwhere(~free)).query(np.argwhere(free), p=np.inf, distance_upper_bound=_MAX_RINGS)
+        reach[free] = cell * (np.minimum(rings, _MAX_RINGS) - 1)
         return reach.ravel().tolist(), len(x), 1 / cell
 
     def _inside(self, x: Floats, y: Floats) -> Bools:
         xmin, ymin, xmax, ymax = self.bounds
         return (x > xmin) & (x < xmax) & (y > ymin) & (y < ymax)
-
-
-def _all_of_three(mask: Bools) -> Bools:
-    """Whether each inner row and both its neighbours are True."""
-    return mask[:-2] & mask[1:-1] & mask[2:]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from driftplan import BeaconKind, OdometryNoise, Sites, bundled_map, load_world, place_beacons
-from driftplan.report.commands.demo_beacons import ROUNDS
+from driftplan.report.commands.demo import ROUNDS
 from tests.benchmarks.bench_placement import shelf_routes, sites_of, warehouse
 
 ROUGH = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)

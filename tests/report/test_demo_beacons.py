@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from driftplan.model.noise import OdometryNoise
-from driftplan.report.commands.demo import RADIUS_M
-from driftplan.report.commands.demo_beacons import LIMIT_M, ROUNDS, as_json, demo_layout, sentence
+from driftplan.report.commands.demo import LIMIT_M, RADIUS_M, ROUNDS, as_json, demo_layout, sentence
 from driftplan.world.mapfiles import bundled_map, load_world
 
 

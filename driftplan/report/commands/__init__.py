@@ -1,10 +1,7 @@
 """The subcommands of driftplan, a file each: a table of options, and the function that answers.
 
 option, shared, answer          what an option is; options of several subcommands; what is printed and written
-demo, demo_beacons              the bundled maps planned, compared and drawn; the tags of the demo
-predict, plan, compare, place, design, fit, studio, graph,
-study, maps, examples, selftest,
-completion
+demo, predict, plan, compare, place, design, fit, studio, graph, study, maps, examples, selftest, completion
                                 the subcommand of this name
 """
 
