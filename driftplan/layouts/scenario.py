@@ -12,12 +12,13 @@ from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns, drift_with_beacons, readings_on, waypoints_of
 from driftplan.model.drift import Drift
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import OdometryNoise, check_continuous
 from driftplan.model.point_drift import PointDrift
 from driftplan.model.readings import Estimator, Fix, Readings, checked_estimator
 from driftplan.model.worst import worst_radius, worst_rms
 from driftplan.planning.request import DriftLimit
 from driftplan.world.world import World
+from driftplan.world.zones import noises_on
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,16 +54,13 @@ class Scenario:
             )
         if start_fix is not None and not (isinstance(start_fix, Fix) and start_fix.s_m == 0):
             raise ValueError(f"expected start_fix to be a Fix at s_m=0, got {start_fix!r}")
-        _check_continuous("noise", noise)
-        for k, zone in enumerate(world.zones if world is not None else ()):
-            _check_continuous(f"the noise of zone {k}", zone.noise)
+        check_continuous(noises_on(world, noise))
         return cls(world, _routes_of(routes), noise, start_fix, limit.confidence, limit.redundancy, estimator)
 
     @property
     def drives_differ(self) -> bool:
         """Whether systematic errors differ from one drive to the next, on any floor."""
-        zones = self.world.zones if self.world is not None else ()
-        return any(noise.varies_between_drives for noise in (self.noise, *(zone.noise for zone in zones)))
+        return any(noise.varies_between_drives for noise in noises_on(self.world, self.noise))
 
     def drift(self, route: int, beacons: Sequence[Beacon]) -> Drift:
         """Drift along one route with the given beacons alive."""
@@ -112,18 +110,3 @@ def _routes_of(routes: Any) -> tuple[Floats, ...]:
         except ValueError as err:
             raise ValueError(f"route {k}: {err}") from None
     return tuple(found)
-
-
-def _check_continuous(name: str, noise: Any) -> None:
-    if not isinstance(noise, OdometryNoise):
-        raise ValueError(f"expected {name} to be an OdometryNoise, got {noise!r}")
-    if noise.step_m is not None:
-        per_m = {
-            variance: getattr(noise, f"{variance}_per_m") + getattr(noise, f"{variance}_per_step") / noise.step_m
-            for variance in ("heading_var", "distance_var", "lateral_var")
-        }
-        rates = ", ".join(f"{variance}_per_m={rate:g}" for variance, rate in per_m.items() if rate)
-        raise ValueError(
-            f"expected {name} without step_m: in the step model the drift depends on where a path is cut, so a limit "
-            f"'everywhere' has no exact meaning; use rates per metre, here OdometryNoise({rates})"
-        )

@@ -7,7 +7,7 @@ described here, and driftplan predicts where the estimate ends up relative to th
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from math import prod, radians, tau
@@ -340,6 +340,21 @@ def spread_of(noises: Sequence[OdometryNoise]) -> tuple[tuple[OdometryNoise, ...
     if len(spreads) > 1:
         raise ValueError("expected noises whose systematic errors differ alike between drives, got several spreads")
     return tuple(noise.on_drive((0, 0, 0)) for noise in noises), spreads.pop()
+
+
+def check_continuous(noises: Iterable[OdometryNoise]) -> None:
+    """Refuse noise per step: the drift then depends on where a path is cut, and "everywhere" has no exact meaning."""
+    for noise in noises:
+        if noise.step_m is not None:
+            rates = {
+                name: getattr(noise, f"{name}_per_m") + getattr(noise, f"{name}_per_step") / noise.step_m
+                for name in ("heading_var", "distance_var", "lateral_var")
+            }
+            per_m = ", ".join(f"{name}_per_m={rate:g}" for name, rate in rates.items() if rate)
+            raise ValueError(
+                "expected noise of the continuous kind, got noise per step (step_m), which depends on how a path is "
+                f"cut; use rates per metre, here OdometryNoise({per_m})"
+            )
 
 
 def steps_in(length_m: ArrayLike, step_m: float) -> NDArray[np.float64]:

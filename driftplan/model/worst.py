@@ -24,7 +24,7 @@ from driftplan.arrays import Bools, Floats, Ints
 from driftplan.model.drift import Drift
 from driftplan.model.elements import of_legs
 from driftplan.model.moments import Moments, compose
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import OdometryNoise, check_continuous
 from driftplan.model.point_drift import PointDrift
 
 _CLOSE = 1e-10  # relative: what E|e|² may rise above the greatest value found
@@ -204,5 +204,4 @@ def _check(drift: Drift) -> None:
         raise ValueError(f"expected the drift of one path, got a batch of shape {drift.distance.shape[:-1]}")
     if np.any(drift.runs.curvatures != 0):
         raise ValueError("expected a path of straight runs, got a curved one")
-    if any(noise.step_m is not None for noise in drift.noises):
-        raise ValueError("expected noise of the continuous kind, got noise per step (step_m)")
+    check_continuous(drift.noises)

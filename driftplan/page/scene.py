@@ -14,10 +14,10 @@ from shapely import MultiPolygon
 
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon, BeaconKind
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import OdometryNoise, check_continuous
 from driftplan.model.readings import Estimator, Fix, checked_estimator
 from driftplan.world.world import World
-from driftplan.world.zones import Zone
+from driftplan.world.zones import Zone, noises_on
 
 Scene = dict[str, Any]
 _MAX_POSITIONS = 400_000  # of walls: 20 MB of JSON, and a second for a browser to draw
@@ -45,9 +45,7 @@ def scene_of(
     """
     checked_estimator(estimator)
     zones = world.zones if world is not None else ()
-    for one in (noise, *(zone.noise for zone in zones)):
-        if one.step_m is not None:
-            raise ValueError("expected a noise without step_m on a page: it moves and cuts paths; use rates per metre")
+    check_continuous(noises_on(world, noise))
     walls = [] if world is None else _polygons(world.opaque.area)
     if sum(len(ring) for rings in walls for ring in rings) > _MAX_POSITIONS:
         raise ValueError(f"expected walls of at most {_MAX_POSITIONS} positions on a page; simplify the map")

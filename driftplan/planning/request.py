@@ -16,9 +16,10 @@ from driftplan.arrays import Floats, finite, instance, number, point_of, positiv
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns
 from driftplan.errors import GoalError, NoPathError, PlannerError, StartError
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import OdometryNoise, check_continuous
 from driftplan.model.readings import NEEDS_FILTER, Estimator, Fix, checked_estimator
 from driftplan.world.world import World
+from driftplan.world.zones import noises_on
 
 Objective = Literal["drift", "length", "worst_drift"]
 ROADMAP = "roadmap"
@@ -203,7 +204,7 @@ class PlanRequest:
         if self.minimise == "length" and not self.needs_labels and self.reliance.max_detour is not None:
             raise ValueError(f"expected no max_detour with minimise='length', got {self.reliance.max_detour!r}")
         if self.needs_labels:
-            check_continuous((self.noise, *(zone.noise for zone in self.world.zones)))
+            check_continuous(noises_on(self.world, self.noise))
             if self.planner.name != ROADMAP:
                 raise PlannerError(
                     f"expected planner={ROADMAP!r} for routes with beacons or max_drift, got {self.planner.name!r}"
@@ -244,13 +245,6 @@ class PlanRequest:
 def check_objective(minimise: object) -> None:
     if minimise not in get_args(Objective):
         raise ValueError(f"expected minimise one of {get_args(Objective)}, got {minimise!r}")
-
-
-def check_continuous(noises: Sequence[OdometryNoise]) -> None:
-    if any(noise.step_m is not None for noise in noises):
-        raise ValueError(
-            "expected noise of the continuous kind, got noise per step (step_m), which depends on how a path is cut"
-        )
 
 
 def check_connected(world: World, ends: Floats) -> None:

@@ -16,7 +16,7 @@ from driftplan.errors import TrajectoryError, naming
 from driftplan.files import head, write_files
 from driftplan.model.calibration.fit import NoiseFit
 from driftplan.model.drift import predict_drift
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import OdometryNoise, check_continuous
 from driftplan.world.plain_data import read_yaml
 
 _KEYS = tuple(f.name for f in fields(OdometryNoise))
@@ -124,8 +124,7 @@ def ros_covariances(
     >>> print(ros_covariances(noise, rate_hz=10.0, speed_m_per_s=0.5).splitlines()[3][:40])
     twist_covariance: [0.002, 0.0, 0.0, 0.0,
     """
-    if noise.step_m is not None:
-        raise ValueError("expected a noise of the continuous model, got noise per step (step_m)")
+    check_continuous([noise])
     rate, speed = positive("rate_hz", rate_hz), not_negative("speed_m_per_s", speed_m_per_s)
     turning, length = abs(number("turn_rate_rad_per_s", turn_rate_rad_per_s)), positive("driven_m", driven_m)
     twist = np.zeros((3, 3))

@@ -102,6 +102,11 @@ class Zone:
         return {"polygon": self.polygon, "noise": self.noise}
 
 
+def noises_on(world: Any, noise: OdometryNoise) -> tuple[OdometryNoise, ...]:
+    """The noise, and that of every zone of a world, if there is one."""
+    return (noise, *(zone.noise for zone in (() if world is None else world.zones)))
+
+
 class ZonePieces(NamedTuple):
     """Straight segments cut where they enter or leave zones: ``n`` pieces, in order along each segment."""
 

@@ -35,5 +35,5 @@ def test_walls_are_what_blocks_sight_and_zones_keep_their_order():
 
 
 def test_noise_per_step_is_refused():
-    with pytest.raises(ValueError, match="without step_m"):
+    with pytest.raises(ValueError, match="noise of the continuous kind"):
         scene_of(None, ROUTE, OdometryNoise.per_step(heading_std=0.1, distance_std=0.1, step_m=1.0))

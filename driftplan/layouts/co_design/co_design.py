@@ -31,14 +31,15 @@ from driftplan.errors import InfeasibleError
 from driftplan.layouts.co_design.design import CoDesign, Design, Trip, trips_of
 from driftplan.layouts.co_design.design_problem import DesignProblem
 from driftplan.layouts.sites import Sites
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import OdometryNoise, check_continuous
 from driftplan.model.readings import Estimator, Fix
-from driftplan.planning.request import DEFAULT_DETOUR, DriftLimit, Reliance, check_continuous
+from driftplan.planning.request import DEFAULT_DETOUR, DriftLimit, Reliance
 from driftplan.planning.roadmap.beacon_walks import ROUNDING
 from driftplan.planning.roadmap.prices import length_of
 from driftplan.planning.routes import route_along
 from driftplan.planning.status import Status
 from driftplan.world.world import World
+from driftplan.world.zones import noises_on
 
 _MIN_GAIN = 1e-6  # least relative gain that counts
 _DETOUR_COST_SHARE = 2.0  # detours may cost so many times what the missing beacons cost: placing again may save more
@@ -112,7 +113,7 @@ def co_design(
     limits_m = asked.per_route(len(driven))
     strictest = replace(asked, max_drift=min(limits_m))
     reliance = Reliance.of(allowed.existing, strictest, max_detour, start_fix, estimator)
-    check_continuous((noise, *(zone.noise for zone in world.zones)))
+    check_continuous(noises_on(world, noise))
     whole("max_nodes", max_nodes, least=10)
     whole("seed", seed, least=0)
     whole("rounds", rounds, least=0)

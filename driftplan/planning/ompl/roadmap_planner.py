@@ -15,17 +15,18 @@ from ompl import geometric as og
 from driftplan.arrays import Floats, Ints, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import PlannerError
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import OdometryNoise, check_continuous
 from driftplan.model.readings import Estimator, Fix
 from driftplan.planning.ompl.roadmap_problem import ClippedWorld, OmplCheckedSpace, Target, box_of, target_of
 from driftplan.planning.ompl.spaces import SpaceKind, space_kind
-from driftplan.planning.request import DriftLimit, Objective, Reliance, check_continuous, check_objective
+from driftplan.planning.request import DriftLimit, Objective, Reliance, check_objective
 from driftplan.planning.roadmap.beacon_growth import BeaconRouteGrowth
 from driftplan.planning.roadmap.growth import RoadmapSearch
 from driftplan.planning.roadmap.prices import AdditiveCost, Space, exact_drift, noises_of
 from driftplan.planning.routes import Route
 from driftplan.planning.taut_strings import LeastRoute, tight_least_route
 from driftplan.world.world import World
+from driftplan.world.zones import noises_on
 
 _SAME_PLACE = 1e-9  # m: how far the problem's goal may be from the one that the objective weighs drift by
 
@@ -306,7 +307,7 @@ class RoadmapPlanner(ob.Planner):
             )
         noise = self._noise if self._noise is not None else pricing.noise
         world = self._world if by_length else self._world_as_priced(pricing.space)
-        check_continuous((noise, *(() if world is None else [zone.noise for zone in world.zones])))
+        check_continuous(noises_on(world, noise))
         return BeaconRouteGrowth(
             pricing,
             world,
