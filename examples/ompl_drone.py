@@ -1,4 +1,4 @@
-"""A drone among pillars, in R^3 and in SE(3): the same objective, with isotropic attitude noise."""
+"""A drone in a hall of racks, in R^3 and in SE(3): the same objective, with isotropic attitude noise."""
 
 from __future__ import annotations
 
@@ -8,31 +8,25 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from driftplan import DriftObjective, OdometryNoise, predict_ompl_path
+from driftplan import BoxWorld, DriftObjective, OdometryNoise, predict_ompl_path, use_world
 
 START, GOAL = (1.0, 1.0, 1.0), (19.0, 19.0, 6.0)
-PILLARS = [(6.0, 6.0), (10.0, 14.0), (14.0, 8.0), (10.0, 10.0)]  # of radius 2 m, as high as the hall
-RADIUS_M = 2.0
+HALL = ((0.0, 0.0, 0.0), (20.0, 20.0, 8.0))
+# What stands there, as vertices of its meshes: racks, each a box, and a tent.
+RACKS = [[(x, y, 0.0), (x + 2.0, y + 7.0, 7.0)] for x in (4.0, 9.0, 14.0) for y in (2.0, 11.0)]
+TENT = [(7.0, 9.0, 0.0), (7.0, 11.0, 0.0), (13.0, 9.0, 0.0), (13.0, 11.0, 0.0), (10.0, 10.0, 4.0)]
 
 
-class ClearOfPillars(ob.StateValidityChecker):
-    """Validity from numbers only: nothing of OMPL is kept."""
-
-    def isValid(self, state: Any) -> bool:
-        x, y = (state.getX(), state.getY()) if hasattr(state, "getX") else (state[0], state[1])
-        return all((x - px) ** 2 + (y - py) ** 2 > RADIUS_M**2 for px, py in PILLARS)
-
-
-def plan(space: Any, seconds: float) -> tuple[float, float]:
+def plan(space: Any, world: BoxWorld, planner_type: Any, seconds: float) -> tuple[float, float]:
     """Length and rms drift at the goal, metres."""
     noise = OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-4, lateral_var_per_m=1e-4)
     bounds = ob.RealVectorBounds(3)
-    for axis, high in enumerate((20.0, 20.0, 8.0)):
-        bounds.setLow(axis, 0.0)
-        bounds.setHigh(axis, high)
+    for axis in range(3):
+        bounds.setLow(axis, HALL[0][axis])
+        bounds.setHigh(axis, HALL[1][axis])
     space.setBounds(bounds)
     si = ob.SpaceInformation(space)
-    si.setStateValidityChecker(ClearOfPillars(si))
+    use_world(si, world)  # every motion by one exact test
     si.setup()
     problem = ob.ProblemDefinition(si)
     first, last = si.allocState(), si.allocState()
@@ -43,22 +37,29 @@ def plan(space: Any, seconds: float) -> tuple[float, float]:
         else:
             state[0], state[1], state[2] = position
     problem.setStartAndGoalStates(first, last)
-    problem.setOptimizationObjective(DriftObjective(si, noise, GOAL))
-    planner = og.InformedRRTstar(si)
+    problem.setOptimizationObjective(DriftObjective(si, noise, GOAL, world))
+    planner = planner_type(si)
     planner.setProblemDefinition(problem)
     planner.setup()
     planner.solve(seconds)
     if not problem.hasExactSolution():
         raise SystemExit("no path found in time: allow more")
-    drift = predict_ompl_path(problem.getSolutionPath(), si, noise)
+    path = problem.getSolutionPath()
+    assert path.check()
+    drift = predict_ompl_path(path, si, noise)
     return float(drift.distance[-1]), float(drift.end.rms)
 
 
 def main(seconds: float = 2.0) -> None:
     """Plan in both spaces."""
     ou.setLogLevel(ou.LOG_NONE)
-    for name, space in (("R^3", ob.RealVectorStateSpace(3)), ("SE(3)", ob.SE3StateSpace())):
-        length, rms = plan(space, seconds)
+    world = BoxWorld.around([*RACKS, TENT], bounds=HALL, robot_radius=0.4)
+    print(f"{len(world.boxes)} boxes; the straight way is free: {bool(world.segments_free(START, GOAL))}")
+    for name, space, planner in (
+        ("R^3", ob.RealVectorStateSpace(3), og.BITstar),
+        ("SE(3)", ob.SE3StateSpace(), og.InformedRRTstar),
+    ):
+        length, rms = plan(space, world, planner, seconds)
         print(f"{name}: {length:.1f} m, rms drift {rms:.3f} m at the goal")
 
 

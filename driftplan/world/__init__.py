@@ -1,6 +1,7 @@
 """Geometry: maps and files. No OMPL, no beacons.
 
 world, inflation, shapes    World: where a disc-shaped robot can drive, what it can see
+box_world                   BoxWorld: where a ball-shaped one can fly among boxes
 zones, zone_files           floors with odometry of their own, quick to find among many
 formats, plain_data, schema what a name tells of a file; places as files know them; YAML and JSON from anybody, checked
 mapfiles                    load_world, save_world; formats: ros_map, movingai_map, geojson_map, imdf_map, building_map,

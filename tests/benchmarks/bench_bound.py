@@ -18,21 +18,18 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.planning.ompl.objective import DriftObjective
 from driftplan.planning.routes import plan_route
 from driftplan.planning.taut_strings import LeastRoute, taut_route, tight_least_route
-from driftplan.world.mapfiles import bundled_map, load_world
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
+from tests.benchmarks.bench_time_limits import maps, trips_on
 
 NOISE = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
 QUERIES = 12
+EXACT = ("RMF office", "office")  # small enough for a visibility graph of all corners
 
 
-def bounds_on(name: str) -> None:
-    world = replace(load_world(bundled_map(name), robot_radius=0.3), zones=())
-    room, rng, rows = world.free_parts[0], np.random.default_rng(0), []
-    while len(rows) < QUERIES:
-        start, goal = rng.uniform(room.bounds[:2], room.bounds[2:], (2, 2))
-        if not shapely.contains_xy(room, *np.array([start, goal]).T).all():
-            continue
+def bounds_on(name: str, world: World) -> None:
+    rows = []
+    for start, goal in trips_on(world, QUERIES):
         route = plan_route(world, start, goal, NOISE, iterations=4)
         cost = LeastRoute.of_path(route.path).cost([NOISE])
         began = time.process_time()
@@ -41,11 +38,40 @@ def bounds_on(name: str) -> None:
         first = taut_route(world, start, goal, 0.02)
         ended = time.process_time()
         string = np.nan if first is None else LeastRoute.of_path(first).cost([NOISE]) / cost
-        rows.append((least.cost([NOISE]) / cost, middle - began, string, ended - middle))
-    share, seconds, string, to_route = np.array(rows).T
+        rows.append((least.cost([NOISE]) / cost, route.rms / route.bound, middle - began, string, ended - middle))
+    share, rms, seconds, string, to_route = np.array(rows).T
     print(
-        f"{name:10}  bound/route median {np.median(share):.4f}, least {share.min():.4f}, {np.median(seconds):.3f} s; "
-        f"string/route median {np.nanmedian(string):.4f}, most {np.nanmax(string):.4f}, {np.median(to_route):.3f} s"
+        f"{name:10}  bound/cost median {np.median(share):.4f}, least {share.min():.4f}, rms/bound median "
+        f"{np.median(rms):.4f}, most {rms.max():.4f}; {np.median(seconds):.3f} s, most {seconds.max():.2f}; "
+        f"string/cost median {np.nanmedian(string):.4f}, most {np.nanmax(string):.4f}, {np.median(to_route):.3f} s",
+        flush=True,
+    )
+
+
+def lengths_on(name: str, world: World) -> None:
+    """The shortest routes against those of extremitypathfinder, which are exact."""
+    try:
+        from extremitypathfinder import PolygonEnvironment
+    except ImportError:
+        print("lengths: left out, `pip install extremitypathfinder` brings the reference")
+        return
+    room = shapely.orient_polygons(world.free_parts[0])
+    exact = PolygonEnvironment()
+    exact.store(
+        shapely.get_coordinates(room.exterior)[:-1], [shapely.get_coordinates(hole)[:-1] for hole in room.interiors]
+    )
+    began = time.process_time()
+    exact.prepare()
+    prepared, found, bounds = time.process_time() - began, [], []
+    for start, goal in trips_on(world, QUERIES):
+        _, length = exact.find_shortest_path(tuple(start), tuple(goal))
+        route = plan_route(world, start, goal, NOISE, minimise="length", iterations=4)
+        found.append(route.length / length)
+        bounds.append(route.bound / length)
+    print(
+        f"{name:10}  length/exact median {np.median(found):.6f}, most {max(found):.6f}; bound/exact median "
+        f"{np.median(bounds):.5f}, {min(bounds):.5f} to {max(bounds):.6f}; the exact one prepares for {prepared:.1f} s",
+        flush=True,
     )
 
 
@@ -74,8 +100,10 @@ def zone_price(count: int, reach_m: float) -> tuple[float, float]:
 
 
 def main() -> None:
-    for name in ("warehouse", "office"):
-        bounds_on(name)
+    for name, world in maps():
+        bounds_on(name, replace(world, zones=()))
+    for name in EXACT:
+        lengths_on(name, dict(maps())[name])
     for reach in (1.0, 5.0, 100.0):
         (few, cut), (many, often) = zone_price(10, reach), zone_price(1000, reach)
         print(

@@ -94,7 +94,7 @@ def test_curved_motions_are_accepted_only_where_every_point_of_them_is_free(name
 
 
 def test_a_world_is_a_floor_plan():
-    with pytest.raises(ValueError, match=r"of the plane, got R\^3"):
+    with pytest.raises(ValueError, match=r"got World.*a floor plan"):
         use_world(ob.SpaceInformation(ob.RealVectorStateSpace(3)), WORLD)
     with pytest.raises(ValueError, match=r"state space of known motions.*TrochoidStateSpace"):
         use_world(ob.SpaceInformation(ob.TrochoidStateSpace(1.0, 0.1, 0.2)), WORLD)

@@ -1,4 +1,4 @@
-"""Collision as OMPL asks for it: validity of states and of motions over a `World`, one geometric test per motion.
+"""Collision as OMPL asks for it: validity of states and motions over a `World` or `BoxWorld`, by one test per motion.
 
 The checkers hold the world and numbers, never the SpaceInformation: a motion validator that holds it would keep OMPL's
 objects alive for ever, since the collector cannot see through OMPL's own references.
@@ -6,44 +6,40 @@ objects alive for ever, since the collector cannot see through OMPL's own refere
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import ceil, cos, radians, sin, tan
 from typing import Any
 
 from ompl import base as ob
 
 from driftplan.planning.ompl.curves import after_arc
-from driftplan.planning.ompl.spaces import CurveFinder, SpaceKind, space_kind
+from driftplan.planning.ompl.spaces import CurveFinder, check_world_of, position_reader, space_kind
+from driftplan.world.box_world import BoxWorld
 from driftplan.world.world import World
 
 _PIECE_RAD = radians(10)
 
 
 class FreeStateChecker(ob.StateValidityChecker):
-    """A state is valid where the robot's centre may be on the map; for every space of the plane."""
+    """A state is valid where the robot's centre may be."""
 
-    def __init__(self, si: Any, world: World) -> None:
+    def __init__(self, si: Any, world: World | BoxWorld) -> None:
         super().__init__(si)
-        self._free = world.point_free
-        self._has_yaw = _planar_kind(si) is not SpaceKind.PLANE
+        self._free, self._read = world.point_free, position_reader(space_kind(si.getStateSpace()))
 
     def isValid(self, state: Any) -> bool:
-        if self._has_yaw:
-            return self._free(state.getX(), state.getY())
-        return self._free(state[0], state[1])
+        return self._free(*self._read(state))
 
 
 class StraightMotionValidator(ob.MotionValidator):
-    """A straight motion is valid when the robot can drive straight between its ends: exact, one test, no sampling."""
+    """A straight motion is valid when the robot can move straight between its ends: exact, one test, no sampling."""
 
-    def __init__(self, si: Any, world: World) -> None:
+    def __init__(self, si: Any, world: World | BoxWorld) -> None:
         super().__init__(si)
-        self._free = world.segment_free
-        self._has_yaw = _planar_kind(si) is not SpaceKind.PLANE
+        self._free, self._read = world.segment_free, position_reader(space_kind(si.getStateSpace()))
 
     def checkMotion(self, start: Any, end: Any) -> bool:
-        if self._has_yaw:
-            return self._free(start.getX(), start.getY(), end.getX(), end.getY())
-        return self._free(start[0], start[1], end[0], end[1])
+        return self._free(*self._read(start), *self._read(end))
 
 
 class CurveMotionValidator(ob.MotionValidator):
@@ -55,9 +51,9 @@ class CurveMotionValidator(ob.MotionValidator):
     of the turning radius of an obstacle.
     """
 
-    def __init__(self, si: Any, world: World) -> None:
+    def __init__(self, si: Any, world: World | BoxWorld) -> None:
         super().__init__(si)
-        self._free = world.segment_free
+        self._free: Callable[..., bool] = world.segment_free
         self._curve = CurveFinder(si.getStateSpace())
 
     def checkMotion(self, start: Any, end: Any) -> bool:
@@ -87,19 +83,22 @@ class CurveMotionValidator(ob.MotionValidator):
         return True
 
 
-def use_world(si: ob.SpaceInformation, world: World) -> None:
+def use_world(si: ob.SpaceInformation, world: World | BoxWorld) -> None:
     """Make an OMPL SpaceInformation check states and motions against ``world``.
 
     Parameters
     ----------
     si : ompl.base.SpaceInformation
-        Over a state space of the plane: R^2, SE(2), Dubins or Reeds-Shepp. The space's bounds are left as they are.
-    world : World
+        Over a state space of the plane: R^2, SE(2), Dubins or Reeds-Shepp; for boxes over R^3 or SE(3). The space's
+        bounds are left as they are.
+    world : World or BoxWorld
 
     Raises
     ------
     ValueError : if the space is none of these
 
+    Examples
+    --------
     >>> from ompl import base as ob
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
     >>> space = ob.RealVectorStateSpace(2)
@@ -112,15 +111,8 @@ def use_world(si: ob.SpaceInformation, world: World) -> None:
     >>> si.isValid(a), si.checkMotion(a, b)
     (True, False)
     """
-    motions = CurveMotionValidator if _planar_kind(si).is_curved else StraightMotionValidator
+    kind = space_kind(si.getStateSpace())
+    check_world_of(world, kind)
+    motions = CurveMotionValidator if kind.is_curved else StraightMotionValidator
     si.setStateValidityChecker(FreeStateChecker(si, world))
     si.setMotionValidator(motions(si, world))
-
-
-def _planar_kind(si: Any) -> SpaceKind:
-    kind = space_kind(si.getStateSpace())
-    if kind.dimensions != 2:
-        raise ValueError(
-            f"expected a state space of the plane, got {kind.value.split(':')[0]}: a World is a floor plan"
-        )
-    return kind

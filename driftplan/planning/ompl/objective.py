@@ -17,8 +17,9 @@ from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.cost import CostRates
 from driftplan.planning.ompl.motion_prices import heuristic_of, motion_cost_of
-from driftplan.planning.ompl.spaces import check_floor_plan, goal_points, goal_position, space_kind
+from driftplan.planning.ompl.spaces import check_world_of, goal_points, goal_position, space_kind
 from driftplan.planning.ompl.zone_lookup import ZoneLookup
+from driftplan.world.box_world import BoxWorld
 from driftplan.world.world import World
 
 _SAME_PLACE_M = 1e-6
@@ -75,7 +76,7 @@ class DriftObjective(ob.OptimizationObjective):
         si: ob.SpaceInformation,
         noise: OdometryNoise,
         goal: Any,
-        world: World | None = None,
+        world: World | BoxWorld | None = None,
         *,
         length_weight: float = 0.0,
     ) -> None:
@@ -85,8 +86,8 @@ class DriftObjective(ob.OptimizationObjective):
         instance("noise", noise, OdometryNoise)
         if not (isfinite(length_weight) and length_weight >= 0):
             raise ValueError(f"expected length_weight >= 0 m²/m, got {length_weight!r}")
-        check_floor_plan(world, kind)
-        zones = () if world is None else world.zones
+        check_world_of(world, kind)
+        zones = world.zones if isinstance(world, World) else ()
         self._kind = kind
         self.goal = goal_position(goal, kind)
         self.noise = noise

@@ -20,8 +20,9 @@ from driftplan.model.paths import Runs
 from driftplan.model.spatial.drift import SpatialDrift, predict_flight_drift
 from driftplan.planning.ompl.curves import after_arc
 from driftplan.planning.ompl.motion_prices import attitude_step
-from driftplan.planning.ompl.spaces import CurveFinder, SpaceKind, check_floor_plan, position_reader, space_kind
+from driftplan.planning.ompl.spaces import CurveFinder, SpaceKind, check_world_of, position_reader, space_kind
 from driftplan.planning.ompl.zone_lookup import ZoneLookup
+from driftplan.world.box_world import BoxWorld
 from driftplan.world.world import World
 
 _SILENT = OdometryNoise()
@@ -37,7 +38,10 @@ class _Leg(NamedTuple):
 
 
 def predict_ompl_path(
-    path: og.PathGeometric | oc.PathControl, si: ob.SpaceInformation, noise: OdometryNoise, world: World | None = None
+    path: og.PathGeometric | oc.PathControl,
+    si: ob.SpaceInformation,
+    noise: OdometryNoise,
+    world: World | BoxWorld | None = None,
 ) -> Drift | SpatialDrift:
     """The drift along an OMPL path, exact to second order: what decides between paths that a planner ranked.
 
@@ -81,8 +85,8 @@ def predict_ompl_path(
     states = path.getStates()
     if len(states) < 2:
         raise ValueError(f"expected a path of at least 2 states, got {len(states)}")
-    check_floor_plan(world, kind)
-    zones = () if world is None else world.zones
+    check_world_of(world, kind)
+    zones = world.zones if isinstance(world, World) else ()
     positions = np.array([position_reader(kind)(state) for state in states])
     if kind.dimensions == 3:
         turns = None

@@ -19,6 +19,7 @@ from driftplan.planning.ompl.curves import (
     pose_along,
     reeds_shepp_curves,
 )
+from driftplan.world.box_world import BoxWorld
 from driftplan.world.world import World
 
 _PROBE = 0.37  # of the way: where a curve is compared with OMPL's
@@ -175,10 +176,12 @@ def goal_points(goal: Any, kind: SpaceKind) -> list[tuple[float, ...]]:
         raise ValueError(f"expected goal to be a point in metres or an OMPL state or goal, got {goal!r}") from None
 
 
-def check_floor_plan(world: World | None, kind: SpaceKind) -> None:
-    """Raise ValueError for a world, which is a floor plan, in three dimensions."""
-    if world is not None and kind.dimensions == 3:
+def check_world_of(world: World | BoxWorld | None, kind: SpaceKind) -> None:
+    """Raise ValueError for a floor plan in a space of three dimensions, and for boxes in the plane."""
+    if isinstance(world, World) and kind.dimensions == 3:
         raise ValueError(
-            f"expected no world in a space of three dimensions, got {world!r}: it is a floor plan, and its walls and "
-            "zones have no height"
+            f"expected a BoxWorld, or no world in a space of three dimensions, got {world!r}: it is a floor plan, and "
+            "its walls and zones have no height"
         )
+    if isinstance(world, BoxWorld) and kind.dimensions == 2:
+        raise ValueError("expected a World in a space of the plane, got a BoxWorld, which is for R^3 and SE(3)")
