@@ -144,8 +144,32 @@ def test_known_rows_ask_for_exactly_the_sites_that_hold_a_slot_and_imply_it_for_
             assert able[slot] == len(holders)
             if not its.started(route, slot):
                 assert any(columns <= holders for columns in asked)
+        _, *stretches = its.needs._stretches(route)
+        slots = its.needs._narrow_slots(route, *stretches)
+        for slot in slots:  # where the start holds the slot nothing is asked
+            its.needs.last_slot_of_start[route] = slot
+            fewer = its.needs._narrow_slots(route, *stretches)
+            assert min(fewer, default=slot + 1) > slot
+            assert {j for j in slots if j > slot} <= set(fewer)
         met = {int(s) for s in its.table.site[its.table.readings_of(route)]}
         assert len(mine) <= 2 * len(its.readings(route, met)) + 1  # where a site comes in, at most
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("seed", [0, 5])
+def test_stretches_are_the_longest_runs_of_slots_that_a_site_holds(name, seed, case):
+    its = case(name, seed, share=0.2)
+    for route in range(its.table.routes):
+        found = list(zip(*(x.tolist() for x in its.needs._stretches(route)), strict=True))
+        runs = []
+        for site in range(its.n):
+            mine = [e for e in its.readings(route, [site]) if its.needs.places[e]]
+            spans = [range(int(its.table.breakpoint[e]), int(its.needs.last_slot_of[e]) + 1) for e in mine]
+            slots = sorted({j for span in spans for j in span})
+            begins = [j for j in slots if j - 1 not in slots]
+            ends = [j for j in slots if j + 1 not in slots]
+            runs += [(site, first, last) for first, last in zip(begins, ends, strict=True)]
+        assert found == runs
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -297,6 +321,14 @@ def test_a_no_good_cut_names_the_sites_on_which_the_drift_in_the_slot_depends(na
                     then = its.squares(route, np.flatnonzero(other).tolist())[1][slot]
                     if site not in cut.columns:
                         assert then == pytest.approx(now, rel=1e-9, abs=1e-15)
+                # the last sure position, the last sure heading before that, and whatever is or might be read since
+                sure = [e for e in before.tolist() if table.chance[e] == 1]
+                placed = max([e for e in sure if needs.places[e]], default=-1)
+                turned = max([e for e in sure if needs.turns[e] and e <= placed], default=-1)
+                since = [e for e in its.readings(route, met) if table.breakpoint[e] <= slot]
+                since = [e for e in since if e >= (turned if needs.turns[e] else placed)]
+                matter = {int(table.site[e]) for e in since if e in before or not chosen[table.site[e]]}
+                assert set(cut.columns.tolist()) == matter
 
 
 @pytest.mark.parametrize("name", ["mixed", "with compass", "unsure", "everything"])
@@ -318,6 +350,11 @@ def test_cuts_of_a_slot_are_met_by_all_layouts_that_hold_to_its_end_and_missed_b
                 alive = np.array(its.readings(route, np.flatnonzero(layouts[k]).tolist()), dtype=np.intp)
                 for cut in needs._cuts_of(layouts[k], route, slot, bool(early[k]), alive):
                     assert cut.where == (route, slot)
+                    if not needs.sure[route]:  # a set that fails for good, if there is one, where the limit breaks
+                        at = slot + (not early[k])
+                        within = {int(table.site[e]) for e in alive if table.breakpoint[e] <= slot and needs.places[e]}
+                        able = needs._chance_cuts(route, slot, at, sorted(within))
+                        assert (cut.weights > 0).all() or not able
                     assert layouts[k][cut.columns] @ cut.weights < cut.least
                     assert (good[:, cut.columns] @ cut.weights >= cut.least - 1e-9).all()
 
