@@ -5,6 +5,7 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 
+from driftplan.layouts.placement import fused_requirements
 from driftplan.layouts.placement.fused_requirements import FusedRequirements
 from driftplan.layouts.placement.fused_routes import NEVER, fused_routes
 from driftplan.layouts.placement.weighted_cuts import WeightedCuts
@@ -235,6 +236,8 @@ def test_the_sites_a_fractional_layout_has_most_of_give_the_cut_of_the_largest_s
             largest = set(order[: fails[-1]])
             border = route.breach(largest, its.most[r])
             needed = outside(route, its.most[r], largest, border)
+            if needed and y[list(needed)].sum() > 0:
+                assert not its.needs._failing(r, y / y[list(needed)].sum())  # what is met is not asked for
             if y[list(needed)].sum() >= 1 - 1e-3:
                 assert not found
             else:
@@ -344,23 +347,56 @@ def test_a_weighted_cut_gives_every_site_one_over_the_fewest_it_takes(name, seed
                 assert set(found) == missed
 
 
+def plain(cuts):
+    return [(cut.where, cut.columns.tolist(), cut.weights.tolist(), cut.least) for cut in cuts]
+
+
 @pytest.mark.parametrize(("name", "seed"), CASES)
-def test_a_fractional_layout_meets_the_weighted_cuts_of_all_stretches_or_those_of_failing_sets(name, seed, case):
+def test_a_fractional_layout_gets_the_weighted_cuts_of_the_worst_stretch_of_every_route_first(
+    name, seed, case, monkeypatch
+):
     its = case(name, seed, share=0.15)
     for y in (np.full(its.n, 0.3), np.random.default_rng(seed).uniform(0, 0.5, its.n), np.ones(its.n)):
-        expected = set()
+        ranked = []
         for r, route in enumerate(its.routes):
             weighted = WeightedCuts(r, route, its.most[r], 1)
-            for first, last in route.unread(its.most[r]):
-                stretches = weighted.stretches(first, last)
-                if stretches.least(y) < 1 - 1e-3:
-                    expected |= {(c.where, tuple(c.columns), tuple(c.weights)) for c in weighted.beyond(stretches, y)}
+            mine = [weighted.stretches(first, last) for first, last in route.unread(its.most[r])]
+            mine.sort(key=lambda stretches: stretches.least(y))
+            ranked += [(rank, x.least(y), r, weighted, x) for rank, x in enumerate(mine) if x.least(y) < 1 - 1e-3]
+        ranked.sort(key=lambda entry: entry[:3])
+        expected, least, work = [], None, 0
+        for *_, weighted, stretches in ranked:
+            work += len(stretches.sites) * len(stretches.untried(y))
+            expected += plain(weighted.beyond(stretches, y))
+            least = len(expected) if least is None and work and expected else least
         needs = FusedRequirements(its.routes, its.limits)
-        found = [(c.where, tuple(c.columns), tuple(c.weights)) for c in needs._weighted(y)]
-        assert set(found) == expected
+        found = plain(needs._weighted(y))
+        assert found == expected
         failing = [cut for r in range(len(its.routes)) for cut in needs._failing(r, y)]
-        beyond = [(c.where, tuple(c.columns), tuple(c.weights)) for c in needs.cuts_beyond(y)]
-        assert beyond == (found or [(c.where, tuple(c.columns), tuple(c.weights)) for c in failing])
-        where = [cut[0] for cut in found]
-        first_of = [where.index(w) for w in dict.fromkeys(w[0] for w in where) for w in where if w[0] == w]
-        assert first_of == sorted(first_of)
+        assert plain(needs.cuts_beyond(y)) == (found or plain(failing))
+        monkeypatch.setattr(
+            fused_requirements, "_PAIRS_AT_ONCE", 0
+        )  # stop when pairs were tried and something is found
+        few = plain(FusedRequirements(its.routes, its.limits)._weighted(y))
+        monkeypatch.undo()
+        assert few == expected[:least]
+
+
+@pytest.mark.parametrize("most", [1, 2, 3])
+def test_a_route_gives_no_more_cuts_than_so_many_at_a_time(most, case, monkeypatch):
+    monkeypatch.setattr(fused_requirements, "_CUTS_PER_ROUTE", most)
+    its = case("tags", 0, share=0.02)
+    number = [0] * len(its.routes)
+    for cut in its.needs.cuts(np.zeros(its.n, dtype=bool)):
+        number[cut.where[0]] += 1
+    assert max(number) == most
+
+
+@pytest.mark.parametrize(("name", "seed"), CASES)
+def test_a_limit_that_is_just_met_is_met(name, seed, case):
+    its = case(name, seed)
+    for alive in its.layouts()[:: max(1, 2**its.n // 5)]:
+        chosen = np.isin(np.arange(its.n), list(alive))
+        limits = [route.worst(alive) + 1e-12 for route in its.routes]
+        assert not FusedRequirements(its.routes, limits).cuts(chosen)
+    assert WeightedCuts(0, its.routes[0], 4.0, 1).most >= 4.0

@@ -348,7 +348,16 @@ def test_cuts_of_a_slot_are_met_by_all_layouts_that_hold_to_its_end_and_missed_b
             good = layouts[np.array(worst) <= its.limit**2 * (1 - 1e-9)]
             for k in np.flatnonzero(early | late)[::3].tolist():
                 alive = np.array(its.readings(route, np.flatnonzero(layouts[k]).tolist()), dtype=np.intp)
-                for cut in needs._cuts_of(layouts[k], route, slot, bool(early[k]), alive):
+                found = needs._cuts_of(layouts[k], route, slot, bool(early[k]), alive)
+                placing = [e for e in alive.tolist() if table.breakpoint[e] <= slot and needs.places[e]]
+                latest = placing[-1] if placing else -1
+                until = needs.last_slot_of[latest] if placing else needs.last_slot_of_start[route]
+                if needs.sure[route] and until < slot:  # beyond reach whatever the heading
+                    expected = needs._sure_cut(layouts[k], route, slot, latest)
+                    assert [(x.columns.tolist(), x.weights.tolist()) for x in found] == [
+                        (expected.columns.tolist(), expected.weights.tolist())
+                    ]
+                for cut in found:
                     assert cut.where == (route, slot)
                     if not needs.sure[route]:  # a set that fails for good, if there is one, where the limit breaks
                         at = slot + (not early[k])

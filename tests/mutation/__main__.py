@@ -45,7 +45,7 @@ CORE = {  # module: the tests that should notice, the quickest first
     "layouts.placement.requirements": "layouts/test_requirement_rows.py layouts/test_requirements.py",
     "layouts.placement.exclusions": "layouts/test_exclusions.py",
     "layouts.placement.weighted_cuts": "layouts/test_fused_steps.py",
-    "layouts.placement.fused_requirements": "layouts/test_fused_steps.py layouts/test_fused_placement.py",
+    "layouts.placement.fused_requirements": "layouts/test_fused_steps.py",
     "layouts.placement.fused_routes": "layouts/test_fused_steps.py",
     "world.ros_map": "world/test_ros_map.py",
 }
