@@ -262,7 +262,7 @@ def test_costs_have_a_step_in_common_when_they_are_whole_numbers(cost, step):
 class Watched(LocalSearch):
     """A local search in which after every move all that is kept up to date is counted anew."""
 
-    def check(self, step):
+    def check(self):
         dense = self.rows.toarray()
         short = self.least - dense @ self.y
         np.testing.assert_allclose(self.short, short, atol=1e-9)
@@ -272,48 +272,35 @@ class Watched(LocalSearch):
         worth = (self.heavy[:, None] * (np.maximum(short, 0)[:, None] - np.maximum(after, 0))).sum(axis=0)
         np.testing.assert_allclose(self.worth, worth, atol=1e-7)
 
-    def _flip(self, column, step):
-        was = self.y.copy()
-        if was[column]:
-            self.removed(column, step)
-        else:
-            self.added(column)
-        super()._flip(column, step)
-        assert (self.y != was).nonzero()[0].tolist() == [column]
-        assert self.moved[column] == step
-        assert self.may_come[column] == self.y[column]
-        self.check(step)
-
-    def best(self, columns, column):
-        """The one of most worth per cost, of those the one that has rested longest, of those the first."""
-        worth = self.worth / self.cost
-        top = [c for c in columns if worth[c] >= worth[columns].max() - 1e-9]
-        assert column == min(top, key=lambda c: (self.moved[c], c))
-
-    def removed(self, column, step):
-        assert self.free[column]
+    def _remove(self, step, tabu):
+        assert tabu == (3 if self.missed.any() else 0)
         here = np.flatnonzero(self.y & self.free)
-        rested = [c for c in here if self.moved[c] < step - 3]
-        self.best(here if not self.missed.any() or not rested else rested, column)
-
-    def added(self, column):
-        assert self.free[column]
-        assert self.may_come[column]
-        dense = self.rows.toarray()
-        helped = [r for r in np.flatnonzero(self.missed) if dense[r, column] > 0]
-        assert helped
-        assert self.paid + self.cost[column] < self.under - 1e-6
-        able = ~self.y & self.free & self.may_come & (self.paid + self.cost < self.under - 1e-6)
-        fitting = [np.flatnonzero(able & (dense[r] > 0)) for r in helped]
-        worth = self.worth / self.cost
-        assert any(worth[column] >= worth[some].max() - 1e-9 for some in fitting)
+        rested = here[self.moved[here] < step - tabu] if tabu else here
+        self.allowed = [rested if len(rested) else here]
+        return super()._remove(step, tabu)
 
     def _add(self, step, under):
-        self.under = under
-        before = self.heavy.copy()
+        dense = self.rows.toarray()
+        cost = np.where(self.y, -self.cost, self.cost)  # of putting it in, or taking it out where that helps
+        able = self.free & self.may_come & (self.paid + cost < under - 1e-6)
+        helps = np.where(self.y, dense < 0, dense > 0) & able
+        self.allowed = [np.flatnonzero(helps[r]) for r in np.flatnonzero(self.missed)]
         done = super()._add(step, under)
-        np.testing.assert_array_equal(before, self.heavy)
+        assert done or not all(len(some) for some in self.allowed)
         return done
+
+    def _flip(self, column, step):
+        worth, was = self.worth / self.cost, self.y.copy()
+        tops = [[c for c in some if worth[c] >= worth[some].max() - 1e-9] for some in self.allowed if len(some)]
+        # of most worth per cost, of those the one that has rested longest, of those the first
+        assert column in [min(top, key=lambda c: (self.moved[c], c)) for top in tops]
+        super()._flip(column, step)
+        assert np.flatnonzero(self.y != was).tolist() == [column]
+        assert self.moved[column] == step
+        assert self.may_come[column] == self.y[column]
+        shares = (self.rows.toarray()[self.rows.toarray()[:, column] != 0] != 0).any(axis=0)
+        assert self.may_come[shares & (np.arange(len(was)) != column)].all()
+        self.check()
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -323,8 +310,13 @@ def test_a_local_search_keeps_count_and_always_makes_the_best_move(seed):
     matrix[np.arange(18), rng.integers(0, 12, 18)] = 1.0
     least = np.minimum(rng.integers(1, 3, 18), matrix.sum(axis=1))
     cost, free = rng.integers(1, 5, 12).astype(float), rng.random(12) < 0.9
+    matrix = np.concatenate([matrix, -(rng.random((2, 12)) < 0.4).astype(float)])  # the last two are caps
+    least = np.append(least, [-4.0, -12.0])
+    start = milp(
+        np.ones(12), integrality=np.ones(12), bounds=Bounds(~free, 1), constraints=LinearConstraint(matrix, lb=least)
+    )
     search = Watched(cost, csr_array(matrix), least, free, seed)
-    found = search.improve(np.ones(12, dtype=bool), np.inf, patience=60)
+    found = search.improve(start.x > 0.5, np.inf, patience=60)
     assert (matrix @ found >= least).all()
     assert found[~free].all()
     low = (~free).astype(float)
@@ -354,8 +346,10 @@ def test_a_local_search_stops_at_the_goal_in_time_and_where_nothing_may_go(monke
         return 5.0 * len(looks)
 
     monkeypatch.setattr(local_search, "time", SimpleNamespace(monotonic=monotonic))
-    assert search().improve(start, 12.0, goal=0.0).sum() == 1
+    late = search()
+    assert late.improve(start, 12.0, goal=0.0).sum() == 1
     assert len(looks) == 3
+    assert late.heavy.tolist() == [3 * 64.0]  # missed in every step but the first and the last
 
 
 def test_rows_that_stay_missed_grow_heavier_by_one_a_step():

@@ -46,7 +46,7 @@ CORE = {  # module: the tests that should notice, the quickest first
     "layouts.placement.exclusions": "layouts/test_exclusions.py",
     "layouts.placement.weighted_cuts": "layouts/test_fused_steps.py",
     "layouts.placement.fused_requirements": "layouts/test_fused_steps.py",
-    "layouts.placement.fused_routes": "layouts/test_fused_steps.py",
+    "layouts.placement.fused_routes": "layouts/test_fused_steps.py layouts/test_fused_placement.py",
     "world.ros_map": "world/test_ros_map.py",
 }
 PATIENCE = 4.0  # times the processor seconds that the tests take without a fault
