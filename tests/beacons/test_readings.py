@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -28,9 +29,15 @@ TAG = BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
 ROUND_TRIP = np.array([(0, 0), (10, 0), (10, 0), (10, -3), (0, -3)], dtype=float)
 BEACONS = [
     Beacon(BeaconKind.rfid(1.6, 0.1), 4.0, -1.45),
+    Beacon(BeaconKind.rfid(1.6, 0.1), 8.0, -1.5),
     Beacon(BeaconKind.rfid(3.0, 0.1), 9.0, 1.0),
     Beacon(TAG, 0.0, 0.5),
 ]
+
+
+def turned(points: np.ndarray, angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return points @ np.array([[c, s], [-s, c]])
 
 
 def drift_of(count: int, seed: int) -> SimpleNamespace:
@@ -43,16 +50,18 @@ def drift_of(count: int, seed: int) -> SimpleNamespace:
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.3])
-def test_a_pass_happens_for_the_errors_that_leave_the_beacon_within_range_of_its_stretch(scale):
+@pytest.mark.parametrize("angle", [0.0, 0.6])
+def test_a_pass_happens_for_the_errors_that_leave_the_beacon_within_range_of_its_stretch(scale, angle):
     """The same by shapely, error by error: the beacon moved by the error, against the path within four rms of the pass
     and not beyond half-way to the next of the same beacon."""
-    columns = BeaconColumns.of(BEACONS)
-    passes = columns.passes(ROUND_TRIP, None)
-    assert passes.beacon.tolist() == [0, 0, 1, 2]
+    path = turned(ROUND_TRIP, angle)
+    columns = BeaconColumns.of([replace(b, x=x, y=y) for b in BEACONS for x, y in [turned(b.xy, angle).tolist()]])
+    passes = columns.passes(path, None)
+    assert passes.beacon.tolist() == [0, 0, 1, 1, 2, 3]
     drift = drift_of(len(passes.beacon), 3)
     drift.bias, drift.cov, drift.rms = scale * drift.bias, scale**2 * drift.cov, scale * drift.rms
-    found = chances_of_passes(ROUND_TRIP, passes, columns, drift)
-    line = shapely.LineString(ROUND_TRIP)
+    found = chances_of_passes(path, passes, columns, drift)
+    line = shapely.LineString(path)
     for k, beacon in enumerate(passes.beacon.tolist()):
         begin = passes.enter[k] - BEACONS[beacon].kind.range_m - 4 * drift.rms[k]
         end = passes.leave[k] + BEACONS[beacon].kind.range_m + 4 * drift.rms[k]
@@ -66,7 +75,7 @@ def test_a_pass_happens_for_the_errors_that_leave_the_beacon_within_range_of_its
         expected = np.mean(shapely.distance(places, near) <= BEACONS[beacon].kind.range_m)
         assert found[k] == pytest.approx(expected, abs=1.5 / 512)  # one error may lie on the rim
     assert ((found > 0.05) & (found < 0.99)).any()
-    straight = np.delete(ROUND_TRIP, 2, axis=0)  # without the waypoint that stands there twice
+    straight = np.delete(path, 2, axis=0)  # without the waypoint that stands there twice
     np.testing.assert_allclose(chances_of_passes(straight, passes, columns, drift), found, atol=1e-12)
 
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from driftplan.model.filter_state import FilterState
-from driftplan.model.fusion import _as_moments, _of_moments, belief_at_start, misused_from
-from driftplan.model.moments import Moments
-from driftplan.model.noise import NO_SPREAD, SystematicSpread
+from driftplan.model.fusion import _as_moments, _of_moments, belief_at_start, fuse, misused_from
+from driftplan.model.moments import Moments, identity
+from driftplan.model.noise import NO_SPREAD, OdometryNoise, SystematicSpread
+from driftplan.model.paths import read_path
 from driftplan.model.point_drift import PointDrift
 from driftplan.model.readings import Fix, Readings
 
@@ -50,6 +51,17 @@ def test_a_gaussian_error_has_the_moments_of_its_average_and_comes_back_from_the
     for name, value in averaged(0 * mean, P).items():
         assert complex(getattr(unbiased, name)) == pytest.approx(complex(value), rel=1e-10, abs=1e-15), name
     assert _of_moments(unbiased, NO_SPREAD).mean is None
+
+
+def test_without_readings_a_robot_drives_on_whatever_borders_are_named():
+    runs, noise = read_path([(0, 0), (3, 1), (5, 0)]), OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-2)
+    which, position = np.zeros(2, dtype=int), Readings.of([Fix.position(2.0, position_std_m=0.01)])
+    ends = [
+        float(fuse(runs, which, (noise,), NO_SPREAD, identity(), *given)[0].leaving.N[1])
+        for given in ((), (None, np.array([1])), (position, None), (position, np.array([1])))
+    ]
+    assert ends[0] == ends[1] == ends[2] > 0.02
+    assert ends[3] < 2.1e-4
 
 
 def test_what_is_known_at_the_start_is_what_a_fix_says():
