@@ -31,11 +31,12 @@ from driftplan.planning.request import (
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.beacon_walks import ROUNDING
 from driftplan.planning.roadmap.diagnosis import why_infeasible
-from driftplan.planning.roadmap.prices import exact_drift, length_of, noises_of
+from driftplan.planning.roadmap.prices import exact_drift, length_of
 from driftplan.planning.status import Status
 from driftplan.planning.unaided import Unaided, best_unaided
 from driftplan.tables import Tabular
 from driftplan.world.world import World
+from driftplan.world.zones import noises_on
 
 _UNAIDED_SHARE = 0.3  # of the time limit, for the route that would be best without a limit
 _SEARCH_SHARE = 0.75  # of it for all searches; the rest is for shortening what was found
@@ -358,7 +359,7 @@ def _dead_reckoned(request: PlanRequest, minimise: Objective, path: Floats, foun
     score, bound, heading_std = float(drift.length), found.least.length, math.inf
     if minimise != "length":
         mean_square, heading_std = found.least.bound(
-            noises_of(request.world, request.noise), float(drift.end.heading_std)
+            noises_on(request.world, request.noise), float(drift.end.heading_std)
         )
         score, bound = float(drift.end.rms), math.sqrt(mean_square)
     worst = worst_rms(drift)

@@ -27,6 +27,7 @@ from driftplan.arrays import Bools, Complexes, Floats, Ints
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.cost import CostRates, bracket
 from driftplan.world.world import World
+from driftplan.world.zones import noises_on
 
 # A corner of free space made larger by the margin is rounded by chords, at 0.92 margins from the corner; of these,
 # thinning the outline out takes 0.45, and the chords of the flattened plane 0.3.
@@ -158,7 +159,7 @@ def tight_least_route(
     >>> 0.98 < least.cost([noise]) / LeastRoute.of_path(path).cost([noise]) <= 1
     True
     """
-    noises = (noise, *(zone.noise for zone in world.zones))
+    noises = noises_on(world, noise)
     margin = first_margin_m(world)
     straight = float(np.linalg.norm(path[-1] - path[0]))
     cost, best = LeastRoute.of_path(path).cost(noises), LeastRoute(straight**3 / 3, straight)

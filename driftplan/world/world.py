@@ -307,9 +307,7 @@ class World:
         if path.ndim != 2 or len(path) < 2:
             raise ValueError(f"expected a path (n, 2) of 2 or more waypoints, got an array of shape {path.shape}")
         pieces = self.zone_pieces(path[:-1], path[1:])
-        start, end = path[:-1][pieces.segment], path[1:][pieces.segment]
-        cuts = np.where((pieces.end < 1)[:, None], start + pieces.end[:, None] * (end - start), end)
-        return np.concatenate([path[:1], cuts]), pieces.zone
+        return pieces.cut(path), pieces.zone
 
     # Derived once, never copied: a pickled world is its map, and derives again.
 

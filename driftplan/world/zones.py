@@ -115,6 +115,12 @@ class ZonePieces(NamedTuple):
     end: Floats  # (n,) ends, as fractions of the segment's length
     zone: Ints  # (n,) index of the zone in `World.zones`, -1 outside all
 
+    def cut(self, path: Floats) -> Floats:
+        """The path (m, 2) of whose legs these are the pieces, with a waypoint where each of them ends."""
+        start, end = path[:-1][self.segment], path[1:][self.segment]
+        cuts = np.where((self.end < 1)[:, None], start + self.end[:, None] * (end - start), end)
+        return np.concatenate([path[:1], cuts])
+
 
 class ZoneIndex:
     """The zones of a world, to be asked about many points and segments, from any number of threads."""

@@ -22,7 +22,7 @@ from driftplan.planning.ompl.spaces import SpaceKind, space_kind
 from driftplan.planning.request import DriftLimit, Objective, Reliance, check_objective
 from driftplan.planning.roadmap.beacon_growth import BeaconRouteGrowth
 from driftplan.planning.roadmap.growth import RoadmapSearch
-from driftplan.planning.roadmap.prices import AdditiveCost, Space, exact_drift, noises_of
+from driftplan.planning.roadmap.prices import AdditiveCost, Space, exact_drift
 from driftplan.planning.routes import Route
 from driftplan.planning.taut_strings import LeastRoute, tight_least_route
 from driftplan.world.world import World
@@ -178,7 +178,7 @@ class RoadmapPlanner(ob.Planner):
         if pricing.minimise == "length":
             return least.length, inf
         end = exact_drift(pricing.space, path, pricing.noise, search.start_heading).end
-        mean_square, heading_std = least.bound(noises_of(pricing.space, pricing.noise), float(end.heading_std))
+        mean_square, heading_std = least.bound(pricing.noises, float(end.heading_std))
         return min(mean_square, search.cost), heading_std
 
     def bestCost(self) -> Any:

@@ -17,6 +17,7 @@ from driftplan.planning.roadmap.edge_steps import NO_SITE, Steps, edge_steps
 from driftplan.planning.roadmap.fused_edges import FusedEdges, FusedEffects
 from driftplan.planning.roadmap.reset_edges import ResetEdges, ResetEffects
 from driftplan.world.world import World
+from driftplan.world.zones import noises_on
 
 Effects = ResetEffects | FusedEffects  # what driving edges does to the errors
 
@@ -58,7 +59,7 @@ class BeaconGraph:
         length = np.abs(vector)
         steps = edge_steps(xy[tail], vector / length, length, BeaconColumns.of(beacons), world)
         kind = FusedEdges if estimator == "filter" else ResetEdges
-        errors = kind(steps, _noises(noise, world), beacons)
+        errors = kind(steps, noises_on(world, noise), beacons)
         return cls(
             xy=xy,
             first=np.searchsorted(tail, np.arange(len(xy) + 1)),
@@ -98,11 +99,11 @@ class BeaconGraph:
 
     @property
     def turns_matter(self) -> bool:
-        return any(noise.turns_matter for noise in _noises(self.noise, self.world))
+        return any(noise.turns_matter for noise in noises_on(self.world, self.noise))
 
     def worst_turn(self) -> tuple[float, float]:
         """Heading and position variance per radian turned, at most."""
-        noises = _noises(self.noise, self.world)
+        noises = noises_on(self.world, self.noise)
         return max(x.heading_var_per_rad for x in noises), max(x.distance_var_per_rad for x in noises)
 
     def turned(self, node: int, arriving: complex, states: Floats) -> Floats:
@@ -111,7 +112,7 @@ class BeaconGraph:
         if node not in known:
             away = self.direction[self.first[node] : self.first[node + 1]]
             turn_rad = wrap(np.angle(away) - np.angle(arriving))
-            noises, which = _noises(self.noise, self.world), 1 + self._zone_after(node, away)
+            noises, which = noises_on(self.world, self.noise), 1 + self._zone_after(node, away)
             parts = np.unique(which).tolist()
             done = [self.errors.turns(turn_rad[which == k], arriving, noises[k]) for k in parts]
             order = np.concatenate([np.flatnonzero(which == k) for k in parts])
@@ -124,8 +125,3 @@ class BeaconGraph:
             return np.full(len(away), -1, dtype=np.intp)
         points = self.xy[node] + 1e-6 * np.stack([away.real, away.imag], axis=-1)
         return np.asarray(self.world.zone_at(points), dtype=np.intp)
-
-
-def _noises(noise: OdometryNoise, world: World | None) -> list[OdometryNoise]:
-    """The noise, and that of every zone."""
-    return [noise, *(zone.noise for zone in (() if world is None else world.zones))]

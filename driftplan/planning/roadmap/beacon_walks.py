@@ -32,6 +32,7 @@ from driftplan.planning.roadmap.itinerary_check import ALL_ALIVE, ItineraryCheck
 from driftplan.planning.roadmap.label_search import LabelProblem, Walk, best_walk
 from driftplan.planning.roadmap.prices import AdditiveCost, Score, Space, length_of
 from driftplan.world.world import World
+from driftplan.world.zones import noises_on
 
 WORST_TOLERANCE = 0.02  # of the least worst drift, and of end drifts that dead beacons change
 ROUNDING = 1e-9
@@ -109,7 +110,7 @@ class BeaconWalks:
     @property
     def noises(self) -> tuple[OdometryNoise, ...]:
         """The noise, and that of every zone."""
-        return (self.noise, *(zone.noise for zone in (() if self.world is None else self.world.zones)))
+        return noises_on(self.world, self.noise)
 
     @property
     def roadmap(self) -> Roadmap | None:

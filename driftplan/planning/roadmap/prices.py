@@ -19,7 +19,7 @@ from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.planning.cost import CostRates, edge_cost, geodesic_cost, turn_cost
-from driftplan.world.zones import Zone, ZonePieces
+from driftplan.world.zones import Zone, ZonePieces, noises_on
 
 Score = Literal["drift", "length"]
 
@@ -63,7 +63,7 @@ class AdditiveCost:
     goal: Floats
     noise: OdometryNoise
     minimise: Score = "drift"
-    _rates: Floats = field(init=False, repr=False)  # (n, 4) of the zones, and last of everywhere else
+    _rates: Floats = field(init=False, repr=False)  # (n, 4) of everywhere else, and of the zones
     _floor: CostRates = field(init=False, repr=False)  # the least of all
 
     def __post_init__(self) -> None:
@@ -74,8 +74,8 @@ class AdditiveCost:
 
     @property
     def noises(self) -> tuple[OdometryNoise, ...]:
-        """Of every zone, then the noise outside: zone -1 is the last."""
-        return noises_of(self.space, self.noise)
+        """The noise outside all zones, then that of every zone."""
+        return noises_on(self.space, self.noise)
 
     @property
     def has_zones(self) -> bool:
@@ -119,12 +119,7 @@ class AdditiveCost:
 
     def _at(self, zone: Ints | int) -> CostRates:
         """The rates of a zone, or of one for each item."""
-        return CostRates(*self._rates[zone].T)
-
-
-def noises_of(space: Space, noise: OdometryNoise) -> tuple[OdometryNoise, ...]:
-    """The noise of every zone of a space, then the one outside of them, so that zone -1 finds it."""
-    return (*(zone.noise for zone in space.zones), noise)
+        return CostRates(*self._rates[zone + 1].T)
 
 
 def exact_drift(
@@ -134,13 +129,9 @@ def exact_drift(
     if not space.zones:
         return predict_drift(path, noise, fixes=fixes, start_heading=start_heading)
     pieces = space.zone_pieces(path[:-1], path[1:])
-    step = np.diff(path, axis=0)[pieces.segment]
-    ends = np.where(
-        (pieces.end < 1)[:, None], path[pieces.segment] + pieces.end[:, None] * step, path[pieces.segment + 1]
-    )
-    noises = noises_of(space, noise)
-    cut = np.concatenate([path[:1], ends])
-    return predict_drift(cut, [noises[zone] for zone in pieces.zone], fixes=fixes, start_heading=start_heading)
+    noises = noises_on(space, noise)
+    legs = [noises[zone + 1] for zone in pieces.zone.tolist()]
+    return predict_drift(pieces.cut(path), legs, fixes=fixes, start_heading=start_heading)
 
 
 def turn_angles(xy: Floats, start_heading: float | None) -> Floats:
