@@ -7,9 +7,13 @@ they live is said in `__init__.pyi` alone.
 
 from __future__ import annotations
 
+import os
 import re
+import sys
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
+from threading import Lock, RLock
 from typing import Any
 
 _IMPORT = re.compile(r"^from (\.\S+) import (\w+) as \2$", re.MULTILINE)
@@ -38,3 +42,17 @@ def __getattr__(name: str) -> Any:
 def __dir__() -> list[str]:
     """The names of the first hour, in the order in which they are met; all there are: ``__all__``."""
     return list(_FIRST_HOUR)
+
+
+def _free_locks() -> None:
+    """A forked process finds no lock held by threads that it has not: of a module, or (Python 3.11) of a property."""
+    for module in [module for name, module in sys.modules.items() if name.startswith("driftplan.")]:
+        for name, value in list(vars(module).items()):
+            if isinstance(value, type(Lock())):
+                setattr(module, name, Lock())
+            for part in vars(value).values() if isinstance(value, type) else ():
+                if isinstance(part, cached_property) and hasattr(part, "lock"):
+                    part.lock = RLock()
+
+
+os.register_at_fork(after_in_child=_free_locks)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import inf, isfinite
 from reprlib import repr as short
-from typing import Any, SupportsFloat, cast
+from typing import Any, SupportsFloat, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,6 +72,13 @@ def whole(name: str, value: object, *, least: int) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise ValueError(f"expected {name} a whole number >= {least}, got {short(value)}")
     return int(value)
+
+
+def choice(name: str, value: object, kinds: object) -> None:
+    """One of the words of a ``Literal``, which an array is not."""
+    if not isinstance(value, str) or value not in get_args(kinds):
+        error = ValueError if isinstance(value, str) else ArgumentError
+        raise error(f"expected {name} one of {get_args(kinds)}, got {short(value)}")
 
 
 def bounded(what: str, count: float, most: float, remedy: str) -> float:

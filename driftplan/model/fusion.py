@@ -104,10 +104,11 @@ def _of_moments(start: Moments, spread: SystematicSpread) -> FilterState:
     """The Gaussian error that has these moments, to first order in the correlation of position and heading."""
     size = 3 + len(spread.names)
     P, mean = np.zeros((*start.shape, size, size)), np.zeros((*start.shape, size))
-    r = 1 + np.asarray(start.d1)
+    length = np.maximum(2 * np.real(start.d1) + np.abs(start.d1) ** 2, 1e-15 - 1)  # |r|² - 1: any heading from 6 rad on
+    r = np.where(length > 1e-15 - 1, 1 + np.asarray(start.d1), 1e-7)
     mean[..., :2], mean[..., 2] = as_plane(start.e1), np.angle(r)
     P[..., :2, :2] = as_covariance(start.e1, start.N, start.e2)
-    P[..., 2, 2] = np.maximum(-np.log1p(2 * np.real(start.d1) + np.abs(start.d1) ** 2), 0.0)
+    P[..., 2, 2] = np.maximum(-np.log1p(length), 0.0)
     P[..., :2, 2] = P[..., 2, :2] = as_plane(((start.b + start.e1) / r - start.e1) / 1j)
     P[..., range(3, size), range(3, size)] = spread.variances
     return FilterState.from_matrix(P, mean if mean.any() else None)

@@ -11,12 +11,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from math import prod, radians, tau
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from driftplan.arrays import not_negative, number, positive, shaped
+from driftplan.arrays import choice, not_negative, number, positive, shaped
 
 HeadingLaw = Literal["gaussian", "laplace", "von_mises", "uniform"]
 
@@ -142,8 +142,7 @@ class OdometryNoise:
             raise ValueError(f"expected heading_distance_corr in [-1, 1], got {self.heading_distance_corr!r}")
         if self.distance_scale_error <= -1:
             raise ValueError(f"expected distance_scale_error > -1, got {self.distance_scale_error!r}")
-        if self.heading_law not in get_args(HeadingLaw):
-            raise ValueError(f"expected heading_law one of {get_args(HeadingLaw)}, got {self.heading_law!r}")
+        choice("heading_law", self.heading_law, HeadingLaw)
         if self.heading_law == "von_mises" and self.heading_distance_corr != 0:
             raise ValueError(
                 "heading_distance_corr is not defined for heading_law='von_mises': use 'gaussian', got both"

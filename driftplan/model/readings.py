@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import isnan
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +28,7 @@ from driftplan.arrays import (
     Floats,
     Ints,
     as_plane,
+    choice,
     covariance,
     finite,
     instance,
@@ -49,8 +50,7 @@ _NEAREST_ANCHOR_M = 0.01  # a range or bearing from nearer is left out: no direc
 
 def checked_estimator(estimator: str) -> None:
     """Whether it is one."""
-    if not isinstance(estimator, str) or estimator not in get_args(Estimator):
-        raise ValueError(f"expected estimator one of {get_args(Estimator)}, got {estimator!r}")
+    choice("estimator", estimator, Estimator)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

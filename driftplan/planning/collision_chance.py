@@ -95,6 +95,7 @@ def collision_chance(
     (True, True, True)
     """
     whole("runs", runs, least=1)
+    whole("seed", seed, least=0)
     if drift.distance.ndim != 1:
         raise ValueError(f"expected the drift of one path, got a batch of shape {drift.distance.shape[:-1]}")
     distance = _places(drift, None if spacing_m is None else positive("spacing_m", spacing_m))

@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import ROUND_CEILING, Context
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, finite, instance, number, point_of, positive, whole
+from driftplan.arrays import Floats, choice, finite, instance, number, point_of, positive, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns
 from driftplan.errors import GoalError, NoPathError, PlannerError, StartError
@@ -192,7 +192,7 @@ class PlanRequest:
 
     def __post_init__(self) -> None:
         instance("noise", self.noise, OdometryNoise)
-        check_objective(self.minimise)
+        choice("minimise", self.minimise, Objective)
         if self.iterations is not None:
             whole("iterations", self.iterations, least=1)
         if whole("seed", self.seed, least=0) >= _SEEDS:
@@ -240,11 +240,6 @@ class PlanRequest:
         """Whether what is asked depends on more than the end of the route: beacons, a limit, or the worst drift."""
         reliance = self.reliance
         return bool(reliance.beacons) or reliance.max_drift < math.inf or self.minimise == "worst_drift"
-
-
-def check_objective(minimise: object) -> None:
-    if minimise not in get_args(Objective):
-        raise ValueError(f"expected minimise one of {get_args(Objective)}, got {minimise!r}")
 
 
 def check_connected(world: World, ends: Floats) -> None:

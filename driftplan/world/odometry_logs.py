@@ -30,11 +30,11 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Complexes, Floats, positive
+from driftplan.arrays import Complexes, Floats, choice, positive
 from driftplan.errors import TrajectoryError, naming
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.world.log_checks import in_order, misread, seconds
@@ -126,8 +126,8 @@ def read_odometry(
     >>> log.times, log.turns.round(4)
     (array([0., 2., 3.]), array([0.    , 1.5708]))
     """
-    if kind is not None and kind not in get_args(Kind):
-        raise ValueError(f"expected kind one of {get_args(Kind)}, got {kind!r}")
+    if kind is not None:
+        choice("kind", kind, Kind)
     file = Path(path)
     table = read_recording(file, "odometry", variable)
     if columns is None and table.names is None and table.values.shape[1] == 3:

@@ -65,7 +65,8 @@ def broken(line: str, rng: random.Random) -> tuple[list[str], dict[str, bytes]]:
         elif change < 0.95 and options:
             words += _option(rng.choice(options), rng)
         else:
-            words[rng.randrange(len(words))] = rng.choice((*NUMBERS, *named, "--json", "--help"))
+            at = [k for k in range(len(words)) if words[k - 1] not in ("--time-limit", "--iterations")]
+            words[rng.choice(at)] = rng.choice((*NUMBERS, *named, "--json", "--help"))
     return words, files
 
 

@@ -16,6 +16,7 @@ from tests.fuzz.seeds import SEEDS
 
 CASES = sorted((Path(__file__).parent / "cases").iterdir())
 COUNT = int(os.environ.get("DRIFTPLAN_FUZZ", 0))
+LOAD_S = float(os.environ.get("DRIFTPLAN_LOAD", 60))  # DRIFTPLAN_LOAD=600 asks one world for ten minutes
 SEED = random.randrange(1000) if COUNT else 0  # the same files every day, others when many are asked for
 
 
@@ -65,6 +66,19 @@ def test_broken_files_of_every_format_are_read_or_refused_by_name(tmp_path):
 )
 def test_broken_command_lines_end_as_documented():
     status, said = run("commands", SEED, COUNT // 20 or 300)
+    assert status == 0, said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "count"), [("plan", 1000), ("place", 300), ("fit", 1000)])
+def test_nothing_is_kept_of_what_is_done_again_and_again(kind, count):
+    status, said = run("leaks", kind, count)
+    assert status == 0, said
+
+
+@pytest.mark.slow
+def test_threads_and_processes_under_load_get_the_answers_of_one_alone():
+    status, said = run("load", LOAD_S)
     assert status == 0, said
 
 

@@ -13,6 +13,7 @@ from driftplan import Beacon, BeaconKind, Fix, OdometryNoise, Run, drift_with_be
 from driftplan.model import filter_state
 from driftplan.model.covariance import path_legs
 from driftplan.model.filter_state import FilterState, position_rows
+from driftplan.model.fusion import belief_at_start
 from driftplan.model.paths import read_path
 from driftplan.model.worst import worst_rms
 
@@ -168,3 +169,10 @@ def test_many_paths_at_once(options):
         alone = filtered(path, fixes=(), **options)
         np.testing.assert_allclose(together.rms[k], alone.rms, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(together.at([0.5, 1.0]).rms[k], alone.at([0.5, 1.0]).rms, rtol=1e-9)
+
+
+@pytest.mark.parametrize("heading_std", [5.0, 9.0, 40.0, 1e9])
+def test_a_heading_of_which_nothing_is_known_at_the_start_is_a_wide_spread_and_no_infinity(heading_std):
+    state = belief_at_start(Fix(s_m=0.0, position_cov=0.01 * np.eye(2), heading_std=heading_std))
+    std = min(heading_std, 5.88)  # of 6 rad on all are alike: any direction
+    np.testing.assert_allclose(state.matrix, np.diag([0.01, 0.01, std**2]), rtol=0.01, atol=1e-9)

@@ -46,6 +46,12 @@ WRONG_OBJECTS = {
     "line_of_sight": lambda: d.BeaconKind.rfid(1.5, 0.1, line_of_sight="no"),
 }
 WRONG_VALUES = {
+    "minimise one of": lambda: d.plan_route(WORLD, *ENDS, NOISE, minimise=np.array(["drift", "length"])),
+    "heading_law one of": lambda: d.OdometryNoise(heading_law=np.zeros(2)),
+    "estimator one of .*, got 3": lambda: d.predict_drift(PATH, NOISE, estimator=3),
+    "seed a whole number .*, got array": lambda: d.collision_chance(
+        d.predict_drift(PATH, NOISE), WORLD, seed=np.eye(2)
+    ),
     "spacing_m to be a number": lambda: d.predict_drift(PATH, NOISE).profile("wide"),
     "x to be a number": lambda: WORLD.point_free("x", 1.0),
     "x0, y0": lambda: WORLD.segment_free(1.0, None, 2.0, 2.0),

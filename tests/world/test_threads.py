@@ -46,18 +46,53 @@ if __name__ == "__main__":
     busy.join()
     print("same")
 """
+FORKED = """
+import os
+from functools import cached_property
+from driftplan.planning.ompl import solve
+from driftplan.planning.roadmap import kept_graph
+locks = [kept_graph._MAKING, solve._OMPLS_OWN]  # as if in a thread that makes a graph, solves, derives from a world
+locks += [part.lock for part in vars(dp.World).values() if hasattr(part, "lock")]
+held, done = threading.Event(), threading.Event()
+def hold():
+    for lock in locks:
+        lock.acquire()
+    held.set()
+    done.wait()
+thread = threading.Thread(target=hold)
+thread.start()
+held.wait()
+child = os.fork()
+if not child:
+    import faulthandler
+    faulthandler.dump_traceback_later(60, exit=True)
+    world = dp.World.from_polygons([], bounds=(0, 0, 9, 9), robot_radius=0.3)
+    noise = dp.OdometryNoise(heading_var_per_m=1e-3)
+    dp.plan_routes(world, [[(1, 1), (8, 8)]], noise, workers=1)
+    dp.plan_route(world, (1, 1), (8, 8), noise, planner="bitstar", iterations=100)
+    os._exit(0)
+status = os.waitpid(child, 0)[1]
+done.set()
+assert status == 0
+print("same")
+"""
 ROUTES = """
 walls = [[(4, 0), (5, 0), (5, 7), (4, 7)], [(8, 3), (9, 3), (9, 10), (8, 10)]]
 world = dp.World.from_polygons(walls, bounds=(0, 0, 13, 10), robot_radius=0.3)
 noise = dp.OdometryNoise(heading_var_per_m=1e-3)
-plan = lambda seed: dp.plan_route(world, (1, 1), (12, 9), noise, iterations=1, seed=seed).path.tolist()
+def plan(seed, planner):
+    asked = {"iterations": 1000 if planner == "bitstar" else 1, "planner": planner, "seed": seed}
+    return dp.plan_route(world, (1, 1), (12, 9), noise, **asked).path.tolist()
+asked = ((0, 1, 0, 0, 1, 0), ("roadmap",) * 3 + ("bitstar",) * 3)  # OMPL's seed is the process's
 with ThreadPoolExecutor(3) as pool:
-    assert list(pool.map(plan, (0, 1, 0))) == list(map(plan, (0, 1, 0)))
+    assert list(pool.map(plan, *asked)) == list(map(plan, *asked))
 print("same")
 """
 
 
-@pytest.mark.parametrize("script", [THREADS, PROCESSES, ROUTES], ids=["threads", "processes", "routes"])
+@pytest.mark.parametrize(
+    "script", [THREADS, PROCESSES, FORKED, ROUTES], ids=["threads", "processes", "forked", "routes"]
+)
 def test_one_world_answers_many_at_once(script, tmp_path):
     file = tmp_path / "script.py"
     file.write_text(PREAMBLE + script)

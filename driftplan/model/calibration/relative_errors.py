@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, Ints, finite, whole
+from driftplan.arrays import Floats, Ints, choice, finite, whole
 from driftplan.model.calibration.matched_drive import MatchedDrive, match
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_sets import SegmentSet
@@ -100,8 +100,7 @@ def relative_errors(
     >>> [round(row.translation_percent, 2) for row in errors.lengths]  # of segments of 11 and 51 m, per 10 and 50 m
     [2.2, 2.04]
     """
-    if not isinstance(pairs, str) or pairs not in get_args(Pairs):
-        raise ValueError(f"expected pairs one of {get_args(Pairs)}, got {pairs!r}")
+    choice("pairs", pairs, Pairs)
     step = whole("step", step, least=1)
     estimated, true = _matrices("estimate", estimate), _matrices("truth", truth)
     if estimated.shape != true.shape:

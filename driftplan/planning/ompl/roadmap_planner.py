@@ -12,14 +12,14 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from driftplan.arrays import Floats, Ints, whole
+from driftplan.arrays import Floats, Ints, choice, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise, check_continuous
 from driftplan.model.readings import Estimator, Fix
 from driftplan.planning.ompl.roadmap_problem import ClippedWorld, OmplCheckedSpace, Target, box_of, target_of
 from driftplan.planning.ompl.spaces import SpaceKind, space_kind
-from driftplan.planning.request import DriftLimit, Objective, Reliance, check_objective
+from driftplan.planning.request import DriftLimit, Objective, Reliance
 from driftplan.planning.roadmap.beacon_growth import BeaconRouteGrowth
 from driftplan.planning.roadmap.growth import RoadmapSearch
 from driftplan.planning.roadmap.prices import AdditiveCost, Space, exact_drift
@@ -134,7 +134,7 @@ class RoadmapPlanner(ob.Planner):
         self._target = None if objective is None else target_of(objective)
         self._seed = whole("seed", seed, least=0)
         if minimise is not None:
-            check_objective(minimise)
+            choice("minimise", minimise, Objective)
         self._minimise, self._noise = minimise, noise
         self._max_nodes = whole("max_nodes", max_nodes, least=10)
         self._length_weight: float = getattr(objective, "length_weight", 0.0)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ PLANNERS = {
     "bitstar": og.BITstar,
 }
 
+_OMPLS_OWN = Lock()
 _FEASIBLE_ONLY = "it stops at the first path and never asks what a path costs"
 _DEADLOCK = "it prices paths in a thread that waits for ever for a Python objective"
 _COST_AS_METRIC = "it takes the cost for the metric of its nearest-neighbour search, which drift is not"
@@ -78,7 +80,11 @@ def solve(
     process: the same seed gives the same samples, but how many are drawn depends on the time, unless the number of
     ``iterations`` ends the search.
     """
-    with _quiet():
+    turn = _OMPLS_OWN
+    while not turn.acquire(timeout=0.02):  # another thread plans
+        if stop():
+            return None
+    with _quiet(turn):
         ou.RNG.setSeed(seed + 1)  # OMPL refuses 0
         space = ob.RealVectorStateSpace(2)
         bounds = ob.RealVectorBounds(2)
@@ -116,11 +122,12 @@ def solve(
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
-    """Without OMPL's talk on stdout and stderr."""
+def _quiet(turn: Lock) -> Iterator[None]:
+    """Without OMPL's talk on stdout and stderr, which like its seed is the process's: it is nobody else's turn."""
     level: Any = ou.getLogLevel()
     ou.setLogLevel(ou.LOG_NONE)
     try:
         yield
     finally:
         ou.setLogLevel(level)
+        turn.release()
