@@ -197,9 +197,6 @@ export class Panel {
     scene.routes.forEach((route, k) => {
       const line = this.lines[k] ?? (this.lines[k] = this.rowOf(k)), { cells } = line;
       line.pick.checked = k === this.session.selected.route;
-      const state = [route.name, drifts[k], others[k], route.limit_m];
-      if (line.state?.every((x, i) => x === state[i])) return;
-      line.state = state;
       line.name.textContent = route.name;
       const broken = drifts[k] instanceof Error, { limit_m: limit } = route, over = exceeds(worst[k], limit);
       cells[1].textContent = broken ? "–" : drifts[k].length.toFixed(1);

@@ -62,11 +62,11 @@ export class Walls {
     const edges = this.near(Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys));
     if (this.inside(ex, ey)) return [];
     if (edges.length === 0) return [[0, length]];
-    if (length < FLAT) return edges.some((e) => meets(e, a, eye)) ? [] : [[0, length]];
-    const ux = (b[0] - a[0]) / length, uy = (b[1] - a[1]) / length;
-    const onLine = Math.abs(cross(ux, uy, ex - a[0], ey - a[1])) < FLAT;
-    const shadows = onLine ? shadowsOnLine(edges, eye, a, ux, uy, length) : shadowsOf(edges, eye, a, b, length);
-    return shadows.length ? gaps(shadows, length) : [[0, length]];
+    const isPoint = length < FLAT, end = isPoint ? eye : b, span = Math.hypot(end[0] - a[0], end[1] - a[1]) || 1;
+    const ux = (end[0] - a[0]) / span, uy = (end[1] - a[1]) / span, onLine = Math.abs(cross(ux, uy, ex - a[0], ey - a[1])) < FLAT;
+    const shadows = isPoint || onLine ? shadowsOnLine(edges, eye, a, ux, uy, length) : shadowsOf(edges, eye, a, b, length);
+    if (!shadows.length) return [[0, length]];
+    return isPoint ? [] : gaps(shadows, length);
   }
 
   /** The place on a wall nearest to a point, or null if none is within `reach`. */
@@ -97,14 +97,6 @@ function insideRings(rings, x, y) {
     }
   }
   return inside;
-}
-
-/** Whether the segment from p to q meets an edge. */
-function meets([ax, ay, bx, by], [px, py], [qx, qy]) {
-  const s1 = cross(qx - px, qy - py, ax - px, ay - py), s2 = cross(qx - px, qy - py, bx - px, by - py);
-  const s3 = cross(bx - ax, by - ay, px - ax, py - ay), s4 = cross(bx - ax, by - ay, qx - ax, qy - ay);
-  return s1 * s2 <= 0 && s3 * s4 <= 0 && Math.min(px, qx) <= Math.max(ax, bx) && Math.max(px, qx) >= Math.min(ax, bx)
-    && Math.min(py, qy) <= Math.max(ay, by) && Math.max(py, qy) >= Math.min(ay, by);
 }
 
 /** The intervals of the chord from a to b that edges hide from the eye: each clipped to the triangle, seen from it. */

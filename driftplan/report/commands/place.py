@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, Progress, talk
-from driftplan.report.commands.option import Command, Group, Idle, Option, input_file, label
+from driftplan.report.commands.option import Command, Group, Idle, Option, label
 from driftplan.report.records import record
 from driftplan.tables import counted, decimals, numbers, table, yes_no
 
@@ -184,11 +184,7 @@ COMMAND = Command(
     description="Place beacons so that the drift stays under a limit everywhere on every route: the fewest, or the "
     "cheapest, with a proof. With --max-beacons or --budget and no --max-drift: the least worst drift within them.",
     run=run,
-    arguments=(
-        shared.MAP,
-        Option("paths", "PATH.csv", "routes: waypoints x,y in metres, one per line; - is standard input", input_file,
-               how={"nargs": "+"}),
-    ),
+    arguments=(shared.MAP, shared.PATHS),
     groups=(_WANTED, shared.KIND, _SITES, shared.WORLD, *shared.NOISE),
     files={
         **shared.LAYOUT_FILES,

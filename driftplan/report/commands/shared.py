@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from driftplan.errors import DriftplanError, GoalError, StartError
 from driftplan.report.commands.answer import talk
-from driftplan.report.commands.option import Group, Idle, Option, point
+from driftplan.report.commands.option import Group, Idle, Option, input_file, point
 
 if TYPE_CHECKING:
     from driftplan import BeaconKind, Drift, Fix, Layout, OdometryNoise, World
@@ -127,6 +127,8 @@ KIND_IDLE = (
     Idle(("std_per_m",), lambda args: args.kind in ("heading", "bearing"), "it is about positions and distances"),
     Idle(("through_walls",), lambda args: args.kind not in _SEEN, "only landmarks and bearings are seen"),
 )
+PATHS = Option("paths", "PATH.csv", "routes: waypoints x,y in metres, one per line; - is standard input", input_file,
+               how={"nargs": "+"})
 ENDS = tuple(Option(name, "X,Y", f"{name} of the route, metres", point) for name in ("start", "goal"))
 SNAP = Option("snap", "", "move a start or goal in a wall or off the map to the nearest free point, and say so")
 EXISTING = Option("existing", "FILE.geojson", "beacons that are there already", str)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, Progress, talk
-from driftplan.report.commands.option import Command, Group, Idle, Option, input_file, label, output_file
+from driftplan.report.commands.option import Command, Group, Idle, Option, label, output_file
 
 
 def run(args: argparse.Namespace) -> Answer:
@@ -56,11 +56,7 @@ COMMAND = Command(
     description="Open a page with the map, the routes, the beacons and the drift along every route, at which every "
     "change answers at once. It is served to this machine only, and needs no network.",
     run=run,
-    arguments=(
-        shared.MAP,
-        Option("paths", "PATH.csv", "routes: waypoints x,y in metres, one per line; - is standard input", input_file,
-               how={"nargs": "+"}),
-    ),
+    arguments=(shared.MAP, shared.PATHS),
     groups=(
         Group("", (
             Option("beacons", "FILE.geojson", "beacons to begin with", str),

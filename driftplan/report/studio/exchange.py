@@ -11,6 +11,7 @@ from typing import Any
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.beacon_files import load_beacons
+from driftplan.errors import DriftplanError
 from driftplan.layouts.layout import Layout
 from driftplan.layouts.layout_files import InstallerRow, layout_building, layout_dxf, layout_html, layout_lif
 from driftplan.page.scene import Scene, beacon_of, beacon_said
@@ -47,9 +48,12 @@ def read(name: str, text: str, scene: Scene, kind: BeaconKind) -> dict[str, Any]
     with TemporaryDirectory() as folder:
         file = Path(folder, Path(name).name)
         file.write_text(text, encoding="utf-8")
-        if file.name.lower().endswith(_OF_BEACONS) or "tag_bundles" in text:
-            return {"beacons": [*map(beacon_said, load_beacons(file, kind))]}
-        points = read_path(file)[:, :2].tolist()
+        try:
+            if file.name.lower().endswith(_OF_BEACONS) or "tag_bundles" in text:
+                return {"beacons": [*map(beacon_said, load_beacons(file, kind))]}
+            points = read_path(file)[:, :2].tolist()
+        except DriftplanError as err:
+            raise ValueError(str(err).replace(f"{folder}/", "")) from err
     limits = [route["limit_m"] for route in scene["routes"]]
     return {"routes": [*scene["routes"], {"name": name, "points": points, "limit_m": limits[0] if limits else None}]}
 
