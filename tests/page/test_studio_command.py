@@ -331,7 +331,7 @@ def test_a_notebook_shows_it_and_hears_of_edits(browser, layout, scene):
         (["--port", "70000"], "--port from 0 to 65535"),
         (["--time-limit", "0"], "--time-limit"),
         (["--html", "page.html", "--save", "tags.geojson"], "--save would have no effect"),
-        (["--step-m", "0.1", "--heading-var-per-step", "1e-4"], "without --step-m"),
+        (["--step-m", "0.1", "--heading-var-per-step", "1e-4"], "got noise per step (--step-m)"),
         (["--html", "no/such/page.html"], "there is no folder"),
     ],
 )
