@@ -93,8 +93,18 @@ def test_python_writes_what_place_writes(server, layout):
     assert written(server, scene, "layout.svg").startswith(b"<?xml")
     for name in ("table.html", "layout.svg"):
         assert all(beacon.id.encode() in written(server, scene, name) for beacon in layout.beacons)
-    assert "Open-RMF building" in written(server, scene, "site.building.yaml")
-    assert "expected one of" in written(server, scene, "../../etc/passwd")
+    assert "where that is the map" in written(server, scene, "site.building.yaml")
+    assert "expected beacons.dxf" in written(server, scene, "../../etc/passwd")
+
+
+def test_the_page_saves_what_python_wrote(browser, server):
+    browser.open(server.url)
+    browser.js("(URL.createObjectURL = (blob) => { window.kept = blob; return '#'; }, 0)")
+    choice = "document.querySelector('[aria-label=\"file to write\"]')"
+    browser.js(f"({choice}.value = 'sheet.pdf', {choice}.nextElementSibling.click(), 0)")
+    browser.until("window.kept")
+    found = browser.js("kept.bytes().then((bytes) => Array.from(bytes.slice(0, 5)))")
+    assert bytes(found) == b"%PDF-"
 
 
 def test_python_draws_for_installers(server, layout):

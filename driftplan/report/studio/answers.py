@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Floats, positive
+from driftplan.arrays import positive
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.beacon_files import beacons_geojson
-from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import DriftplanError, InfeasibleError
 from driftplan.files import write_files
 from driftplan.layouts.layout import Layout
@@ -24,7 +24,6 @@ from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.page.scene import Scene, beacon_of, beacon_said, zones_of
-from driftplan.planning.request import DriftLimit
 from driftplan.planning.routes import plan_route
 from driftplan.planning.status import Status
 from driftplan.report.studio.exchange import read, written
@@ -55,28 +54,35 @@ class Answers:
         "write": the bytes of a file, each as a character; "read": what the text of a file changes.
         """
         try:
-            scene, noise = question["scene"], OdometryNoise(**question["scene"]["noise"])
-            world = self._on(scene["zones"])
+            scene = question["scene"]
+            scenario = self._scenario(scene)
             if what in ("fewest", "why"):
-                found = self._fewest(scene, world, noise, BeaconKind(**question["kind"]), tell, why=what == "why")
-                return {"answer": found}
+                return {
+                    "answer": self._fewest(scene, scenario, BeaconKind(**question["kind"]), tell, why=what == "why")
+                }
             if what == "read":
                 kind = BeaconKind(**question["kind"])
                 return {"answer": read(str(question["name"]), str(question["text"]), scene, kind)}
             if what == "write":
-                file = written(str(question["name"]), _layout(scene, world, noise), self.building)
+                file = written(str(question["name"]), _layout(scene, scenario), self.building)
                 return {"answer": {"bytes": file.decode("latin-1")}}
-            if what == "plan" and world is not None:
-                ends = world.nearest_free(question["start"]), world.nearest_free(question["goal"])
+            if what == "plan" and scenario.world is not None:
+                plan = partial(_plan, scenario, _alive(scene), question["start"], question["goal"])
                 with suppress(DriftplanError):  # the long search says what is wrong
-                    tell(_plan(scene, world, noise, ends, _AT_ONCE_S))
-                return {"answer": _plan(scene, world, noise, ends)}
+                    tell(plan(_AT_ONCE_S))
+                return {"answer": plan(None)}
             if what == "save" and self.save is not None:
-                write_files({self.save: beacons_geojson([*map(beacon_of, _alive(scene))])})
+                write_files({self.save: beacons_geojson(_alive(scene))})
                 return {"answer": {"message": f"wrote {self.save}"}}
             return {"error": f"expected a question about a map or a file that is there, got {what!r}"}
         except (DriftplanError, ValueError, KeyError, TypeError, OSError) as err:
             return {"error": str(err) or type(err).__name__}
+
+    def _scenario(self, scene: Scene) -> Scenario:
+        routes, start = tuple(np.array(route["points"]) for route in scene["routes"]), scene["start_fix"]
+        fix = None if start is None else Fix(s_m=0.0, **start)
+        noise, world = OdometryNoise(**scene["noise"]), self._on(scene["zones"])
+        return Scenario(world, routes, noise, start_fix=fix, estimator=scene["estimator"])
 
     def _on(self, zones: list[dict[str, Any]]) -> World | None:
         """The world with these floors; the same object for the same floors: a world keeps what was planned on it."""
@@ -88,14 +94,7 @@ class Answers:
         return known[0][1]
 
     def _fewest(
-        self,
-        scene: Scene,
-        world: World | None,
-        noise: OdometryNoise,
-        kind: BeaconKind,
-        tell: Callable[..., None],
-        *,
-        why: bool,
+        self, scene: Scene, scenario: Scenario, kind: BeaconKind, tell: Callable[..., None], *, why: bool
     ) -> dict[str, Any]:
         """What is locked or was there before stays, everything else is placed anew; of ``why`` only until it is known
         that the limits can be kept."""
@@ -111,26 +110,24 @@ class Answers:
             tell({"cost": cost if isfinite(cost) else None, "bound": bound})
 
         try:
-            layout = place_beacons(
+            world, sites, robot = scenario.world, _sites(scene, kind, alive), _robot(scenario)
+            found = place_beacons(
                 world,
-                _routes(scene),
-                noise,
+                scenario.routes,
+                scenario.noise,
                 limits,
-                _sites(scene, kind, alive),
-                estimator=scene["estimator"],
-                start_fix=_start_fix(scene),
+                sites,
                 time_limit=self.time_limit,
                 progress=heard,
+                **robot,
             )
         except _CanBeKept as err:
             return {"message": str(err)}
         except InfeasibleError as err:
             return {"infeasible": str(err), **({} if err.stretch is None else err.stretch._asdict())}
-        words = (
-            f"{len(layout.beacons)} new, at least {layout.lower_bound:g} needed; greatest drift "
-            f"{layout.worst_drift:.3g} m. {layout.note}"
-        )
-        return {"beacons": [*kept, *map(beacon_said, layout.beacons)], "proven": layout.proven, "message": words}
+        words = f"{len(found.beacons)} new, at least {found.lower_bound:g} needed; greatest drift"
+        beacons, message = [*kept, *map(beacon_said, found.beacons)], f"{words} {found.worst_drift:.3g} m. {found.note}"
+        return {"beacons": beacons, "proven": found.proven, "message": message}
 
 
 class _CanBeKept(Exception):
@@ -145,11 +142,9 @@ def _sites(scene: Scene, kind: BeaconKind, existing: list[Beacon]) -> Sites:
     return Sites(kind, [(one["x"], one["y"]) for one in sites] or None, existing=existing)
 
 
-def _layout(scene: Scene, world: World | None, noise: OdometryNoise) -> Layout:
+def _layout(scene: Scene, scenario: Scenario) -> Layout:
     """The beacons that are alive, as a layout of which nothing is proven; a limit that they break is no limit of it."""
-    scenario = Scenario.of(world, _routes(scene), noise, DriftLimit(), _start_fix(scene), scene["estimator"])
-    alive = {old: [one for one in _alive(scene) if bool(one.get("existing")) == old] for old in (False, True)}
-    new, existing = (tuple(map(beacon_of, alive[old])) for old in (False, True))
+    new, existing = _alive(scene, existing=False), _alive(scene, existing=True)
     drifts = tuple(scenario.drift(r, (*existing, *new)) for r in range(len(scenario.routes)))
     limits = [route["limit_m"] or 0.0 for route in scene["routes"]]
     return Layout(
@@ -167,32 +162,25 @@ def _layout(scene: Scene, world: World | None, noise: OdometryNoise) -> Layout:
     )
 
 
-def _routes(scene: Scene) -> list[Floats]:
-    return [np.array(route["points"]) for route in scene["routes"]]
-
-
-def _start_fix(scene: Scene) -> Fix | None:
-    start = scene["start_fix"]
-    return None if start is None else Fix(s_m=0.0, **start)
+def _robot(scenario: Scenario) -> dict[str, Any]:
+    return {"estimator": scenario.estimator, "start_fix": scenario.start_fix}
 
 
 def _plan(
-    scene: Scene, world: World, noise: OdometryNoise, ends: Sequence[Floats], time_limit: float | None = None
+    scenario: Scenario, beacons: Sequence[Beacon], start: Any, goal: Any, time_limit: float | None
 ) -> dict[str, Any]:
     """The route of least drift and the shortest one, with the beacons that are alive."""
-    beacons, fix, estimator = [*map(beacon_of, _alive(scene))], _start_fix(scene), scene["estimator"]
-    start, goal = ends
-    route = plan_route(
-        world, start, goal, noise, beacons=beacons, estimator=estimator, start_fix=fix, time_limit=time_limit
-    )
-    fixes, found = [] if fix is None else [fix], []
+    world: Any = scenario.world
+    ends, found = (world.nearest_free(start), world.nearest_free(goal)), []
+    route = plan_route(world, *ends, scenario.noise, beacons=beacons, time_limit=time_limit, **_robot(scenario))
     for name, one in (("least drift", route), ("shortest", route.shortest)):
         if one is not None:
-            drift = drift_with_beacons(one, noise, beacons, world, fixes=fixes, estimator=estimator)
-            rms = float(drift.end.rms)
+            rms = float(replace(scenario, routes=(one.path,)).drift(0, beacons).end.rms)
             found.append({"name": name, "points": one.path.tolist(), "length_m": one.length, "rms_m": rms})
     return {"routes": found}
 
 
-def _alive(scene: Scene) -> list[dict[str, Any]]:
-    return [one for one in scene["beacons"] if not one.get("dead")]
+def _alive(scene: Scene, *, existing: bool | None = None) -> tuple[Beacon, ...]:
+    """The beacons that are not dead; with ``existing`` those that were there before, or the others."""
+    living = [one for one in scene["beacons"] if not one.get("dead")]
+    return tuple(beacon_of(one) for one in living if existing in (None, bool(one.get("existing"))))

@@ -32,13 +32,11 @@ _WRITERS: dict[str, Callable[[Layout], bytes]] = {
 
 def written(name: str, layout: Layout, building: tuple[Path, str | None] | None) -> bytes:
     """The file of a layout that has this name; ``building`` is the Open-RMF map and its level, None for other maps."""
-    if name in _WRITERS:
-        return _WRITERS[name](layout)
-    if name != "site.building.yaml":
-        raise ValueError(f"expected one of {', '.join(_WRITERS)}, site.building.yaml, got {name!r}")
-    if building is None:
-        raise ValueError("expected the studio of an Open-RMF building: this map is none")
-    return layout_building(layout, building[0], level=building[1])
+    if name == "site.building.yaml" and building is not None:
+        return layout_building(layout, building[0], level=building[1])
+    if name not in _WRITERS:
+        raise ValueError(f"expected {', '.join(_WRITERS)}, or site.building.yaml where that is the map, got {name}")
+    return _WRITERS[name](layout)
 
 
 def read(name: str, text: str, scene: Scene, kind: BeaconKind) -> dict[str, Any]:
