@@ -34,43 +34,50 @@ class Row(NamedTuple):
         columns = np.stack(np.broadcast_arrays(*(np.asarray(c, dtype=float) for c in self.coefficients)), axis=-1)
         return np.concatenate([columns, np.zeros((*columns.shape[:-1], size - 3))], axis=-1)
 
+    def one_by_one(self) -> list[Row]:
+        """Of measurements (k,), each in Python's numbers."""
+        if isinstance(self.coefficients[0], float):
+            return [Row(self.coefficients, variance) for variance in self.variance.tolist()]
+        columns = np.broadcast_arrays(*self.coefficients, self.variance)
+        return [Row((x, y, t), variance) for x, y, t, variance in zip(*(c.tolist() for c in columns), strict=True)]
+
 
 X_AXIS, Y_AXIS, HEADING_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
-def position_rows(cov: Any) -> tuple[Row, ...]:
-    """A measured position with the error covariance ``cov``, m², (2, 2): along its principal axes."""
-    (xx, xy), (_, yy) = cov
-    if xy == 0:
-        return Row(X_AXIS, float(xx)), Row(Y_AXIS, float(yy))
+def position_rows(cov: Any) -> tuple[Row, Row]:
+    """Measured positions with the error covariances ``cov``, m², (..., 2, 2): along their principal axes."""
+    cov = np.asarray(cov, dtype=float)
+    if not cov[..., 0, 1].any():
+        return Row(X_AXIS, _column(cov[..., 0, 0])), Row(Y_AXIS, _column(cov[..., 1, 1]))
     variances, axes = np.linalg.eigh(cov)
-    return tuple(
-        Row((float(axis[0]), float(axis[1]), 0.0), max(float(v), 0.0))
-        for v, axis in zip(variances, axes.T, strict=True)
+    first, second = (
+        Row((_column(axes[..., 0, k]), _column(axes[..., 1, k]), 0.0), _column(np.maximum(variances[..., k], 0.0)))
+        for k in range(2)
     )
+    return first, second
 
 
-def heading_row(heading_var: float) -> Row:
+def heading_row(heading_var: Any) -> Row:
     """A measured heading, rad²."""
     return Row(HEADING_AXIS, heading_var)
 
 
-def range_row(towards: Floats, range_var: float) -> Row:
-    """A measured distance (m²) to an anchor; ``towards`` is the vector from the true position to it, metres, (2,)."""
-    g = towards / _distance(towards)
-    return Row((-float(g[0]), -float(g[1]), 0.0), range_var)
+def range_row(towards: Floats, range_var: Any) -> Row:
+    """A measured distance (m²) to an anchor; ``towards`` is the vector from the true position to it, m, (..., 2)."""
+    g = towards / _distance(towards)[..., None]
+    return Row((_column(-g[..., 0]), _column(-g[..., 1]), 0.0), range_var)
 
 
-def bearing_row(towards: Floats, bearing_var: float) -> Row:
+def bearing_row(towards: Floats, bearing_var: Any) -> Row:
     """A measured direction (rad²) of an anchor in the robot's frame; ``towards`` as for `range_row`."""
-    rho = _distance(towards)
-    g = towards / rho
-    return Row((float(g[1]) / rho, -float(g[0]) / rho, -1.0), bearing_var)
+    h = towards / _distance(towards)[..., None] ** 2
+    return Row((_column(h[..., 1]), _column(-h[..., 0]), -1.0), bearing_var)
 
 
-def _distance(towards: Floats) -> float:
-    distance = float(np.hypot(towards[0], towards[1]))
-    if distance == 0:
+def _distance(towards: Floats) -> Floats:
+    distance = np.asarray(np.hypot(towards[..., 0], towards[..., 1]))
+    if not distance.all():
         raise ValueError("expected an anchor away from the path: at the anchor itself no direction is defined")
     return distance
 
@@ -219,8 +226,18 @@ def _drive(P: list[Any], mean: list[Any] | None, leg: LegColumns) -> None:
 
 def _read_row(P: list[Any], mean: list[Any] | None, row: Row) -> None:
     """One scalar reading, in place: P ← P - g gᵀ/s with g = P h, s = h·g + variance."""
-    (h, variance), entries = row, _entries(len(P))
+    h, variance = row
     axis = 0 if h is X_AXIS else 1 if h is Y_AXIS else 2 if h is HEADING_AXIS else None
+    if len(P) == 6 and mean is None and axis is not None and axis < 2:  # what follows, in a third of the time
+        xx, xy, xt, yy, yt, tt = P
+        weight = _inverse((yy if axis else xx) + variance, 0.0)
+        kept = variance * weight
+        if axis:
+            P[:] = xx - xy * xy * weight, xy * kept, xt - xy * yt * weight, yy * kept, yt * kept, tt - yt * yt * weight
+        else:
+            P[:] = xx * kept, xy * kept, xt * kept, yy - xy * xy * weight, yt - xy * xt * weight, tt - xt * xt * weight
+        return
+    entries = _entries(len(P))
     if axis is None:
         rows = entries.rows[:3]
         g = [h[0] * P[x] + h[1] * P[y] + h[2] * P[t] for x, y, t in zip(*rows, strict=True)]

@@ -13,9 +13,8 @@ bearing, which tell neither position nor heading by themselves.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from math import isnan
 from typing import Any, Literal
 
 import numpy as np
@@ -27,6 +26,7 @@ from driftplan.arrays import (
     Complexes,
     Floats,
     Ints,
+    as_covariance,
     as_plane,
     choice,
     covariance,
@@ -273,33 +273,25 @@ class Readings:
     def rows(self, positions: Array) -> list[tuple[tuple[Row, ...], float | None]]:
         """What the estimator ``filter`` makes of each, taken at true ``positions`` (x + jy, metres): the numbers that
         are measured, and the chance, None for certainty."""
-        towards = self.anchor - positions
-        near = ~(np.abs(towards) > _NEAREST_ANCHOR_M)  # NaN too: there is no anchor
-        range_var, bearing_var = (np.where(near, np.nan, var) for var in (self.range_var, self.bearing_var))
-        columns = (self.square, self.skew, self.heading_var, towards, range_var, bearing_var, self.chance)
-        return [_rows(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
-
-
-def _rows(
-    square: float,
-    skew: complex,
-    heading_var: float,
-    towards: complex,
-    range_var: float,
-    bearing_var: float,
-    chance: float,
-) -> tuple[tuple[Row, ...], float | None]:
-    rows: tuple[Row, ...] = ()
-    if not isnan(square):
-        xy = skew.imag / 2
-        rows += position_rows((((square + skew.real) / 2, xy), (xy, (square - skew.real) / 2)))
-    if not isnan(heading_var):
-        rows += (heading_row(heading_var),)
-    if not isnan(range_var):
-        rows += (range_row(as_plane(towards), range_var),)
-    if not isnan(bearing_var):
-        rows += (bearing_row(as_plane(towards), bearing_var),)
-    return rows, None if chance == 1 else chance
+        towards, skewed = as_plane(self.anchor - positions), self.skew.imag != 0
+        cov = as_covariance(np.zeros(()), self.square, self.skew)
+        afar = np.hypot(towards[:, 0], towards[:, 1]) > _NEAREST_ANCHOR_M  # false too where there is no anchor
+        measured: tuple[tuple[Bools, Callable[[Bools], tuple[Row, ...]]], ...] = (
+            (self.read_position & ~skewed, lambda which: position_rows(cov[which])),
+            (self.read_position & skewed, lambda which: position_rows(cov[which])),
+            (self.read_heading, lambda which: (heading_row(self.heading_var[which]),)),
+            (afar & ~np.isnan(self.range_var), lambda which: (range_row(towards[which], self.range_var[which]),)),
+            (afar & ~np.isnan(self.bearing_var), lambda which: (bearing_row(towards[which], self.bearing_var[which]),)),
+        )
+        rows: list[tuple[Row, ...]] = [()] * len(self)
+        for which, made in measured:
+            if which.any():
+                one_by_one = zip(*(row.one_by_one() for row in made(which)), strict=True)
+                for k, some in zip(np.flatnonzero(which).tolist(), one_by_one, strict=True):
+                    rows[k] += some
+        return [
+            (some, None if chance == 1 else chance) for some, chance in zip(rows, self.chance.tolist(), strict=True)
+        ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -94,7 +94,7 @@ def test_one_change_of_what_a_filter_makes_of_a_reading_changes_every_engine(mon
     def worst_of_each():
         scenario = Scenario.of(world, [path], PLAIN, DriftLimit(5.0), None, "filter")
         graph = BeaconGraph.of(path, np.array([(0, 1)]), PLAIN, tags, None, "filter")
-        worst = graph.effects.driven(slice(0, 1), graph.at_start(0, None)[:, None])[1]
+        worst = graph.effects.driven(np.array([0]), graph.at_start(0, None)[None, :, None])[1]
         return (
             worst_rms(drift_with_beacons(path, PLAIN, tags, estimator="filter")),
             ItineraryCheck(None, PLAIN, Reliance(beacons=tuple(tags), min_capture=0.0, estimator="filter"))

@@ -11,6 +11,7 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import drift_with_beacons
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
+from driftplan.planning.roadmap import label_search
 from driftplan.planning.roadmap.beacon_graph import BeaconGraph
 from driftplan.planning.roadmap.fused_edges import LoewnerDominance
 from driftplan.planning.roadmap.label_search import LabelProblem, best_walk
@@ -28,6 +29,12 @@ RADIO = BeaconKind.range_only(range_m=6.0, range_std_m=0.1, std_per_m=0.02)
 LAMP = BeaconKind.bearing(range_m=6.0, bearing_std=0.02, sensor_view_deg=200.0, line_of_sight=False)
 WALK_EDGES = 8
 SEEDS = [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 2))]
+
+
+@pytest.fixture(autouse=True)
+def many_at_once(monkeypatch):
+    """Small graphs have few labels: here as many are expanded at once as were before."""
+    monkeypatch.setattr(label_search, "_SHARE", 1)
 
 
 def edges_between(xy, reach):
@@ -49,7 +56,7 @@ def walk_states(graph, nodes, dead=None):
         use, k = graph.effects, e
         if effects is not None and e in effects.edge:
             use, k = effects, int(np.flatnonzero(effects.edge == e)[0])
-        (x,), most = use.driven(slice(k, k + 1), x)
+        (x,), most = use.driven(np.array([k]), x[None])
         worst = max(worst, most[0, 0])
         arriving = complex(graph.direction[e])
     return worst, x[:, 0]
@@ -224,6 +231,29 @@ def test_a_walk_comes_back_from_a_beacon_in_a_side_aisle():
     assert best_walk(task_of(graph, alone * 0.9)).nodes == (0, 2, 3, 2, 1)
 
 
+@pytest.mark.parametrize("noise", [NOISE, TURNING], ids=["plain", "turning"])
+@pytest.mark.parametrize("estimator", ["reset", "filter"])
+def test_labels_expanded_one_by_one_or_many_at_once_find_the_same_walk(monkeypatch, estimator, noise):
+    found = 0
+    for seed in range(3):
+        graph = small_graph(seed, noise, KINDS["mixed"], nodes=9, estimator=estimator)
+        for by_end, dead in itertools.product((False, True), ((), (1,))):
+            walks = []
+            for most in (0, 1000):
+                monkeypatch.setattr(label_search, "_MOST_AT_ONCE", most)
+                walks.append(best_walk(task_of(graph, 0.45, 32.0, dead), by_end=by_end))
+            one, many = walks
+            found += one.nodes is not None
+            assert one.finished
+            assert many.finished
+            assert (many.nodes is None) == (one.nodes is None)
+            key = "end_drift" if by_end else "length"
+            assert getattr(many, key) == pytest.approx(getattr(one, key), rel=1e-9)
+            assert one.bound <= one.length * (1 + 1e-12)
+            assert many.bound == pytest.approx(one.bound, rel=1e-12) or one.nodes is None
+    assert found > 3
+
+
 def test_slack_never_returns_a_walk_that_breaks_the_limit():
     for seed in range(5):
         graph = small_graph(seed, NOISE, KINDS["mixed"], nodes=9)
@@ -264,8 +294,8 @@ def test_a_label_that_dominates_another_drifts_no_more_whatever_follows(noise, k
             for _ in range(20):
                 (first, x), (second, y) = (labels[k] for k in rng.integers(len(labels), size=2))
                 turn = rule.turn_rates != (0.0, 0.0) and first[-2:] != second[-2:]
-                better, worse = rule.scores(np.stack([x, y])[..., None])
-                if turn or not rule(better, worse, 0.0):
+                scores = rule.scores(np.stack([x, y])[..., None])
+                if turn or not rule(scores[:1], scores[1:], np.zeros(1))[0]:
                     continue
                 compared += 1
                 tail = [node]
@@ -291,12 +321,16 @@ def walks_to_anywhere(graph, most_edges):
 
 def test_a_label_with_less_heading_error_is_kept_beside_one_with_less_drift():
     rule = ResetDominance(60.0, 0.0, (0.0, 0.0))
-    lost, turned = [(0.09, 0.0001, 0j)], [(0.01, 0.01, 0j)]
-    assert not rule(lost, turned, 0.0)
-    assert not rule(turned, lost, 0.0)
+
+    def beats(better, worse):
+        return rule(np.array([[better]]), np.array([[worse]]), np.zeros(1)).tolist() == [True]
+
+    lost, turned = (0.09, 0.0001, 0.0, 0.0), (0.01, 0.01, 0.0, 0.0)
+    assert not beats(lost, turned)
+    assert not beats(turned, lost)
     # equal drift and heading error, but one's errors are correlated: driving on may undo them
-    assert not rule([(0.04, 0.01, 0j)], [(0.04, 0.01, 0.005 + 0j)], 0.0)
-    assert rule([(0.03, 0.01, 0j)], [(0.04, 0.0101, 0j)], 0.0)
+    assert not beats((0.04, 0.01, 0.0, 0.0), (0.04, 0.01, 0.005, 0.0))
+    assert beats((0.03, 0.01, 0.0, 0.0), (0.04, 0.0101, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -316,9 +350,13 @@ def test_a_robot_with_a_filter_is_never_worse_off_for_a_further_beacon(seed):
 
 def test_in_the_loewner_order_less_drift_at_the_cost_of_heading_or_direction_does_not_dominate():
     rule, P = LoewnerDominance(60.0, 0.0, (0.0, 1e-3)), (0.04, 0.0, 0.01, 0.04, 0.0, 0.02)
-    assert rule([P], [P], 0.0)
-    assert not rule([P], [P], 0.1)
-    assert rule([(0.03, 0.0, 0.01, 0.04, 0.0, 0.02)], [P], 0.0)
-    assert not rule([(0.03, 0.0, 0.01, 0.04, 0.0, 0.021)], [P], 0.0)
-    assert not rule([(0.03, 0.001, 0.01, 0.04, 0.0, 0.02)], [P], 0.0)  # better along x, worse along a diagonal
-    assert not rule([P, P], [P, (0.04, 0.0, 0.01, 0.039, 0.0, 0.02)], 0.0)
+
+    def beats(better, worse, turn_rad=0.0):
+        return rule(np.array([better]), np.array([worse]), np.array([turn_rad])).tolist() == [True]
+
+    assert beats([P], [P])
+    assert not beats([P], [P], 0.1)
+    assert beats([(0.03, 0.0, 0.01, 0.04, 0.0, 0.02)], [P])
+    assert not beats([(0.03, 0.0, 0.01, 0.04, 0.0, 0.021)], [P])
+    assert not beats([(0.03, 0.001, 0.01, 0.04, 0.0, 0.02)], [P])  # better along x, worse along a diagonal
+    assert not beats([P, P], [P, (0.04, 0.0, 0.01, 0.039, 0.0, 0.02)])

@@ -8,7 +8,7 @@ from `driftplan.beacons.readings`, whose model decides about every finished path
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -20,7 +20,6 @@ from driftplan.world.world import World
 
 NO_SITE = -1
 SIZE = 9  # of an error state: a column of numbers, whatever the estimator; of s scenarios of dead beacons (9, s)
-Score = tuple[Any, ...]  # what the dominance of labels looks at in one scenario
 _LEAST_M = 1e-6  # a range touched on less than this is a graze, read once
 
 
@@ -39,6 +38,11 @@ class Steps(NamedTuple):
     def of_edges(self, edges: Ints) -> tuple[Ints, Ints]:
         """First step and number of steps of some edges."""
         return self.first[edges], self.first[edges + 1] - self.first[edges]
+
+
+def spans(first: Ints, count: Ints) -> Ints:
+    """Indices of so many things in a row from each first one."""
+    return np.asarray(np.arange(int(count.sum())) + np.repeat(first - (np.cumsum(count) - count), count))
 
 
 def edge_steps(a: Floats, direction: Complexes, length: Floats, beacons: BeaconColumns, world: World | None) -> Steps:
@@ -97,7 +101,7 @@ def _edge_readings(
     parts = np.ceil((end - start) / beacons.reading_spacing_m[site] - 1e-6)
     count = np.where(sure & (end - start > _LEAST_M), np.maximum(parts, 1) + 1, 1).astype(np.intp)
     k = np.repeat(np.arange(len(edge)), count)
-    index = np.arange(len(k)) - np.repeat(np.cumsum(count) - count, count)
+    index = spans(np.zeros(len(count), dtype=np.intp), count)
     back = (count[k] - 1 - index) / np.maximum(count[k] - 1, 1)  # the only reading is the one on leaving
     s = end[k] - back * (end - start)[k]
     edge, site, sure = edge[k], site[k], sure[k]

@@ -28,9 +28,11 @@ from driftplan.model.filter_state import FilterState, Row, upper_triangle
 from driftplan.model.fusion import belief_at_start
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix, Readings
-from driftplan.planning.roadmap.edge_steps import NO_SITE, SIZE, Score, Steps
+from driftplan.planning.roadmap.edge_steps import NO_SITE, SIZE, Steps, spans
 
 _UPPER = [3 * i + j for i, j in upper_triangle(3)]  # of the nine numbers, those that say it all
+_ON_DIAGONAL = [k for k, (i, j) in enumerate(upper_triangle(3)) if i == j]
+_DIAGONAL = np.isin(np.arange(6), _ON_DIAGONAL).astype(float)
 _ROUNDING = 1e-12  # of the diagonal: what is semidefinite but for rounding
 
 
@@ -45,27 +47,23 @@ class FusedEffects:
     missable: tuple[Row, ...]  # what may be read where a part ends: columns (parts, 1)
     chance: Floats  # (parts,)
 
-    def driven(self, some: slice, begun: Floats) -> tuple[Floats, Floats]:
+    def driven(self, which: Ints, begun: Floats) -> tuple[Floats, Floats]:
         """As of `ResetEffects`."""
-        count = np.diff(self.first_part[some.start : some.stop + 1])
-        P = np.moveaxis(begun, -1, -2).reshape(*begun.shape[:-2], -1, 3, 3)
-        P = np.broadcast_to(P, (len(count), *P.shape[-3:])).copy()
-        worst = np.zeros(P.shape[:2])
-        for k in range(int(count.max())):
-            here = np.flatnonzero(count > k)
-            part = self.first_part[some][here] + k
+        first, count = self.first_part[which], self.first_part[which + 1] - self.first_part[which]
+        P = np.swapaxes(begun, 1, 2).reshape(len(which), -1, 3, 3)
+        after, worst = np.empty(P.shape), np.zeros(P.shape[:2])
+        here = np.arange(len(which))
+        for k in range(int(count.max(initial=0))):
+            part = first[here] + k
             begin, size = self.first_map[part], self.first_map[part + 1] - self.first_map[part]
-            last = np.cumsum(size) - 1
-            index = np.arange(last[-1] + 1) + np.repeat(begin - (last + 1 - size), size)
-            maps = CovarianceMap(*(x[index, None] for x in self.maps.arrays()))
-            found = maps(np.repeat(P[here], size, axis=0))
-            trace = found[..., 0, 0] + found[..., 1, 1]
+            maps = self.maps[spans(begin, size), None]
+            found = maps(np.repeat(P, size, axis=0))
+            trace, last = found[..., 0, 0] + found[..., 1, 1], np.cumsum(size) - 1
             worst[here] = np.maximum(worst[here], np.maximum.reduceat(trace, last + 1 - size, axis=0))
-            P[here] = found[last]
-            onward = count[here] > k + 1
-            if onward.any():
-                P[here[onward]] = self._read(P[here[onward]], part[onward])
-        return np.moveaxis(P.reshape(*P.shape[:2], SIZE), 1, 2), worst
+            after[here], onward = found[last], count[here] > k + 1
+            here, part = here[onward], part[onward]
+            P = self._read(found[last[onward]], part) if len(here) else P[:0]
+        return np.swapaxes(after.reshape(*after.shape[:2], SIZE), 1, 2), worst
 
     def _read(self, P: Floats, part: Ints) -> Floats:
         rows = [Row(tuple(c[part] for c in row.coefficients), row.variance[part]) for row in self.missable]
@@ -181,23 +179,24 @@ class LoewnerDominance:
         self.turn_rates = turn_rates
         self.slack = slack_sq / 2, slack_sq / max(max_gap_m, 1e-9) ** 2
 
-    def scores(self, states: Floats) -> list[list[Score]]:
-        return [[tuple(P) for P in label] for label in np.moveaxis(states[:, _UPPER], 1, 2).tolist()]
+    def scores(self, states: Floats) -> Floats:
+        """What it looks at, (n, scenarios, 6), of states (n, 9, scenarios)."""
+        return np.swapaxes(states[:, _UPPER], 1, 2)
 
-    def __call__(self, better: Sequence[Score], worse: Sequence[Score], turn_rad: float) -> bool:
+    def __call__(self, better: Floats, worse: Floats, turn_rad: Floats) -> Bools:
         """All principal minors. The noise of a turn counts in all directions."""
-        axis, heading = self.slack[0] - self.turn_rates[1] * turn_rad, self.slack[1] - self.turn_rates[0] * turn_rad
-        for (xx, xy, xt, yy, yt, tt), (XX, XY, XT, YY, YT, TT) in zip(better, worse, strict=True):
-            a, d, f = (1 + _ROUNDING) * XX - xx + axis, (1 + _ROUNDING) * YY - yy + axis, (1 + _ROUNDING) * TT - tt
-            f += heading
-            if a < 0 or d < 0 or f < 0:
-                return False
-            b, c, e = XY - xy, XT - xt, YT - yt
-            if a * d < b * b or a * f < c * c or d * f < e * e:
-                return False
-            if a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d) < 0:
-                return False
-        return True
+        axis = self.slack[0] - self.turn_rates[1] * turn_rad[:, None]
+        heading = self.slack[1] - self.turn_rates[0] * turn_rad[:, None]
+        gap = worse - better + _ROUNDING * _DIAGONAL * worse
+        gap[..., 0] += axis
+        gap[..., 3] += axis
+        gap[..., 5] += heading
+        holds = np.asarray((gap[..., _ON_DIAGONAL] >= 0).all(axis=(1, 2)))
+        a, b, c, d, e, f = np.moveaxis(gap[holds], -1, 0)
+        ad, af, df = a * d - b * b, a * f - c * c, d * f - e * e
+        minors = (ad >= 0) & (af >= 0) & (df >= 0) & (a * df - b * (b * f - c * e) + c * (b * e - c * d) >= 0)
+        holds[holds] = minors.all(axis=1)
+        return holds
 
 
 def _nothing(count: int) -> CovarianceMap:

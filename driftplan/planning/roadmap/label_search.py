@@ -1,8 +1,9 @@
 r"""Label search: the shortest walk on which the drift stays under a limit, or the walk of least drift at its end.
 
 A label is a way from the start to a node: its length and its error states (see
-`driftplan.planning.roadmap.reset_edges` and ``fused_edges``), one for every scenario of dead beacons. Labels are grown
-in order of length so far plus least length still to come. A walk may come back to a node, for instance from a beacon in
+`driftplan.planning.roadmap.reset_edges` and ``fused_edges``), one for every scenario of dead beacons. Labels are
+expanded in order of length so far plus least length still to come, the more at once the more there are: numpy's calls
+then cost next to nothing per label. A walk may come back to a node, for instance from a beacon in
 a side aisle: it comes back with another error.
 
 *Dominance.* Label 1 makes label 2 at the same node superfluous when it is no longer and, whatever is driven and read
@@ -17,14 +18,20 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from heapq import heappop, heappush
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from driftplan.arrays import Floats, Ints
+from driftplan.arrays import Bools, Floats, Ints
 from driftplan.planning.roadmap.beacon_graph import BeaconGraph, Effects
-from driftplan.planning.roadmap.edge_steps import Score
+from driftplan.planning.roadmap.edge_steps import spans
 
 _ASK_EVERY = 32  # labels expanded between two looks at the clock
+_MOST_AT_ONCE = 32  # labels expanded at once, but no more than a share of those expanded before
+_SHARE = 48
+_ROOM = 1024  # labels, to begin with
+_NONE = np.zeros(0, dtype=np.intp)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -73,128 +80,150 @@ class _LabelSearch:
     def __init__(self, task: LabelProblem, slack_sq: float, stop: Callable[[], bool], max_labels: int) -> None:
         self.task, self.stop, self.max_labels = task, stop, max_labels
         graph = task.graph
-        self.scenarios = len(task.states)
         self.square = graph.errors.square
         self.dominates = graph.errors.dominance(task.max_gap_m, slack_sq, graph.worst_turn())
-        self.limit_sq = task.limit**2
-        self.first = graph.first.tolist()
         self.turning = graph.turns_matter
         self.of_edge = [_rows_of_edges(effects, len(graph.tail)) for effects in task.dead]
-        # one entry per label
-        self.node: list[int] = []
-        self.length: list[float] = []
-        self.state: list[Floats] = []  # (9, scenarios)
-        self.score: list[list[Score]] = []
-        self.facing: list[complex | None] = []
-        self.parent: list[int] = []
-        self.dropped: list[bool] = []
-        self.at: dict[int, list[int]] = {}
+        states = task.states.T[None]
+        columns = [("node", int), ("parent", int), ("length", float), ("facing", complex), ("dropped", bool)]
+        shapes = [("state", float, states.shape[1:]), ("score", float, self.dominates.scores(states).shape[1:])]
+        self.labels = np.zeros(_ROOM, dtype=[*columns, *shapes])  # facing 0: any
+        self.count = 0
+        self.at: dict[int, Ints] = {}  # labels that are kept, by node
         self.heap: list[tuple[float, int]] = []
 
     def run(self, by_end: bool) -> Walk:
         task = self.task
-        start = np.ascontiguousarray(task.states.T)
-        best, end, finished, expanded = math.inf, -1, True, 0
+        best, end, finished, expanded, looked = math.inf, -1, True, 0, -1
         nearest, bound = (task.start, float(task.to_goal[task.start])), float(task.to_goal[task.start])
-        if float(self.square(start).max()) <= self.limit_sq:
-            facing = task.arriving if self.turning else None
-            self.add(task.start, 0.0, start, self.dominates.scores(start[None])[0], facing, -1)
-        while self.heap:
-            f, label = heappop(self.heap)
-            if self.dropped[label]:
-                continue
-            bound = max(bound, f)
-            node = self.node[label]
-            if task.to_goal[node] < nearest[1]:
-                nearest = (node, float(task.to_goal[node]))
-            if node == task.goal:
-                worst = float(self.square(self.state[label]).max())
-                if worst < best:
-                    best, end = worst, label
-                if not by_end:
-                    break
-            expanded += 1
-            if expanded % _ASK_EVERY == 1 and (self.stop() or len(self.node) > self.max_labels):
-                finished = False
+        start = self.columns(1)
+        start["node"], start["parent"], start["state"] = task.start, -1, task.states.T
+        start["facing"] = (self.turning and task.arriving) or 0.0
+        if float(self.square(start["state"]).max()) <= task.limit**2:
+            self.offer(start)
+        while batch := self.next_batch(1 + min(expanded // _SHARE, _MOST_AT_ONCE)):
+            bound = max(bound, batch[0][0])
+            for _, label in batch:
+                node = int(self.labels["node"][label])
+                if task.to_goal[node] < nearest[1]:
+                    nearest = (node, float(task.to_goal[node]))
+                if node == task.goal:
+                    worst = float(self.square(self.labels["state"][label]).max())
+                    if worst < best:
+                        best, end = worst, label
+            if end >= 0 and not by_end:
                 break
-            self.expand(label)
+            if expanded // _ASK_EVERY > looked:
+                looked = expanded // _ASK_EVERY
+                if self.stop() or self.count > self.max_labels:
+                    finished = False
+                    break
+            expanded += len(batch)
+            self.expand(np.array([label for _, label in batch]))
         nodes, label = list[int](), end
         while label >= 0:
-            nodes.append(self.node[label])
-            label = self.parent[label]
+            nodes.append(int(self.labels["node"][label]))
+            label = int(self.labels["parent"][label])
         return Walk(
             nodes=tuple(nodes[::-1]) or None,
-            length=self.length[end] if end >= 0 else math.inf,
+            length=float(self.labels["length"][end]) if end >= 0 else math.inf,
             end_drift=math.sqrt(max(best, 0.0)) if end >= 0 else math.inf,
             finished=finished,
-            labels=len(self.node),
-            bound=0.0 if by_end else bound if self.heap or end >= 0 else math.inf,
+            labels=self.count,
+            bound=0.0 if by_end else bound if self.heap or end >= 0 or not finished else math.inf,
             nearest=nearest,
         )
 
-    def expand(self, label: int) -> None:
-        task, node = self.task, self.node[label]
-        lo, hi = self.first[node], self.first[node + 1]
-        if lo == hi:
+    def next_batch(self, most: int) -> list[tuple[float, int]]:
+        """The next labels to expand. One at the goal comes alone: until then a shorter walk may turn up."""
+        batch: list[tuple[float, int]] = []
+        while self.heap and len(batch) < most:
+            label = self.heap[0][1]
+            if not self.labels["dropped"][label]:
+                at_goal = self.labels["node"][label] == self.task.goal
+                if at_goal and batch:
+                    break
+                batch.append(self.heap[0])
+                most = 1 if at_goal else most
+            heappop(self.heap)
+        return batch
+
+    def expand(self, labels: Ints) -> None:
+        task, graph, old = self.task, self.task.graph, self.labels
+        first, count = graph.first[old["node"][labels]], np.diff(graph.first)[old["node"][labels]]
+        edge, of = spans(first, count), np.repeat(labels, count)
+        length = old["length"][of] + graph.length[edge]
+        fits = length + task.to_goal[graph.head[edge]] <= task.longest
+        edge, of, length = edge[fits], of[fits], length[fits]
+        if not len(edge):
             return
-        graph, x, facing = task.graph, self.state[label], self.facing[label]
-        begun = x if facing is None else graph.turned(node, facing, x)
-        after, worst = graph.effects.driven(slice(lo, hi), begun)
-        if facing is not None:
-            worst = np.maximum(worst, self.square(begun))
+        begun = old["state"][of]
+        turning = old["facing"][of] != 0
+        for label in np.unique(of[turning]).tolist():
+            node, mine = int(old["node"][label]), of == label
+            turned = graph.turned(node, complex(old["facing"][label]), old["state"][label])
+            begun[mine] = turned[edge[mine] - graph.first[node]]
+        after, worst = graph.effects.driven(edge, begun)
+        worst = np.where(turning[:, None], np.maximum(worst, self.square(begun)), worst)
         for s, (effects, row) in enumerate(zip(task.dead, self.of_edge, strict=True), start=1):
-            for k in np.flatnonzero(row[lo:hi] >= 0).tolist():
-                e = int(row[lo + k])
-                before = begun[..., s : s + 1] if begun.ndim == 2 else begun[k : k + 1, :, s : s + 1]
-                one, most = effects.driven(slice(e, e + 1), before)
-                after[k, :, s], worst[k, s] = one[0, :, 0], most[0, 0]
-        length = self.length[label] + graph.length[lo:hi]
-        heads = graph.head[lo:hi]
-        fits = np.flatnonzero((worst.max(axis=1) <= self.limit_sq) & (length + task.to_goal[heads] <= task.longest))
-        scores = self.dominates.scores(after[fits])
-        for i, (k, to, driven) in enumerate(
-            zip(fits.tolist(), heads[fits].tolist(), length[fits].tolist(), strict=True)
-        ):
-            facing = complex(graph.direction[lo + k]) if self.turning else None
-            self.offer(to, driven, after[k], scores[i], facing, label)
+            other = np.flatnonzero(row[edge] >= 0)
+            if len(other):
+                one, most = effects.driven(row[edge[other]], begun[other, :, s : s + 1])
+                after[other, :, s], worst[other, s] = one[..., 0], most[:, 0]
+        keeps = np.flatnonzero(worst.max(axis=1) <= task.limit**2)
+        keeps = keeps[np.lexsort((length[keeps], graph.head[edge[keeps]]))]
+        new = self.columns(len(keeps))
+        new["node"], new["parent"], new["length"] = graph.head[edge[keeps]], of[keeps], length[keeps]
+        new["facing"] = graph.direction[edge[keeps]] if self.turning else 0.0
+        new["state"] = after[keeps]
+        self.offer(new)
 
-    def offer(
-        self, node: int, length: float, state: Floats, score: list[Score], facing: complex | None, parent: int
-    ) -> None:
-        """Keep the new label unless another dominates it; drop those that it dominates."""
-        here = self.at.get(node, [])
-        for place, other in enumerate(here):
-            if self.length[other] <= length and self.dominates(self.score[other], score, self.turn(other, facing)):
-                here.insert(0, here.pop(place))  # it is likely to dominate the next one too
-                return
-        dropped = False
-        for other in here:
-            if length <= self.length[other] and self.dominates(score, self.score[other], self.turn(other, facing)):
-                self.dropped[other] = dropped = True
-        if dropped:
-            self.at[node] = [other for other in here if not self.dropped[other]]
-        self.add(node, length, state, score, facing, parent)
+    def columns(self, count: int) -> NDArray[Any]:
+        """Room for so many new labels."""
+        while self.count + count > len(self.labels):
+            self.labels = np.concatenate([self.labels, np.zeros_like(self.labels)])
+        return self.labels[self.count : self.count + count]
 
-    def turn(self, other: int, facing: complex | None) -> float:
-        """Angle between the heading of a label and another."""
-        stands = self.facing[other]
-        if facing is None or stands is None:
-            return 0.0
-        return abs(math.atan2((facing * stands.conjugate()).imag, (facing * stands.conjugate()).real))
+    def offer(self, new: NDArray[Any]) -> None:
+        """Keep those of the new labels, ordered by node and length, that no other dominates; drop what they dominate.
 
-    def add(
-        self, node: int, length: float, state: Floats, score: list[Score], facing: complex | None, parent: int
-    ) -> None:
-        label = len(self.node)
-        self.node.append(node)
-        self.length.append(length)
-        self.state.append(state)
-        self.score.append(score)
-        self.facing.append(facing)
-        self.parent.append(parent)
-        self.dropped.append(False)
-        self.at.setdefault(node, []).append(label)
-        heappush(self.heap, (length + float(self.task.to_goal[node]), label))
+        All pairs of a new label and another at its node are compared at once.
+        """
+        if not len(new):
+            return
+        new["score"], new["dropped"] = self.dominates.scores(new["state"]), False
+        base, labels, dropped = self.count, self.labels, self.labels["dropped"]
+        nodes, first, size = np.unique(new["node"], return_index=True, return_counts=True)
+        group = np.repeat(np.arange(len(nodes)), size)
+        shorter = np.arange(len(new)) - first[group]  # of the new ones at the node
+        here = [self.at.get(node, _NONE) for node in nodes.tolist()]
+        olds, count = np.concatenate(here), np.array([len(some) for some in here])
+        other = olds[spans((np.cumsum(count) - count)[group], count[group])]
+        mine = base + np.repeat(np.arange(len(new)), count[group])
+        ahead = labels["length"][other] - labels["length"][mine]
+        better = np.concatenate([other[ahead <= 0], base + spans(first[group], shorter)])
+        worse = np.concatenate([mine[ahead <= 0], base + np.repeat(np.arange(len(new)), shorter)])
+        dropped[worse[self.beats(better, worse)]] = True
+        behind = (ahead >= 0) & ~dropped[mine]
+        dropped[other[behind][self.beats(mine[behind], other[behind])]] = True
+        kept = ~new["dropped"]
+        ends = base + np.cumsum(np.bincount(group, kept, len(nodes)).astype(int))
+        fresh = np.split(np.arange(base, ends[-1]), ends[:-1] - base)
+        for node, some, more in zip(nodes.tolist(), here, fresh, strict=True):
+            self.at[node] = np.concatenate([some[~dropped[some]], more])
+        self.count = int(ends[-1])
+        labels[base : self.count] = new[kept]
+        least = labels["length"][base : self.count] + self.task.to_goal[labels["node"][base : self.count]]
+        for label, f in enumerate(least.tolist(), start=base):
+            heappush(self.heap, (f, label))
+
+    def beats(self, better: Ints, worse: Ints) -> Bools:
+        """Which labels dominate which (pairs,), each turned to the heading of the other."""
+        labels, turn = self.labels, np.zeros(len(better))
+        if self.turning:
+            stands, faces = labels["facing"][better], labels["facing"][worse]
+            turn = np.abs(np.angle(stands * faces.conj()))
+        return self.dominates(labels["score"][better], labels["score"][worse], turn)
 
 
 def _rows_of_edges(effects: Effects, edges: int) -> Ints:

@@ -30,13 +30,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Complexes, Floats, Ints
+from driftplan.arrays import Bools, Complexes, Floats, Ints
 from driftplan.beacons.beacon import Beacon
 from driftplan.model.elements import run_moments, turn_moments
 from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix, Readings, start_errors
-from driftplan.planning.roadmap.edge_steps import NO_SITE, SIZE, Score, Steps
+from driftplan.planning.roadmap.edge_steps import NO_SITE, SIZE, Steps, spans
 
 N, D, D1_RE, D1_IM, E1_RE, E1_IM, A_RE, A_IM, ONE = range(SIZE)
 
@@ -49,20 +49,14 @@ class ResetEffects(NamedTuple):
     row: Floats  # (k, 9) row @ state = E|e|² somewhere on the edge
     first: Ints  # (m + 1,) where the rows of each edge begin
 
-    def driven(self, some: slice, begun: Floats) -> tuple[Floats, Floats]:
-        """The states (k, 9, s) after the edges ``edge[some]``, and the greatest E|e|² on the way, m², (k, s).
-
-        ``begun`` are the states where they begin, of s scenarios: (9, s) for all of them, or (k, 9, s).
-        """
-        first = self.first[some.start : some.stop + 1]
-        row = self.row[first[0] : first[-1]]
-        if begun.ndim == 2:
-            drifts = row @ begun
-        else:
-            of_edge = np.repeat(np.arange(len(begun)), np.diff(first))
-            drifts = np.einsum("kj,kjs->ks", row, begun[of_edge])
-        worst = np.maximum.reduceat(drifts, first[:-1] - first[0], axis=0)
-        return self.matrix[some] @ begun, worst
+    def driven(self, which: Ints, begun: Floats) -> tuple[Floats, Floats]:
+        """The states (k, 9, s) after the edges ``edge[which]`` (k,), each begun in s scenarios (k, 9, s), and the
+        greatest E|e|² on the way, m², (k, s)."""
+        count = self.first[which + 1] - self.first[which]
+        of_edge = np.repeat(np.arange(len(which)), count)
+        drifts = np.einsum("kj,kjs->ks", self.row[spans(self.first[which], count)], begun[of_edge])
+        worst = np.maximum.reduceat(drifts, np.cumsum(count) - count, axis=0)
+        return self.matrix[which] @ begun, worst
 
 
 class ResetEdges:
@@ -93,7 +87,7 @@ class ResetEdges:
         return _matrices(turn_moments(turn_rad, noise), np.full(len(turn_rad), arriving))
 
     def turned(self, state: Floats, turns: Floats) -> Floats:
-        """States (k, 9, s) after each turn from states (9, s)."""
+        """States (k, 9, s) after each turn from a state (9, s)."""
         return np.asarray(turns @ state)
 
     def dominance(self, max_gap_m: float, slack_sq: float, turn_rates: tuple[float, float]) -> ResetDominance:
@@ -121,31 +115,25 @@ class ResetEdges:
 
 
 class ResetDominance:
-    """Which label makes which superfluous; see above. A score is E|e|², E|δ|², E[e conj δ]."""
+    """Which label makes which superfluous; see above. A score is E|e|², E|δ|², E[e conj δ], (4,)."""
 
     def __init__(self, max_gap_m: float, slack_sq: float, turn_rates: tuple[float, float]) -> None:
         self.max_gap_m, self.turn_rates = max_gap_m, turn_rates
         self.slack_N, self.slack_D = slack_sq, slack_sq / max(max_gap_m, 1e-9) ** 2
 
-    def scores(self, states: Floats) -> list[list[Score]]:
-        """What it looks at in every scenario of states (n, 9, scenarios)."""
-        columns = (*(states[:, k].tolist() for k in (N, D)), (states[:, A_RE] + 1j * states[:, A_IM]).tolist())
-        return [list(zip(*scenarios, strict=True)) for scenarios in zip(*columns, strict=True)]
+    def scores(self, states: Floats) -> Floats:
+        """What it looks at, (n, scenarios, 4), of states (n, 9, scenarios)."""
+        return np.swapaxes(states[:, [N, D, A_RE, A_IM]], 1, 2)
 
-    def __call__(self, better: Sequence[Score], worse: Sequence[Score], turn_rad: float) -> bool:
-        """Whether a label that first turns by an angle drifts no more than another, whatever follows."""
-        slack_N = self.slack_N - self.turn_rates[1] * turn_rad
-        slack_D = self.slack_D - self.turn_rates[0] * turn_rad
-        max_gap_m = self.max_gap_m
-        for (N1, D1, a1), (N2, D2, a2) in zip(better, worse, strict=True):
-            dN, dD = N2 - N1 + slack_N, D2 - D1 + slack_D
-            if dN < 0 or dD < 0:
-                return False
-            lever = abs(a2 - a1)
-            r = max_gap_m if lever >= max_gap_m * dD else lever / dD
-            if dN + (dD * r - 2 * lever) * r < 0:
-                return False
-        return True
+    def __call__(self, better: Floats, worse: Floats, turn_rad: Floats) -> Bools:
+        """Which labels (k,) that first turn by an angle drift no more than others, whatever follows; scores
+        (k, scenarios, 4)."""
+        gain, far = np.moveaxis(worse - better, -1, 0), self.max_gap_m
+        dN = gain[0] + self.slack_N - self.turn_rates[1] * turn_rad[:, None]
+        dD = gain[1] + self.slack_D - self.turn_rates[0] * turn_rad[:, None]
+        lever = np.hypot(gain[2], gain[3])
+        r = np.where(lever >= far * dD, far, lever / np.maximum(dD, 1e-300))
+        return np.asarray(((dN >= 0) & (dD >= 0) & (dN + (dD * r - 2 * lever) * r >= 0)).all(axis=1))
 
 
 def state_of(moments: Moments) -> Floats:
