@@ -1,15 +1,18 @@
 """What a fusing robot's requirements are made of, part by part: against drives from border to border, leg by leg."""
 
+from dataclasses import replace
 from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
 
+from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.layouts.placement import fused_requirements
 from driftplan.layouts.placement.fused_requirements import FusedRequirements
 from driftplan.layouts.placement.fused_routes import NEVER, fused_routes
 from driftplan.layouts.placement.weighted_cuts import WeightedCuts
 from driftplan.layouts.scenario import Scenario
+from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.planning.request import DriftLimit
 
@@ -169,6 +172,39 @@ def test_what_has_to_be_added_is_all_but_the_largest_set_that_fails(name, seed, 
             border = route.breach(alive, its.most[r])
             if border != NEVER:
                 assert its.needs._outside(r, set(alive), border) == outside(route, its.most[r], alive, border)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_it_is_so_wherever_and_however_often_sites_are_read(seed):
+    rng = np.random.default_rng(seed)
+    noise = OdometryNoise(heading_var_per_m=1e-2, distance_var_per_m=1e-2)
+    kinds = [BeaconKind.rfid(2.0, 0.1), BeaconKind.rfid(2.0, 0.3), BeaconKind.landmark(2.0, 0.2, 0.1)]
+    sites = [Beacon(kinds[k % 3], 2.0 * k, 0.5, f"s{k}") for k in range(7)]
+    start = Fix.full(0.0, position_std_m=0.5, heading_std=0.15)
+    scenario = Scenario.of(None, [(0, 0), (14, 0)], noise, DriftLimit(), start, "filter")
+    (route,) = fused_routes(scenario, scenario.readings(sites))
+    read = [reading for here in route.readings for reading in here]
+    shuffled = (rng.choice(len(read), rng.integers(0, 4)).tolist() for _ in range(12))
+    here = [tuple(read[k] for k in some) for some in shuffled]
+    route = replace(route, readings=(*here, *[()] * (len(route.readings) - 12)))
+    tried = 0
+    for limit in np.quantile(list(drive(route, route.sites)[0].values()), (0.6, 0.8, 0.95)) * 1.3:
+        needs = FusedRequirements([route], [np.sqrt(limit)])
+        for alive in (frozenset(c) for k in range(3) for c in combinations(range(7), k)):
+            border = route.breach(alive, limit)
+            if border != NEVER:
+                tried += 1
+                assert needs._outside(0, set(alive), border) == outside(route, limit, alive, border)
+    assert tried
+
+
+def test_of_many_beginnings_of_stretches_only_some_are_looked_at(case, monkeypatch):
+    monkeypatch.setattr(fused_requirements, "_WEIGHTED_STRETCHES", 4)
+    its = case("tags", 0, share=0.05)
+    known = [len(route.unread(most)) for route, most in zip(its.routes, its.most, strict=True)]
+    assert max(known) > 4
+    number = [sum(weighted.r == r for weighted, _ in its.needs._stretches) for r in range(len(its.routes))]
+    assert number == [-(-n // (1 + n * len(its.routes) // 4)) for n in known]
 
 
 @pytest.mark.parametrize(("name", "seed"), CASES)

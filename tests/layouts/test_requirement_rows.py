@@ -382,6 +382,9 @@ def test_sets_that_cannot_hold_a_slot_are_looked_for_beforehand(name, seed, case
         route, slot = cut.where
         met = {int(s) for s in its.table.site[its.table.readings_of(route)]}
         outside = [s for s in met if s not in cut.columns]
+        if not needs.sure[route]:  # judged at the end of the slot
+            (same,) = needs._chance_cuts(route, slot, min(slot + 1, int(its.table.slots[route])), [])
+            assert (cut.columns.tolist(), cut.least) == (same.columns.tolist(), same.least)
         need = int(cut.least) - its.redundancy + 1
         some = [c for k in range(need) for c in combinations(cut.columns.tolist(), k)]
         for few in some[:8]:  # with fewer of them than that the slot fails

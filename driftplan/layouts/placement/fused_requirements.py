@@ -172,7 +172,7 @@ class FusedRequirements:
         low = bisect_left(range(border - 1), True, key=lambda k: not fails(route.best[k], k, alive)) - 1
         inside, outside = set(alive), set()
         state, here = (route.start, 0) if low < 0 else (route.best[low], low)
-        for stop in range(max(low + 1, 0), border):
+        for stop in range(low + 1, border):
             for site in {reading.site: None for reading in route.readings[stop]}:
                 if site not in inside and site not in outside:
                     arriving = route.driven(state, here, stop) if stop > here else state
