@@ -103,6 +103,16 @@ def test_a_peak_between_waypoints_is_found():
     assert worst_rms(drift) == pytest.approx(drift.profile(0.001).rms.max(), rel=1e-6)
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_a_peak_that_would_come_before_a_run_or_after_it_does_not_count(seed):
+    rng = np.random.default_rng(seed)
+    noise = OdometryNoise(heading_var_per_m=1e-6, heading_bias_per_rad=0.1, heading_bias_per_m=-0.02)
+    path = np.cumsum(rng.normal(size=(4, 2)) * 4, axis=0)
+    drift = filtered(path, noise, ())
+    dense = drift.profile(float(drift.length) / 1000).rms.max()
+    assert dense * (1 - 1e-12) <= worst_rms(drift) <= dense * (1 + 1e-5)
+
+
 def test_a_filter_is_never_worse_than_resets():
     resets = predict_drift(PATH, NOISE, fixes=TAGS)
     s = np.linspace(0, 42, 400)
