@@ -169,6 +169,13 @@ def test_the_drift_before_a_fix_counts():
     assert worst_rms(drift) == pytest.approx(float(before), rel=1e-12)
 
 
+@pytest.mark.parametrize("s_m", [0.0, 4.0, 15.0])
+def test_a_fix_that_makes_matters_worse_counts_wherever_it_is(s_m):
+    coarse = Fix.position(s_m, position_std_m=9.0)
+    drift = predict_drift([(0, 0), (15, 0)], OdometryNoise(distance_var_per_m=1e-3), fixes=[coarse])
+    assert worst_rms(drift) == pytest.approx(np.sqrt(2 * 81 + 1e-3 * (15 - s_m)), rel=1e-12)
+
+
 def test_every_leg_has_its_own_noise():
     calm, wild = OdometryNoise(distance_var_per_m=1e-6), CIRCLING
     drift = predict_drift([(0, 0), (5, 0), (11, 4), (12, 4)], [calm, wild, calm])
