@@ -188,19 +188,15 @@ def marks_of(beacons: Sequence[Beacon]) -> list[Mark]:
 def _read_geojson(path: Path) -> tuple[Beacon, ...]:
     features = read_features(path)
     found = []
-    for k, feature in enumerate(features, start=1):
-        where = f"{path}, feature {k}"
-        geometry = feature.get("geometry") if isinstance(feature, dict) else None
-        if not isinstance(geometry, dict) or geometry.get("type") != "Point":
+    for where, _, properties, kind, place in features:
+        if kind != "Point":
             continue
-        properties = feature.get("properties")
-        if not isinstance(properties, dict):
+        if not properties:
             raise MapError(f"{where}: expected properties such as range_m and position_std_m, got none")
         values = {"name": properties.get("kind", "beacon")} | {k: properties[k] for k in _KIND[1:] if k in properties}
         try:
-            x, y = geometry["coordinates"][:2]
             facing, name = properties.get("facing_deg"), str(properties.get("id", ""))
-            found.append(Beacon(BeaconKind(**values), x, y, id=name, facing_deg=facing))
+            found.append(Beacon(BeaconKind(**values), place.x, place.y, id=name, facing_deg=facing))
         except (KeyError, TypeError, ValueError) as err:
             raise MapError(f"{where}: expected a beacon: {err}") from err
     if features and not found:

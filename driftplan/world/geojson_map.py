@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from reprlib import repr as short
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from driftplan.arrays import MAX_NUMBER, Floats, point_of
+from driftplan.arrays import Floats, point_of
 from driftplan.errors import MapError, naming
 from driftplan.files import VERSION, plain_numbers
 from driftplan.model.noise import OdometryNoise
@@ -27,7 +28,7 @@ from driftplan.world.plain_data import read_json
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
-_KINDS = ("boundary", "obstacle", "zone")
+_MEANINGS = ("boundary", "obstacle", "zone")
 _NOISE_KEYS = tuple(field.name for field in fields(OdometryNoise))
 _LOCAL_METRES = {"type": "name", "properties": {"name": 'LOCAL_CS["map frame",UNIT["metre",1]]'}}
 _NOT_METRES = re.compile(
@@ -38,7 +39,10 @@ _PROJECT = (
     "project the map first, say to UTM (ogr2ogr -t_srs EPSG:32632), or give degrees an origin=(lon, lat) (--origin)"
 )
 _LEAST_EXTENT_M = 0.5  # of a map: no robot drives on less
-_MAX_DEPTH = 4  # of lists, in the coordinates of a MultiPolygon
+_MAX_COORDINATE = 1e9
+_TEXT = json.JSONEncoder(allow_nan=False)
+Origin = tuple[float, float] | None
+KINDS = ("Point", "MultiPoint", "LineString", "MultiLineString", "Polygon", "MultiPolygon")
 # Beyond these, merging the walls and growing them would take minutes; plans of buildings stay far below.
 _MAX_POSITIONS = 50_000
 _MAX_CROSSINGS = 20_000
@@ -50,16 +54,12 @@ def read_geojson_map(path: Path, *, robot_radius: float, origin: tuple[float, fl
     boundary: list[Polygon | MultiPolygon] = []
     obstacles: list[Polygon | MultiPolygon] = []
     zones: list[Zone] = []
-    for number, feature in enumerate(read_features(path, origin=origin), start=1):
-        where = f"{path}, feature {number}"
-        if not (isinstance(feature, dict) and feature.get("type") == "Feature"):
-            raise MapError(f"{where}: expected a Feature, got {short(feature)}")
-        properties = feature.get("properties")
-        properties = properties if isinstance(properties, dict) else {}
+    for feature in read_features(path, origin=origin):
+        where, properties = feature.where, feature.properties
         kind = properties.get("kind")
-        if kind not in _KINDS:
-            raise MapError(f'{where}: expected a property "kind" out of {", ".join(_KINDS)}, got {short(kind)}')
-        area = area_of(where, feature.get("geometry"))
+        if kind not in _MEANINGS:
+            raise MapError(f'{where}: expected a property "kind" out of {", ".join(_MEANINGS)}, got {short(kind)}')
+        area = area_of(where, feature)
         if kind == "zone":
             noise = {key: value for key, value in properties.items() if key not in ("kind", "name")}
             zones.append(Zone(area, zone_noise(where, noise)))
@@ -103,34 +103,47 @@ def _feature(area: Any, **properties: Any) -> dict[str, Any]:
     return {"type": "Feature", "properties": properties, "geometry": json.loads(shapely.to_geojson(area))}
 
 
+class Feature(NamedTuple):
+    """A feature of a FeatureCollection."""
+
+    where: str  # in the file, for messages
+    id: Any
+    properties: dict[str, Any]
+    kind: str  # of the geometry
+    geometry: Any  # of shapely, in metres, without heights, not empty; None if its kind was not asked for
+
+
 def read_features(
-    path: Path, *, metres_whatever_crs: bool = False, origin: tuple[float, float] | None = None
-) -> list[Any]:
-    """The features of a GeoJSON FeatureCollection in metres, not looked into; a file that is none is a `MapError`."""
-    return features_of(path, read_json(path), metres_whatever_crs, origin)
+    path: Path, kinds: Sequence[str] = KINDS, metres_whatever_crs: bool = False, origin: Origin = None
+) -> list[Feature]:
+    """The features of a GeoJSON FeatureCollection in metres; a file that is none is a `MapError`."""
+    return features_of(path, read_json(path), kinds, metres_whatever_crs, origin)
 
 
 def features_of(
-    path: Path, held: Any, metres_whatever_crs: bool = False, origin: tuple[float, float] | None = None
-) -> list[Any]:
+    path: Path, held: Any, kinds: Sequence[str] = KINDS, metres_whatever_crs: bool = False, origin: Origin = None
+) -> list[Feature]:
     """The features of a FeatureCollection that was read; degrees become metres about the ``origin``."""
     if not (
         isinstance(held, dict) and held.get("type") == "FeatureCollection" and isinstance(held.get("features"), list)
     ):
         raise MapError(f"{path}: expected a GeoJSON FeatureCollection with a list of features")
-    declared, features = json.dumps(held.get("crs")), list(held["features"])
+    declared = json.dumps(held.get("crs"))
+    features = [_feature_of(f"{path}, feature {k}", one, kinds) for k, one in enumerate(held["features"], start=1)]
     if metres_whatever_crs or "LOCAL_CS" in declared:
         return features
-    name = _NOT_METRES.search(declared)
+    name, shapes = _NOT_METRES.search(declared), np.array([feature.geometry for feature in features], dtype=object)
     if origin is not None and (name is None or not _STRETCHED.search(name[0])):
         with naming(path, MapError):
-            return projected(features, origin)
+            placed = zip(features, projected(shapes, origin), strict=True)
+            return [feature._replace(geometry=shape) for feature, shape in placed]
     if name:
         raise MapError(
             f"{path}: coordinates are in degrees, or in metres that the latitude stretches (crs {name[0]}); expected "
             f"metres: {_PROJECT}"
         )
-    if _looks_like_degrees(features):
+    xy = shapely.get_coordinates(shapes)
+    if len(xy) and (np.abs(xy) <= (180.0, 90.0)).all() and 0 < np.ptp(xy, axis=0).max() < _LEAST_EXTENT_M:
         raise MapError(
             f"{path}: less than {_LEAST_EXTENT_M} m wide, these look like longitudes and latitudes; expected metres: "
             f"{_PROJECT}"
@@ -138,79 +151,59 @@ def features_of(
     return features
 
 
-def projected(features: list[Any], origin: tuple[float, float]) -> list[Any]:
-    """Features in degrees of longitude and latitude, in metres east and north of the ``origin``.
+def _feature_of(where: str, held: Any, kinds: Sequence[str]) -> Feature:
+    if not isinstance(held, dict):
+        raise MapError(f"{where}: expected a Feature, got {short(held)}")
+    said, shape = (one if isinstance(one, dict) else {} for one in map(held.get, ("properties", "geometry")))
+    kind = str(shape.get("type"))
+    return Feature(where, held.get("id"), said, kind, _shape(where, shape) if kind in kinds else None)
+
+
+def _shape(where: str, held: dict[str, Any]) -> Any:
+    try:
+        shape = shapely.from_geojson(_TEXT.encode(held))
+        if not all(abs(bound) < _MAX_COORDINATE for bound in shape.bounds):  # nan if there are none
+            raise ValueError(f"none, or one beyond {_MAX_COORDINATE:g}")
+    except (shapely.GEOSException, ValueError, RecursionError) as err:
+        fault, listed = re.split(r"[:\]] ", str(err))[-1].strip("'\n"), short(held.get("coordinates"))
+        raise MapError(
+            f"{where}: expected positions [x, y] in metres, the last of a ring like its first, got {listed} ({fault})"
+        ) from err
+    return shapely.force_2d(shape)
+
+
+def projected(shapes: NDArray[Any], origin: tuple[float, float]) -> NDArray[Any]:
+    """Geometries in degrees of longitude and latitude, in metres east and north of the ``origin``.
 
     On the plane that touches the ellipsoid of WGS 84 there: a kilometre away distances are right to 0.1 mm.
     """
     longitude, latitude = point_of("origin", origin)
+    degrees = shapely.get_coordinates(shapes)
     if not (abs(longitude) <= 180 and abs(latitude) < 90):
         raise ValueError(f"expected origin to be a longitude and a latitude in degrees, got {tuple(origin)}")
-    here = _on_earth(np.array([longitude, latitude]))
+    if len(far := degrees[(np.abs(degrees) > (180, 90)).any(axis=1)]):
+        raise ValueError(f"expected longitudes and latitudes, since an origin is given, got {far[0].tolist()}")
     along, up = np.radians([longitude, latitude])
     east = [-np.sin(along), np.cos(along), 0.0]
     north = [-np.sin(up) * np.cos(along), -np.sin(up) * np.sin(along), np.cos(up)]
-
-    def moved(value: Any, depth: int = 0) -> Any:
-        if not isinstance(value, list) or depth > _MAX_DEPTH:
-            return value
-        if not (len(value) >= 2 and all(type(v) in (int, float) for v in value[:2])):
-            return [moved(inner, depth + 1) for inner in value]
-        if not (abs(value[0]) <= 180 and abs(value[1]) <= 90):
-            raise ValueError(f"expected longitudes and latitudes, since an origin is given, got {short(value)}")
-        return ((_on_earth(np.array(value[:2])) - here) @ np.transpose([east, north])).tolist()
-
-    shapes = [feature.get("geometry") if isinstance(feature, dict) else None for feature in features]
-    return [
-        feature | {"geometry": shape | {"coordinates": moved(shape.get("coordinates"))}}
-        if isinstance(shape, dict)
-        else feature
-        for feature, shape in zip(features, shapes, strict=True)
-    ]
+    metres = (_on_earth(degrees) - _on_earth(np.array([[longitude, latitude]]))) @ np.transpose([east, north])
+    return np.asarray(shapely.set_coordinates(shapes.copy(), metres))
 
 
 def _on_earth(degrees: Floats) -> Floats:
-    """Where a longitude and latitude are, in metres from the middle of the Earth."""
-    (along, up), flat = np.radians(degrees), 0.00669437999014
+    """Where longitudes and latitudes (n, 2) are, in metres from the middle of the Earth, (n, 3)."""
+    (along, up), flat = np.radians(degrees).T, 0.00669437999014
     radius = 6378137.0 / np.sqrt(1 - flat * np.sin(up) ** 2)
     across = radius * np.cos(up)
-    return np.array([across * np.cos(along), across * np.sin(along), (1 - flat) * radius * np.sin(up)])
+    return np.stack([across * np.cos(along), across * np.sin(along), (1 - flat) * radius * np.sin(up)], axis=1)
 
 
-def _looks_like_degrees(features: list[Any]) -> bool:
-    """Whether all coordinates are those of a place on Earth, and closer together than a robot is wide."""
-    positions = np.array([position[:2] for feature in features for position in _positions(feature)], dtype=float)
-    return bool(
-        len(positions) > 1
-        and (np.abs(positions) <= (180.0, 90.0)).all()
-        and 0 < np.ptp(positions, axis=0).max() < _LEAST_EXTENT_M
-    )
-
-
-def _positions(value: Any) -> Iterator[list[Any]]:
-    """Whatever has the form of a position in a feature; other things are refused where they are read."""
-    waiting = [value.get("geometry")] if isinstance(value, dict) else []
-    while waiting:
-        inner = waiting.pop()
-        if isinstance(inner, dict):
-            waiting.append(inner.get("coordinates"))
-        elif isinstance(inner, list) and len(inner) >= 2 and all(type(v) in (int, float) for v in inner[:2]):
-            if all(abs(v) < MAX_NUMBER for v in inner[:2]):
-                yield inner
-        elif isinstance(inner, list):
-            waiting += inner
-
-
-def area_of(where: str, geometry: Any) -> Polygon | MultiPolygon:
-    kind = geometry.get("type") if isinstance(geometry, dict) else None
-    if kind not in ("Polygon", "MultiPolygon"):
-        raise MapError(f"{where}: expected a Polygon or MultiPolygon, got {short(kind)}")
-    listed = geometry.get("coordinates")
-    if not (isinstance(listed, list) and listed):
-        raise MapError(f"{where}: expected coordinates, got {short(listed)}")
-    polygons = [_polygon(where, rings) for rings in ([listed] if kind == "Polygon" else listed)]
-    area = polygons[0] if kind == "Polygon" else MultiPolygon(polygons)
-    if not area.is_valid or area.is_empty:
+def area_of(where: str, feature: Feature) -> Polygon | MultiPolygon:
+    """The polygons of a feature."""
+    area = feature.geometry
+    if not isinstance(area, (Polygon, MultiPolygon)):
+        raise MapError(f"{where}: expected a Polygon or MultiPolygon, got {feature.kind}")
+    if not area.is_valid:
         raise MapError(f"{where}: not a valid polygon: {shapely.is_valid_reason(area)}")
     return area
 
@@ -232,27 +225,6 @@ def refuse_tangles(path: Path, areas: list[Polygon | MultiPolygon]) -> None:
             raise MapError(
                 f"{path}: the walls cross each other more than {_MAX_CROSSINGS} times; merge or simplify them"
             )
-
-
-def _polygon(where: str, rings: Any) -> Polygon:
-    if not (isinstance(rings, list) and rings):
-        raise MapError(f"{where}: expected a list of rings, got {short(rings)}")
-    closed = []
-    for ring in rings:
-        if not (isinstance(ring, list) and len(ring) >= 4 and ring[0] == ring[-1]):
-            raise MapError(
-                f"{where}: expected rings of 4 or more positions, the last like the first, got {short(ring)}"
-            )
-        closed.append([position_of(where, position) for position in ring])
-    return Polygon(closed[0], closed[1:])
-
-
-def position_of(where: str, position: Any) -> tuple[float, float]:
-    if isinstance(position, list) and len(position) in (2, 3):  # a height is allowed, and of no use here
-        x, y = position[:2]
-        if type(x) in (int, float) and type(y) in (int, float) and abs(x) < 1e9 and abs(y) < 1e9:
-            return float(x), float(y)
-    raise MapError(f"{where}: expected positions [x, y] in metres, got {short(position)}")
 
 
 def zone_noise(where: str, said: dict[Any, Any]) -> OdometryNoise:

@@ -18,7 +18,7 @@ import shapely
 
 from driftplan.errors import MapError, naming
 from driftplan.files import read_bytes
-from driftplan.world.geojson_map import area_of, features_of, position_of, refuse_tangles
+from driftplan.world.geojson_map import Feature, area_of, features_of, refuse_tangles
 from driftplan.world.plain_data import json_of
 from driftplan.world.world import World
 
@@ -40,16 +40,12 @@ def read_imdf_map(
         raise MapError(f"{path}: IMDF is in degrees: give the place of x = y = 0, origin=(lon, lat) (--origin)")
     parts = _features(path, origin)
     chosen = _level(path, parts["level"], level)
-    here = {part: [f for f in parts[part] if f["properties"].get("level_id") == chosen["id"]] for part in _PARTS[1:]}
-    units = [(f["properties"].get("category"), area_of(f"{path}, unit {f['id']}", f["geometry"])) for f in here["unit"]]
-    ground = area_of(f"{path}, level {chosen['id']}", chosen["geometry"])
-    fixtures = [
-        area_of(f"{path}, fixture {f['id']}", f["geometry"])
-        for f in here["fixture"]
-        if f["geometry"].get("type") in ("Polygon", "MultiPolygon")
-    ]
+    here = {part: [f for f in parts[part] if f.properties.get("level_id") == chosen.id] for part in _PARTS[1:]}
+    units = [(f.properties.get("category"), area_of(f"{path}, unit {f.id}", f)) for f in here["unit"]]
+    ground = area_of(f"{path}, level {chosen.id}", chosen)
+    fixtures = [area_of(f"{path}, fixture {f.id}", f) for f in here["fixture"] if f.kind in ("Polygon", "MultiPolygon")]
     if not units:
-        raise MapError(f"{path}: expected units on level {chosen['id']}, got none")
+        raise MapError(f"{path}: expected units on level {chosen.id}, got none")
     refuse_tangles(path, [ground, *fixtures, *(area for _, area in units)])
     with naming(path, MapError):
         doors = [_line(path, f).buffer(_THROUGH_M, cap_style="flat") for f in here["opening"]]
@@ -62,7 +58,7 @@ def read_imdf_map(
         return World.within(ground, [area for area in obstacles if not area.is_empty], robot_radius=robot_radius)
 
 
-def _features(path: Path, origin: tuple[float, float]) -> dict[str, list[dict[str, Any]]]:
+def _features(path: Path, origin: tuple[float, float]) -> dict[str, list[Feature]]:
     """Features in metres, by the names of the archive's files."""
     content, left, found = read_bytes(path, MapError, max_bytes=_MAX_BYTES), _MAX_BYTES, {}
     try:
@@ -82,26 +78,24 @@ def _features(path: Path, origin: tuple[float, float]) -> dict[str, list[dict[st
         raise MapError(f"{path}: not a readable archive ({err})") from err
     for part, features in found.items():
         for feature in features:
-            keys = {"id": str, "properties": dict, "geometry": dict}
-            if not isinstance(feature, dict) or not all(isinstance(feature.get(k), t) for k, t in keys.items()):
+            if not (isinstance(feature.id, str) and feature.properties and feature.geometry):
                 raise MapError(f"{path}: expected every {part} to have an id, properties and a geometry")
     return found
 
 
-def _line(path: Path, opening: dict[str, Any]) -> Any:
-    where, listed = f"{path}, opening {opening['id']}", opening["geometry"].get("coordinates")
-    if opening["geometry"].get("type") != "LineString" or not isinstance(listed, list) or len(listed) < 2:
-        raise MapError(f"{where}: expected a LineString")
-    return shapely.LineString([position_of(where, position) for position in listed])
+def _line(path: Path, opening: Feature) -> Any:
+    if opening.kind != "LineString":
+        raise MapError(f"{path}, opening {opening.id}: expected a LineString")
+    return opening.geometry
 
 
-def _level(path: Path, levels: list[dict[str, Any]], asked: str | None) -> dict[str, Any]:
+def _level(path: Path, levels: list[Feature], asked: str | None) -> Feature:
     """The one that is called so; it may be left out where there is only one."""
-    called: dict[str, dict[str, Any]] = {}
+    called: dict[str, Feature] = {}
     for feature in levels:
-        said = feature["properties"]
+        said = feature.properties
         names = [label for key in ("name", "short_name") for label in (said.get(key) or {}).values()]
-        for name in (feature["id"], said.get("ordinal"), *names):
+        for name in (feature.id, said.get("ordinal"), *names):
             called[str(name)] = feature
     if asked is None and len(levels) == 1:
         return levels[0]

@@ -23,7 +23,7 @@ from driftplan.errors import MapError, naming
 from driftplan.files import VERSION, plain_numbers, read_bytes
 from driftplan.world.building_map import building_lanes
 from driftplan.world.formats import Format, Mark, format_of, own_options
-from driftplan.world.geojson_map import position_of, read_features
+from driftplan.world.geojson_map import read_features
 from driftplan.world.lif import lif_bytes, read_lif
 from driftplan.world.plain_data import MAX_JSON_BYTES
 
@@ -132,18 +132,15 @@ def _read_nav2(file: Path) -> RouteGraph:
     nodes: dict[int, tuple[float, float]] = {}
     edges: list[tuple[int, int, int]] = []  # id, from, to: ids may occur twice, as in nav2's own files
     metadata = []
-    for number, feature in enumerate(read_features(file, metres_whatever_crs=True), start=1):
-        where = f"{file}, feature {number}"
-        parts = [feature.get(key) for key in ("properties", "geometry")] if isinstance(feature, dict) else []
-        held, geometry = [part if isinstance(part, dict) else {} for part in parts] or ({}, {})
-        is_node = geometry.get("type") == "Point"
+    for where, _, held, kind, place in read_features(file, ("Point",), metres_whatever_crs=True):
+        is_node = kind == "Point"  # nav2 looks at no line, and its own files have broken ones
         ids = [held.get(name) for name in (("id",) if is_node else ("id", "startid", "endid"))]
-        if (not is_node and geometry.get("type") not in _LINES) or not all(type(number) is int for number in ids):
+        if (not is_node and kind not in _LINES) or not all(type(number) is int for number in ids):
             raise MapError(f"{where}: expected a Point with an id, or a LineString with id, startid and endid, numbers")
         if is_node and held["id"] in nodes:
             raise MapError(f"{where}: the id {held['id']} occurs twice")
         if is_node:
-            nodes[held["id"]] = position_of(where, geometry.get("coordinates"))
+            nodes[held["id"]] = (place.x, place.y)
         else:
             edges.append((held["id"], held["startid"], held["endid"]))
             metadata.append(held.get("metadata") or {})

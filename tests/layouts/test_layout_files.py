@@ -108,7 +108,7 @@ def test_without_a_map_walls_are_left_empty():
         ("[]", "expected a GeoJSON FeatureCollection"),
         ('{"type": "FeatureCollection", "features": [{}]}', "at least one Point feature"),
         (
-            '{"type": "FeatureCollection", "features": [{"geometry": {"type": "Point"}}]}',
+            '{"type": "FeatureCollection", "features": [{"geometry": {"type": "Point", "coordinates": [1, 2]}}]}',
             "feature 1: expected properties",
         ),
         (
@@ -119,7 +119,7 @@ def test_without_a_map_walls_are_left_empty():
         (
             '{"type": "FeatureCollection", "features": [{"geometry": {"type": "Point", "coordinates": ["a", 2]}, '
             '"properties": {"range_m": 1, "position_std_m": 0.1}}]}',
-            "feature 1: expected a beacon: expected x",
+            r"feature 1: expected positions \[x, y\] in metres.*got \['a', 2\]",
         ),
     ],
 )

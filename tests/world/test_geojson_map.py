@@ -76,12 +76,12 @@ def test_many_polygons_holes_heights_and_foreign_members_are_fine(tmp_path):
             feature(kind="obstacle", geometry={"type": "Point", "coordinates": [1, 2]}),
             "feature 2: expected a Polygon or Multi",
         ),
-        (feature(kind="obstacle", geometry={"type": "Polygon"}), "feature 2: expected coordinates, got None"),
-        (feature(kind="obstacle", geometry={"type": "Polygon", "coordinates": [[]]}), "rings of 4 or more positions"),
-        (feature(kind="obstacle", geometry={"type": "MultiPolygon", "coordinates": [[]]}), "expected a list of rings"),
+        (feature(kind="obstacle", geometry={"type": "Polygon"}), "feature 2: expected positions .*, got None"),
+        (feature(kind="obstacle", geometry={"type": "Polygon", "coordinates": [[]]}), r"positions .*, got \[\[\]\]"),
+        (feature(kind="obstacle", geometry={"type": "MultiPolygon", "coordinates": [[]]}), "none, or one beyond"),
         (
             feature(SQUARE[:-1], kind="obstacle"),
-            "feature 2: expected rings of 4 or more positions, the last like the first",
+            "feature 2: expected positions .*, the last of a ring like its first, got",
         ),
         (
             feature([[0, 0], [1, 1], [1, 0], [0, 1], [0, 0]], kind="obstacle"),
@@ -89,7 +89,7 @@ def test_many_polygons_holes_heights_and_foreign_members_are_fine(tmp_path):
         ),
         (
             feature([[0, 0], [1, "1"], [1, 0], [0, 0]], kind="obstacle"),
-            r"expected positions \[x, y\] in metres, got \[1, '1'\]",
+            r"expected positions \[x, y\] in metres.*, got .*\[1, '1'\]",
         ),
         (feature([[0, 0], [1, True], [1, 0], [0, 0]], kind="obstacle"), r"expected positions \[x, y\]"),
         (feature([[0, 0], [1, 1e300], [1, 0], [0, 0]], kind="obstacle"), r"expected positions \[x, y\]"),

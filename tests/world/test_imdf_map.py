@@ -141,8 +141,8 @@ def test_geojson_in_degrees_is_read_about_an_origin_and_refused_without(tmp_path
 @given(st.floats(-179, 179), st.floats(-80, 80), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01))
 def test_distances_are_those_on_the_ellipsoid(longitude, latitude, east, north):
     """Against the radii of curvature in the middle of the way, right to a tenth of a millimetre on a kilometre."""
-    point = {"geometry": {"coordinates": [longitude + east, latitude + north]}}
-    x, y = projected([point], (longitude, latitude))[0]["geometry"]["coordinates"]
+    point = shapely.points([[longitude + east, latitude + north]])
+    x, y = shapely.get_coordinates(projected(point, (longitude, latitude)))[0]
     middle, flat = np.radians(latitude + north / 2), 0.00669437999014
     bend = 1 - flat * np.sin(middle) ** 2
     along = 6378137.0 / np.sqrt(bend) * np.cos(middle) * np.radians(east)

@@ -175,7 +175,7 @@ def test_metadata_that_nav2_does_not_read_are_refused():
         (lambda f: f[4]["properties"].update(metadata=[1]), "feature 5: expected metadata by their names"),
         (lambda f: f.__delitem__(slice(4, None)), "expected a graph of nodes and edges, got 4 nodes and no edges"),
         (lambda f: f[0]["geometry"].update(coordinates=[1e300, 0]), "feature 1: expected positions"),
-        (lambda f: f.append(3), "feature 9: expected a Point"),
+        (lambda f: f.append(3), "feature 9: expected a Feature, got 3"),
     ],
 )
 def test_what_is_no_graph_is_refused_by_its_feature(tmp_path, change, said):
