@@ -230,12 +230,6 @@ def _numbers(
             values = np.full((1, 1), np.nan)
         if np.isfinite(values).all():
             return values
-    return _numbers_by_line(file, lines, rows, width, kept, recording, all_cells)
-
-
-def _numbers_by_line(
-    file: Path, lines: list[str], rows: list[int], width: int, kept: list[int], recording: bool, all_cells: bool
-) -> Floats:
     values = np.empty((len(rows), len(kept)))
     for row, k in enumerate(rows):
         cells = _fields(lines[k], all_cells=all_cells)
