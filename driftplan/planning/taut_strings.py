@@ -42,7 +42,7 @@ _SLACK = 1e-9  # and what ends so short of an obstacle, as a share of the distan
 _FIRST_MARGIN_RADII, _FIRST_MARGIN_SIZES = 1 / 6, 1e-4  # of the robot, and of the map
 _MARGINS, _FINER = 4, 2.5  # margins tried at most, each so much finer than the one before
 _WORTH = 0.8  # of the gap left by a margin: then the next one does not pay
-_MOST_LOOKS = 1_500_000  # at corners, from others, for one string: about half a second
+_MOST_LOOKS = 3_000_000  # at corners, from others, for one string: about half a second
 _LENGTHS = 2000  # of routes, at which the bound of the mean square is evaluated
 _HEADING_STD_FACTOR = 2.0  # times that of the route found: where a bound must be restricted, it is for up to that
 
@@ -333,7 +333,8 @@ class _Corners:
         # A taut string touches at its corners: both sides that meet there lie on one side of it.
         slack = -_SLACK * distance
         left, right = _cross(there, there[after] - there), _cross(there, there[before] - there)
-        wanted &= ~(here[after] & here[before]) | (left * right >= slack * (np.abs(left) + np.abs(right)))
+        through = here[after] & here[before] & (left * right < slack * (np.abs(left) + np.abs(right)))
+        wanted &= ~through
         to = np.flatnonzero(wanted)
         to = to[to != corner]
         ends, to = np.append(there[to], -reach), np.append(to, len(self.z))
@@ -342,7 +343,10 @@ class _Corners:
             taut = _cross(ends, a) * _cross(ends, b) >= -_SLACK * np.abs(ends) ** 2 * abs(a * b)
             ends, to = ends[taut], to[taut]
         solid = here & here[after] & (np.abs(turn - turn[after]) < np.pi)
-        visible = ~_blocked(ends, there[solid], there[after][solid])
+        past = np.where(
+            through, -_SLACK_RAD, _SLACK_RAD
+        )  # what meets the outline there goes on behind it, or beside it
+        visible = ~_blocked(ends, there[solid], there[after][solid], past[solid], past[after][solid])
         return to[visible], np.abs(ends[visible])
 
     def _turn(self, corners: Ints, angle: Floats | float) -> Floats:
@@ -353,15 +357,17 @@ class _Corners:
         return np.asarray(self._reach[corners] * np.exp(1j * turn))
 
 
-def _blocked(ends: Complexes, a: Complexes, b: Complexes) -> Bools:
-    """Which straight lines from the origin to ``ends`` cross one of the sides from ``a`` to ``b``."""
+def _blocked(ends: Complexes, a: Complexes, b: Complexes, slack_a: Floats, slack_b: Floats) -> Bools:
+    """Which straight lines from the origin to ``ends`` cross one of the sides from ``a`` to ``b``, by more than a slack
+    (rad) from its ends."""
     order = np.argsort(np.angle(ends), kind="stable")
     angle = np.angle(ends)[order]
     round_twice = np.concatenate([angle, angle + 2 * np.pi])
     opening = np.angle(b * a.conj())
-    first = np.where(opening >= 0, np.angle(a), np.angle(b))
-    low = np.searchsorted(round_twice, first + _SLACK_RAD)
-    high = np.searchsorted(round_twice, first + np.abs(opening) - _SLACK_RAD)
+    ahead = opening >= 0
+    first = np.where(ahead, np.angle(a), np.angle(b))
+    low = np.searchsorted(round_twice, first + np.where(ahead, slack_a, slack_b))
+    high = np.searchsorted(round_twice, first + np.abs(opening) - np.where(ahead, slack_b, slack_a))
     count = np.maximum(high - low, 0)
     side = np.repeat(np.arange(len(a)), count)
     step = np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count)

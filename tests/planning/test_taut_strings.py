@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -165,3 +165,13 @@ def test_on_the_bundled_maps_the_bound_is_near_the_route(name, gap):
         shares.append(tight_least_route(world, path, NOISE).cost([NOISE]) / best)
     assert max(shares) <= 1 + 1e-9
     assert np.median(shares) > 1 - gap
+
+
+def test_no_string_slips_through_an_obstacle_from_corner_to_corner():
+    """The straight line enters and leaves the square at its corners, to the last bit; round it, it is 2 sqrt(34) m."""
+    world = World.from_polygons([[(4, 4), (6, 4), (6, 6), (4, 6)]], bounds=(0, 0, 10, 10), robot_radius=0.0)
+    bounds = [least_route(world, np.array([1.0, 1.0]), np.array([9.0, 9.0]), margin) for margin in (0.1, 0.04, 0.016)]
+    for coarse, fine in pairwise(bounds):
+        assert coarse.length < fine.length < 2 * np.sqrt(34)
+        assert coarse.squared_levers < fine.squared_levers
+    assert bounds[-1].length > 0.997 * 2 * np.sqrt(34)
