@@ -25,7 +25,7 @@ Points = list[tuple[float, float]]
 
 ROUTE: Points = [(8, 2.5), (8, 23.8), (44, 23.8)]
 OTHER: Points = [(8, 2.5), (21.5, 2.5), (21.5, 13.4), (44, 13.4)]
-TRIPS = [((8, 2.5), (44, 23.8), 20), ((8, 2.5), (44, 13.4), 10), ((8, 35), (56, 2.5), 5)]
+TRIPS = [((3, 3), (56, 36), 1), ((3, 36), (56, 3), 3), ((3, 20), (55.5, 20), 2), ((51, 33), (23.5, 18.7), 4)]
 # variances of heading and distance per metre, and per radian turned
 NOISE = {"heading_var_per_m": 3e-5, "heading_var_per_rad": 2e-4, "distance_var_per_m": 2.5e-4}
 SPEED_M_PER_S, TURN_RAD_PER_S, RATE_HZ = 0.8, 0.8, 4.0

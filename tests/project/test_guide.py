@@ -74,6 +74,33 @@ def test_docstrings_say_what_they_mean_themselves():
     assert [n for n in driftplan.__all__ if elsewhere.search(inspect.getdoc(getattr(driftplan, n)) or "")] == []
 
 
+NUMBERS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"]
+
+
+@pytest.mark.parametrize(
+    ("page", "said", "counted"),
+    [
+        ("own-map.md", r"\*\*(\w+) commands\*\*", r"^driftplan "),
+        ("first-hour.md", r"^(\w+) commands, from", r"^driftplan "),
+        ("aisles.md", r"(\w+) cells\.$", r"^\*\*Cell \d"),
+        ("ompl.md", r"\*\*(\w+) line changes\*\*", r"# the line that changed"),
+    ],
+)
+def test_a_page_takes_as_many_commands_as_it_says(page, said, counted):
+    text = (GUIDE / page).read_text()
+    (number,) = re.findall(said, text, re.MULTILINE)
+    assert len(re.findall(counted, text, re.MULTILINE)) == NUMBERS.index(number.lower())
+
+
+def test_in_a_script_of_ompls_no_other_line_changes():
+    """The two problems of the page are set up alike but for the line that it names."""
+    code = (GUIDE / "ompl.md").read_text().split("```python")[1].split("```")[0]
+    before, after = re.findall(r"^(\w+), si = setup\(\)\n(.+)$", code, re.MULTILINE)
+    assert "PathLengthOptimizationObjective" in before[1]
+    assert "DriftObjective" in after[1]
+    assert before[1].split("(ob.")[0].removeprefix(before[0]) == after[1].split("(Drift")[0].removeprefix(after[0])
+
+
 def test_every_page_is_in_the_navigation():
     navigation = (GUIDE / "site/mkdocs.yml").read_text()
     for page in GUIDE.rglob("*.md"):

@@ -1,11 +1,14 @@
 """Figures of itineraries: what is drawn is what was found."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.pareto import knee, pareto_routes
 from driftplan.planning.request import Planner
@@ -61,3 +64,16 @@ def test_the_figure_of_a_trade_off_marks_the_knee():
     best = routes[knee(routes)]
     assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (best.length, best.worst_drift)
     figure.canvas.draw()
+
+
+def test_the_title_of_a_trade_off_compares_with_the_shortest_route(itinerary):
+    """A route that ends with the least drift may be the longest and have the greatest drift on its way."""
+    rows = ((54.0, 1.3), (58.0, 0.8), (60.0, 1.5))
+    paths = [np.array([(3.0, 10.0), (3.0 + length, 10.0)]) for length, _ in rows]
+    drifts = [predict_drift(path, NOISE) for path in paths]
+    routes = [
+        replace(itinerary, path=path, drift=drift, worst_drift=worst, captures=(), beacons=())
+        for path, drift, (_, worst) in zip(paths, drifts, rows, strict=True)
+    ]
+    title = plot_pareto(HALL, routes).axes[0].get_title()
+    assert title == "4 m farther than the shortest: worst drift 0.8 m instead of 1.3 m"

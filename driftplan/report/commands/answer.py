@@ -60,11 +60,11 @@ def deliver(args: argparse.Namespace, answer: Answer) -> None:
     on_stdout = files.pop(STDOUT, None)
     write_files(files)
     text = json_text({"command": args.command, **answer.payload()}) if args.json else answer.text()
-    if on_stdout is None:
-        print(text)
-    else:
+    if on_stdout is not None:
         sys.stdout.buffer.write(on_stdout)
         talk(text)
+    elif text:
+        print(text)
     for path in files:
         talk(f"wrote {path}")
 

@@ -12,7 +12,7 @@ from driftplan.report.commands.option import Command, Option
 _WHAT = {
     "route.csv": "a route through the warehouse: predict, place",
     "other.csv": "another: predict, place",
-    "trips.csv": "three trips and how often they are driven: design",
+    "trips.csv": "four trips and how often they are driven: design",
     "study.yaml": "how many tags for which robot, at which accuracy: study",
     "drive1_odometry.csv": "a recorded drive (simulated, with one slip): fit",
     "drive1_truth.csv": "where that drive really went: fit",

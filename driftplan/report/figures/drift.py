@@ -46,7 +46,7 @@ def plot_drift(
     ax = style.current_axes(ax)
     drift = drift_of(route)
     profile, marks = marked_profile(drift, mark_spacing_of([drift], spacing_m))
-    look = {"linewidth": 1.8, "markersize": 4, "label": label, **line_kwargs}
+    look = {"linewidth": 1.8, "markersize": 4, "label": label, **style.own_look(ax, line_kwargs)}
     lines = ax.plot(profile.distance, profile.rms, markevery=marks, **look)
     if radius_at is not None:
         legend = f"{100 * number('radius_at', radius_at):g} % within this radius"

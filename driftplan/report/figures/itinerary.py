@@ -90,9 +90,8 @@ def plot_pareto(world: World, routes: Sequence[Route], *, figure: Figure | None 
     style.quiet_grid(on_curve)
     on_curve.set_ylim(0.0, 1.15 * curve[:, 1].max())
     on_curve.legend(loc="lower right", fontsize=8)
-    low, high = curve[curve[:, 1].argmin()], curve[curve[:, 1].argmax()]
-    on_map.set_title(
-        f"{low[0] - high[0]:.3g} m farther, worst drift {low[1]:.3g} m instead of {high[1]:.3g} m", fontsize=10
-    )
+    low, short = curve[curve[:, 1].argmin()], curve[curve[:, 0].argmin()]
+    farther = f"{low[0] - short[0]:.3g} m farther than the shortest"
+    on_map.set_title(f"{farther}: worst drift {low[1]:.3g} m instead of {short[1]:.3g} m", fontsize=10)
     style.legend_below(figure, [*lines, *style.mark_ends(on_map, [routes[0].path]), *drawn.marks])
     return figure

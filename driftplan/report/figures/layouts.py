@@ -81,10 +81,9 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
         right_edge, room = np.array([0.1, 0.9]) @ box[:, 0], _NAME_SHARE * (box[1] - box[0])
         for r, start in enumerate(starts):
             style.arrow_along(ax, layout.drifts[r].xy, "black")
-            name: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "weight": "bold", "zorder": 5}
             beside = (np.abs(starts[:r] - start) < room).all(axis=1).sum() % 2  # names of near starts take turns
             side, offset = ("right", -5) if start[0] > right_edge else ("left", 5)
-            ax.annotate(f"route {r}", start, (offset, 4 if beside else -9), ha=side, **name)
+            style.name_at(ax, f"route {r}", start, (offset, 4 if beside else -9), ha=side, fontsize=8, weight="bold")
             ax.plot(*start, zorder=4, **{**style.START, "markersize": 6, "markeredgewidth": 1.5})
     everyone = (*layout.existing, *layout.beacons)
     beacons = plot_beacons(everyone, ax=ax, used=layout.beacons, labels=("new beacon", "existing beacon"))
@@ -211,15 +210,16 @@ def layout_figure(layout: Layout, *, figure: Figure | None = None) -> Figure:
     >>> noise, tag = OdometryNoise(heading_var_per_m=1e-3), BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
     >>> layout = place_beacons(None, [(0, 0), (10, 0)], noise, 0.5, tag)
     >>> layout_figure(layout).axes[0].get_title()
-    '1 beacon (proven fewest) keep 1 route under 0.5 m; worst 0.467 m'
+    '1 beacon (proven fewest) keeps 1 route under 0.5 m; worst 0.467 m'
     """
     shape = _map_shape(layout)
     figure = style.new_figure(figure, 12.0, 12.0 * shape * 0.85 + 4.2)
     grid = figure.add_gridspec(2, 2, height_ratios=(12.0 * shape * 0.85, 3.6), width_ratios=(2.0, 1.0))
     on_map = figure.add_subplot(grid[0, :])
     plot_layout(layout, ax=on_map)
-    keep = f"keep {counted(len(layout.drifts), 'route')} under {max(layout.max_drift):.3g} m"
-    on_map.set_title(f"{found_in_words(layout)} {keep}; worst {layout.worst_drift:.3g} m", fontsize=10)
+    keep = "keeps" if len(layout.beacons) == 1 else "keep"
+    kept = f"{keep} {counted(len(layout.drifts), 'route')} under {max(layout.max_drift):.3g} m"
+    on_map.set_title(f"{found_in_words(layout)} {kept}; worst {layout.worst_drift:.3g} m", fontsize=10)
     if on_map.get_legend_handles_labels()[0]:
         on_map.legend(loc="upper right", fontsize=8, framealpha=0.9)
     plot_sawtooth(layout, ax=figure.add_subplot(grid[1, 0]))

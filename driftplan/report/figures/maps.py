@@ -107,7 +107,7 @@ def plot_route(
         magnify = magnification([drift], diagonal(box_around(profile.xy)), confidence)
     if not magnify > 0:
         raise ValueError(f"expected magnify > 0, got {magnify!r}")
-    look = {"linewidth": 1.8, "markersize": 4, "zorder": 3, "label": label, **line_kwargs}
+    look = {"linewidth": 1.8, "markersize": 4, "zorder": 3, "label": label, **style.own_look(ax, line_kwargs)}
     (line,) = ax.plot(profile.xy[:, 0], profile.xy[:, 1], markevery=marks, **look)
     at = PointDrift(profile.distance[marks], profile.moments[np.asarray(marks)])
     centre = at.xy + magnify * at.bias
@@ -121,7 +121,7 @@ def plot_route(
                 angle=angle,
                 facecolor=(*_rgb(line), 0.12),
                 edgecolor=(*_rgb(line), 0.9),
-                linestyle=line.get_linestyle() if "linestyle" in line_kwargs else "-",
+                linestyle=line.get_linestyle(),
                 linewidth=0.9,
                 label=legend if i == 0 else "_nolegend_",
                 zorder=2,
@@ -171,7 +171,7 @@ def plot_beacons(
         for beacon in group:
             ranges.append(ax.add_patch(_range_of(beacon, zorder=1.5, **range_look)))
             if len(others) + len(used) <= _MAX_IDS:
-                ax.annotate(beacon.id, (beacon.x, beacon.y), (4, 4), textcoords="offset points", fontsize=7, zorder=5)
+                style.name_at(ax, beacon.id, (beacon.x, beacon.y), (4, 4), fontsize=7)
         if group:
             dots: dict[str, Any] = {"linestyle": "none", "zorder": 4, "markeredgecolor": "white", **mark_look}
             marks += ax.plot(*np.transpose([beacon.xy for beacon in group]), label=label, **dots)

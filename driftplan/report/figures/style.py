@@ -89,6 +89,13 @@ def map_and_curve(figure: Figure | None, box: Sequence[float]) -> tuple[Figure, 
     return figure, on_map, on_curve
 
 
+def own_look(ax: Axes, given: dict[str, Any]) -> dict[str, Any]:
+    """A route's look: as given, or by default the first of `ROUTE_STYLES` whose colour these Axes do not have yet."""
+    taken = {line.get_color() for line in ax.lines}
+    free = next((own for own in ROUTE_STYLES if own["color"] not in taken), ROUTE_STYLES[0])
+    return {**({} if "color" in given else free), **given}
+
+
 def in_metres(ax: Axes) -> None:
     """Axes of a map."""
     ax.set_aspect("equal", adjustable="box")
@@ -104,6 +111,14 @@ def arrow_along(ax: Axes, xy: Any, colour: Any) -> None:
     middle, ahead = (xy[leg] + xy[leg + 1]) / 2, (xy[leg + 1] - xy[leg]) / step[leg]
     head: dict[str, Any] = {"arrowstyle": "-|>", "color": colour, "mutation_scale": 16, "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", middle + 1e-3 * step.sum() * ahead, middle, arrowprops=head, zorder=3.5, annotation_clip=True)
+
+
+def name_at(ax: Axes, name: str, xy: Any, offset: tuple[float, float], **look: Any) -> None:
+    """A name beside a place, in points from it, legible on whatever line is below."""
+    from matplotlib.patheffects import withStroke
+
+    halo = [withStroke(linewidth=2.0, foreground="white")]
+    ax.annotate(name, xy, offset, textcoords="offset points", zorder=5, path_effects=halo, **look)
 
 
 def mark_ends(ax: Axes, paths: Sequence[Any]) -> list[Line2D]:

@@ -71,7 +71,7 @@ def pictures() -> Iterator[Picture]:
 
     figure = on_axes(9, 5)
     plot_world(office, ax=(ax := figure.subplots()))
-    plot_route(predict_drift([(36, 12), (36, 15), (21, 15.9), (6, 15.9), (6, 5)], noise), ax=ax, label="a path")
+    plot_route(predict_drift([(38, 12), (38, 16.8), (5.6, 16.8), (5.6, 5)], noise), ax=ax, label="a path")
     ax.set_title("The office, a zone of carpet, and a path with its error ellipses", fontsize=10)
     ax.legend(loc="upper right", fontsize=8)
     yield Picture(
@@ -135,7 +135,7 @@ def pictures() -> Iterator[Picture]:
         plot_itinerary(warehouse, way, layout.beacons),
     )
     front = pareto_routes(
-        warehouse, (8, 2.5), (44, 23.8), noise, limit=DriftLimit(min_capture=0.0), max_routes=4, **asked
+        warehouse, (8, 36), (30, 13.4), noise, limit=DriftLimit(min_capture=0.0), max_routes=4, **asked
     )
     shown = plot_pareto(warehouse, front)
     yield Picture("pareto", "What does a detour buy?", "plot_pareto(world, pareto_routes(...))", shown)
