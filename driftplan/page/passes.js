@@ -61,8 +61,8 @@ export class Walls {
     const [ex, ey] = eye, xs = [ex, a[0], b[0]], ys = [ey, a[1], b[1]];
     const edges = this.near(Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys));
     if (this.inside(ex, ey)) return [];
-    if (edges.length === 0) return [[0, length]];
-    const isPoint = length < FLAT, end = isPoint ? eye : b, span = Math.hypot(end[0] - a[0], end[1] - a[1]) || 1;
+    const isPoint = length < FLAT, end = isPoint ? eye : b, span = Math.hypot(end[0] - a[0], end[1] - a[1]);
+    if (edges.length === 0 || span === 0) return [[0, length]];  // none, or the eye is there
     const ux = (end[0] - a[0]) / span, uy = (end[1] - a[1]) / span, onLine = Math.abs(cross(ux, uy, ex - a[0], ey - a[1])) < FLAT;
     const shadows = isPoint || onLine ? shadowsOnLine(edges, eye, a, ux, uy, length) : shadowsOf(edges, eye, a, b, length);
     if (!shadows.length) return [[0, length]];

@@ -115,6 +115,26 @@ def expected_of(scene):
     return drift_with_beacons(path, noise, beacons, world, fixes=[start] if start else [], estimator=estimator)
 
 
+def test_a_tag_is_seen_from_where_it_is_and_not_through_a_wall(javascript):
+    """Single points of a path: where it arrives at a tag, and where it touches the range of one from the side."""
+    seen = BeaconKind.landmark(range_m=5.0, position_std_m=0.1, heading_std=0.02, view_angle_deg=120)
+    beside = BeaconKind.landmark(range_m=4.0, position_std_m=0.1, heading_std=0.02)
+    beacons = (
+        Beacon(seen, 5.0, 1.0, id="at", facing_deg=0.0),
+        Beacon(beside, 2.0, 5.0, id="beside"),
+        Beacon(beside, 10.0, 5.0, id="behind a wall"),
+    )
+    walls = [[(8, 2), (12, 2), (12, 3), (8, 3)], [(5.2, 1.1), (5.6, 1.1), (5.6, 1.3), (5.2, 1.3)]]
+    world = World.from_polygons(walls, bounds=(-1, -1, 29, 24), robot_radius=0.2)
+    for path in ([[0.0, 1.0], [5.0, 1.0]], [[0.0, 1.0], [2.0, 1.0], [2.0, 1.0], [14.0, 1.0]]):
+        scene = (world, np.array(path), OdometryNoise(heading_var_per_m=1e-3), beacons, "reset", None)
+        readings = readings_on(scene[1], BeaconColumns.of(beacons), world)
+        expected = [readings.s_m[readings.source == k].tolist() for k in range(3)]
+        assert expected[0]
+        assert (expected[1], expected[2]) == ([2.0], [])
+        assert ask(javascript, scene)["readings"] == expected
+
+
 @pytest.mark.slow
 @given(scene=scenes())
 @settings(max_examples=80)
