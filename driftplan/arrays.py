@@ -74,6 +74,11 @@ def whole(name: str, value: object, *, least: int) -> int:
     return int(value)
 
 
+def generator(rng: object) -> np.random.Generator:
+    """Of random numbers, or of those of a seed."""
+    return rng if isinstance(rng, np.random.Generator) else np.random.default_rng(whole("rng a seed:", rng, least=0))
+
+
 def choice(name: str, value: object, kinds: object) -> None:
     """One of the words of a ``Literal``, which an array is not."""
     if not isinstance(value, str) or value not in get_args(kinds):

@@ -85,6 +85,7 @@ _OTHERS = {
     "Axes",
     "Figure",
     "Mark",
+    "SegmentCheck",
     "Generator",
     "SpaceInformation",
     "PathGeometric",

@@ -96,10 +96,10 @@ def _routes_of(routes: Any) -> tuple[Floats, ...]:
     if hasattr(routes, "path"):
         return (waypoints_of(routes),)
     try:
-        array = np.asarray(routes, dtype=float)
+        array = np.asarray(routes)
     except (TypeError, ValueError):
         array = np.zeros(0)  # several of different lengths
-    if array.ndim == 2:
+    if array.ndim == 2 and array.dtype.kind in "iuf":
         return (waypoints_of(array),)
     if isinstance(routes, (str, bytes)) or not hasattr(routes, "__len__") or not len(routes):
         raise ValueError(f"expected routes to be one path (n, 2) or a sequence of them, got {routes!r}")

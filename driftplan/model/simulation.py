@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Complexes, Floats, bounded, positive, whole
+from driftplan.arrays import Complexes, Floats, bounded, generator, positive, whole
 from driftplan.model.noise import BETWEEN_DRIVES, SYSTEMATIC, Noises, OdometryNoise, noise_of_legs, spread_of, steps_in
 from driftplan.model.paths import Runs, read_path
 from driftplan.model.readings import Estimator, Fix, checked_estimator
@@ -69,7 +69,7 @@ def simulate_drift(
             due.setdefault(border, []).append(fix)
     of_leg = [noises[k] for k in which.tolist()]
     drives = _FusingDrives if estimator == "filter" else _Drives
-    return drives(of_leg, runs, np.random.default_rng(rng), legs, substep_m).errors(due)[:, waypoints]
+    return drives(of_leg, runs, generator(rng), legs, substep_m).errors(due)[:, waypoints]
 
 
 class _Variances(NamedTuple):

@@ -62,7 +62,7 @@ def pareto_routes(
     >>> noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)
     >>> sign = BeaconKind.landmark(range_m=3.0, position_std_m=0.05, heading_std=0.01)
     >>> signs = [Beacon(sign, 20, 14), Beacon(sign, 40, 14)]
-    >>> asked = {"max_routes": 3, "planner": Planner(max_nodes=100), "time_limit": 60}
+    >>> asked = {"max_routes": 3, "planner": Planner(max_nodes=30), "time_limit": 60}
     >>> routes = pareto_routes(world, (2, 5), (58, 5), noise, beacons=signs, **asked)
     >>> len(routes) > 1, routes[0].length < routes[-1].length, routes[0].worst_drift > routes[-1].worst_drift
     (True, True, True)

@@ -62,7 +62,11 @@ class BoxWorld:
     @classmethod
     def around(cls, meshes: Iterable[ArrayLike], *, bounds: Sequence[ArrayLike], robot_radius: float) -> BoxWorld:
         """The boxes around meshes, each given by its vertices (k, 3)."""
-        boxes = [(points.min(axis=0), points.max(axis=0)) for points in map(np.asarray, meshes)]
+        boxes = []
+        for points in (finite("a mesh", mesh) for mesh in meshes):
+            if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+                raise ValueError(f"expected a mesh of vertices (k, 3), k >= 1, got shape {points.shape}")
+            boxes.append((points.min(axis=0), points.max(axis=0)))
         return cls(boxes=np.reshape(boxes, (-1, 2, 3)), bounds=np.asarray(bounds), robot_radius=robot_radius)
 
     def is_free(self, xyz: ArrayLike) -> Bools:

@@ -123,15 +123,15 @@ def hard_cover(seed=0, rows=500, columns=300):
     return oracle, [oracle.row(i) for i in range(len(matrix))]
 
 
-def test_when_time_is_over_the_best_so_far_comes_back_with_a_bound_below_it():
+def test_where_the_master_is_too_hard_the_best_of_a_local_search_comes_back_with_a_bound_below_it():
     oracle, demands = hard_cover()
     told = []
     found = cheapest_cover(
-        np.ones(300), oracle, demands=demands, time_limit=3.0, progress=lambda *news: told.append(news)
+        np.ones(300), oracle, demands=demands, time_limit=4.0, progress=lambda *news: told.append(news)
     )
     assert found.status is Status.TIME_LIMIT
     assert oracle.cuts(found.chosen) == []
-    assert 0 < found.lower_bound < found.cost == found.chosen.sum()
+    assert 0 < found.lower_bound < found.cost == found.chosen.sum() <= 60  # which the master alone does not find
     costs, bounds = [cost for _, cost, _ in told], [bound for *_, bound in told]
     assert costs == sorted(costs, reverse=True)
     assert bounds == sorted(bounds)
@@ -260,10 +260,3 @@ def test_a_site_too_dear_for_anything_better_is_left_out_and_the_optimum_stays()
     assert not relaxation.worth_trying(free + 1).all()
     assert relaxation.optimum(free + 1, 10.0, whole=True).bound == pytest.approx(free)
     assert relaxation.optimum(free, 10.0, whole=True).bound >= free - 1e-6  # that nothing is cheaper
-
-
-def test_where_the_master_is_too_hard_a_local_search_finds_what_it_does_not():
-    oracle, demands = hard_cover()
-    found = cheapest_cover(np.ones(300), oracle, demands=demands, time_limit=6.0)
-    assert oracle.cuts(found.chosen) == []
-    assert found.cost <= 60

@@ -25,7 +25,7 @@ PATH = [(0, 0), (12, 0), (12, 9), (3, 9), (3, 2)]
 
 @pytest.mark.parametrize("fixes", [(), (Fix.full(17.0, position_std_m=0.1, heading_std=0.02),)])
 def test_the_average_over_drives_is_that_of_simulated_drives(fixes):
-    runs = 40_000
+    runs = 20_000
     drift = predict_drift(PATH, VARYING, fixes=fixes)
     errors = simulate_drift(PATH, VARYING, fixes=fixes, runs=runs, rng=5)
     square = (errors**2).sum(axis=-1)

@@ -307,7 +307,7 @@ def test_robots_that_drive_the_itinerary_drift_as_predicted(kind):
     found = planned(HALL, START, GOAL, BETTER, beacons=beacons, max_drift=1.2, min_capture=0.0, **QUICK)
     assert len(found.beacons) >= 2
     fixes = beacon_fixes(found.path, found.beacons, HALL)
-    errors = simulate_drift(found.path, BETTER, runs=40_000, fixes=fixes, rng=5)
+    errors = simulate_drift(found.path, BETTER, runs=15_000, fixes=fixes, rng=5)
     square = (errors**2).sum(axis=2)
     mean, std = square.mean(axis=0), square.std(axis=0, ddof=1) / np.sqrt(len(errors))
     np.testing.assert_array_less(np.abs(mean - found.drift.rms**2), 4 * std + 1e-12)

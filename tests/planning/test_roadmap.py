@@ -344,7 +344,7 @@ def test_the_bound_is_below_the_cost_and_unknown_before_there_is_a_path():
     planner = RoadmapPlanner(si, objective, WORLD)
     assert planner.bound() == (0.0, np.inf)
     setup.setPlanner(planner)
-    assert setup.solve(1.0)
+    assert setup.solve(0.3)
     assert 0.5 < planner.bound()[0] / planner._queries[0].search.cost <= 1
 
 
@@ -353,7 +353,7 @@ def test_an_allocator_and_the_benchmark_tool_take_it():
     objective = DriftObjective(si, NOISE, GOAL)
     setup.setOptimizationObjective(objective)
     setup.setPlannerAllocator(lambda si: RoadmapPlanner(si, world=WORLD))
-    assert setup.solve(0.5)
+    assert setup.solve(0.1)
     assert setup.getPlanner().getName() == "Roadmap"
     benchmark = ot.Benchmark(setup, "corridors")
     benchmark.addPlanner(RoadmapPlanner(si, objective, WORLD))
@@ -363,7 +363,7 @@ def test_an_allocator_and_the_benchmark_tool_take_it():
         lambda planner, run: lengths.append(planner.getProblemDefinition().getSolutionPath().length())
     )
     request = ot.Request()
-    request.maxTime, request.runCount = 0.3, 2
+    request.maxTime, request.runCount = 0.2, 2
     request.displayProgress = request.saveConsoleOutput = False  # it would write a file where the tests are run
     benchmark.benchmark(request)
     assert len(lengths) == 4

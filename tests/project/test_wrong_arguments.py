@@ -46,6 +46,11 @@ WRONG_OBJECTS = {
     "line_of_sight": lambda: d.BeaconKind.rfid(1.5, 0.1, line_of_sight="no"),
 }
 WRONG_VALUES = {
+    "rng a seed": lambda: d.predict_drift(PATH, NOISE).simulated([1.0], runs=2, rng=[(0, 0), (1, "a")]),
+    "path": lambda: d.place_beacons(WORLD, np.array([1j]), NOISE, 1.0, TAG),
+    "a mesh": lambda: d.BoxWorld.around([((1, 1), (1, 1), 1)], bounds=np.eye(3)[:2], robot_radius=1.0),
+    "a mesh of vertices": lambda: d.BoxWorld.around([(1, 1, 1)], bounds=np.eye(3)[:2], robot_radius=1.0),
+    "checks to be SegmentCheck objects, got 1": lambda: d.plot_coverage({"a": 1}),
     "minimise one of": lambda: d.plan_route(WORLD, *ENDS, NOISE, minimise=np.array(["drift", "length"])),
     "heading_law one of": lambda: d.OdometryNoise(heading_law=np.zeros(2)),
     "estimator one of .*, got 3": lambda: d.predict_drift(PATH, NOISE, estimator=3),

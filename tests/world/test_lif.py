@@ -79,7 +79,7 @@ def test_texts_become_numbers_for_nav2(tmp_path):
     assert (again.node_ids, again.routes()[1].tolist()) == ((0, 1, 2), [[9.6, 0.0], [9.6, 8.0]])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.lists(marks, min_size=1, max_size=6, unique_by=lambda mark: mark.name))
 def test_beacons_come_back(tmp_path_factory, some):
     content = graph_lif(GRAPH, marks=some)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, not_negative, positive
+from driftplan.arrays import Floats, generator, not_negative, positive
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Runs, read_path
@@ -48,7 +48,7 @@ def simulate_log(
         raise ValueError(f"expected a noise of the continuous model without heading_distance_corr, got {noise!r}")
     step_m, speed_m_per_s = positive("step_m", step_m), positive("speed_m_per_s", speed_m_per_s)
     not_negative("truth_position_std_m", truth_position_std_m), not_negative("truth_heading_std", truth_heading_std)
-    rng = np.random.default_rng(rng)
+    rng = generator(rng)
     noise = noise.on_drive(rng.standard_normal(3).tolist()) if noise.varies_between_drives else noise
     runs = read_path(path, start_heading)
     if runs.lengths.ndim != 1:

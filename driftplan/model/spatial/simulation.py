@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, bounded, whole
+from driftplan.arrays import Floats, bounded, generator, whole
 from driftplan.model.spatial.rotations import RotationNoise
 from driftplan.model.spatial.steps import read_steps
 
@@ -40,7 +40,7 @@ def simulate_drift_3d(
     """
     R, t, cov, bias = read_steps(rotations, translations, rotation_noise, translation_cov, translation_bias)
     bounded("errors to simulate", whole("runs", runs, least=1) * (len(R) + 1), 3e8, "use fewer runs")
-    rng = np.random.default_rng(rng)
+    rng = generator(rng)
     values, axes = np.linalg.eigh(cov)
     spread = axes * np.sqrt(np.maximum(values, 0.0))[..., None, :]
     errors = np.zeros((runs, len(R) + 1, 3))
