@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Floats, choice
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns, drift_with_beacons, readings_on, waypoints_of
 from driftplan.model.drift import Drift
 from driftplan.model.noise import OdometryNoise, check_continuous
 from driftplan.model.point_drift import PointDrift
-from driftplan.model.readings import Estimator, Fix, Readings, checked_estimator
+from driftplan.model.readings import Estimator, Fix, Readings
 from driftplan.model.worst import worst_radius, worst_rms
 from driftplan.planning.request import DriftLimit
 from driftplan.world.world import World
@@ -44,7 +44,7 @@ class Scenario:
         estimator: Estimator = "reset",
     ) -> Scenario:
         """A scenario of one route or several, each (n, 2) or an object with a ``path``; all of it checked."""
-        checked_estimator(estimator)
+        choice("estimator", estimator, Estimator)
         if limit.min_capture is not None:
             raise ValueError(f"expected no min_capture where routes are given: every reading counts, got {limit}")
         if estimator == "filter" and limit.confidence is not None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Array, Floats, Ints, bounded, finite, positive
+from driftplan.arrays import Array, Floats, Ints, bounded, choice, finite, positive
 from driftplan.model.drive import Driven, drive
 from driftplan.model.elements import of_legs
 from driftplan.model.filter_state import LINEAR_HEADING_STD_RAD
@@ -18,7 +18,7 @@ from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import Noises, OdometryNoise, drives_to_average, noise_of_legs, spread_of
 from driftplan.model.paths import Runs, read_path, same_place_within
 from driftplan.model.point_drift import PointDrift
-from driftplan.model.readings import Estimator, Fix, Readings, checked_estimator
+from driftplan.model.readings import Estimator, Fix, Readings
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -257,7 +257,7 @@ def predict_drift(
     >>> drift.at(15.0).rms.round(3).item()
     0.195
     """
-    checked_estimator(estimator)
+    choice("estimator", estimator, Estimator)
     runs = read_path(path, start_heading)
     noises, noise_of_leg = noise_of_legs(noise, runs.lengths.shape[-1], runs.legs_per_waypoint)
     if estimator == "reset" and any(one.varies_between_drives for one in noises):

@@ -28,7 +28,6 @@ from driftplan.arrays import (
     Ints,
     as_covariance,
     as_plane,
-    choice,
     covariance,
     finite,
     instance,
@@ -46,11 +45,6 @@ NEEDS_FILTER = (
     "a robot that replaces what it reads cannot use it"
 )
 _NEAREST_ANCHOR_M = 0.01  # a range or bearing from nearer is left out: no direction, and nothing linear about it
-
-
-def checked_estimator(estimator: str) -> None:
-    """Whether it is one."""
-    choice("estimator", estimator, Estimator)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

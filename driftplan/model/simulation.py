@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Complexes, Floats, bounded, generator, positive, whole
+from driftplan.arrays import Complexes, Floats, bounded, choice, generator, positive, whole
 from driftplan.model.noise import BETWEEN_DRIVES, SYSTEMATIC, Noises, OdometryNoise, noise_of_legs, spread_of, steps_in
 from driftplan.model.paths import Runs, read_path
-from driftplan.model.readings import Estimator, Fix, checked_estimator
+from driftplan.model.readings import Estimator, Fix
 
 
 def simulate_drift(
@@ -52,7 +52,7 @@ def simulate_drift(
     runs = whole("runs", runs, least=1)
     if substep_m is not None:
         substep_m = positive("substep_m", substep_m)
-    checked_estimator(estimator)
+    choice("estimator", estimator, Estimator)
     legs = read_path(path, start_heading)
     if legs.lengths.ndim != 1:
         raise ValueError(f"expected one path, got a batch of shape {legs.lengths.shape[:-1]}: simulate one by one")

@@ -12,10 +12,10 @@ from typing import Any
 import shapely
 from shapely import MultiPolygon
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Floats, choice
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.model.noise import OdometryNoise, check_continuous
-from driftplan.model.readings import Estimator, Fix, checked_estimator
+from driftplan.model.readings import Estimator, Fix
 from driftplan.world.world import World
 from driftplan.world.zones import Zone, noises_on
 
@@ -43,7 +43,7 @@ def scene_of(
     >>> scene_of(None, [np.array([[0.0, 0.0], [9.0, 4.0]])], OdometryNoise(heading_var_per_m=1e-4))["bounds"]
     [-1.0, -1.0, 10.0, 5.0]
     """
-    checked_estimator(estimator)
+    choice("estimator", estimator, Estimator)
     zones = world.zones if world is not None else ()
     check_continuous(noises_on(world, noise))
     walls = [] if world is None else _polygons(world.opaque.area)

@@ -17,7 +17,7 @@ from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import BeaconColumns
 from driftplan.errors import GoalError, NoPathError, PlannerError, StartError
 from driftplan.model.noise import OdometryNoise, check_continuous
-from driftplan.model.readings import NEEDS_FILTER, Estimator, Fix, checked_estimator
+from driftplan.model.readings import NEEDS_FILTER, Estimator, Fix
 from driftplan.world.world import World
 from driftplan.world.zones import noises_on
 
@@ -142,7 +142,7 @@ class Reliance:
 
     def __post_init__(self) -> None:
         BeaconColumns.of(self.beacons)
-        checked_estimator(self.estimator)
+        choice("estimator", self.estimator, Estimator)
         if self.estimator == "reset" and (beacons := [b for b in self.beacons if b.kind.needs_filter]):
             raise ValueError(f"{NEEDS_FILTER}: expected estimator='filter' for beacons of kind {beacons[0].kind.name}")
         if not self.beacons:
@@ -210,7 +210,7 @@ class PlanRequest:
                     f"expected planner={ROADMAP!r} for routes with beacons or max_drift, got {self.planner.name!r}"
                 )
         start, goal = self.ends
-        if np.shape(start) == (3,):
+        if finite("start", start, "(x, y) or (x, y, heading)").shape == (3,):
             *start, heading = (number("a number of start", value) for value in start)
             object.__setattr__(self, "reliance", replace(self.reliance, start_heading=heading))
         ends = checked_ends(self.world, start, goal)

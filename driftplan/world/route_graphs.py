@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, Ints, point_of, points_of
+from driftplan.arrays import Floats, Ints, finite, point_of, points_of
 from driftplan.errors import MapError, naming
 from driftplan.files import VERSION, plain_numbers, read_bytes
 from driftplan.world.building_map import building_lanes
@@ -71,11 +71,11 @@ class RouteGraph:
     @classmethod
     def numbered(cls, xy: Floats, edges: Ints) -> RouteGraph:
         """Nodes (n, 2) and edges (m, 2) with ids from 0: those of nav2's edges must differ from those of its nodes."""
-        xy, edges = points_of("xy", xy), np.asarray(edges)
-        if xy.ndim != 2 or edges.ndim != 2 or edges.shape[1] != 2 or edges.dtype.kind not in "iu":
-            raise ValueError(f"expected xy (n, 2) and whole numbers edges (m, 2), got {xy.shape} and {edges.shape}")
+        xy, pairs = points_of("xy", xy), finite("edges", edges, "whole numbers (m, 2)")
+        if xy.ndim != 2 or pairs.ndim != 2 or pairs.shape[1] != 2 or (pairs % 1).any():
+            raise ValueError(f"expected xy (n, 2) and whole numbers edges (m, 2), got {xy.shape} and {pairs.shape}")
         count = len(xy)
-        return cls(tuple(range(count)), xy, tuple(range(count, count + len(edges))), edges)
+        return cls(tuple(range(count)), xy, tuple(range(count, count + len(pairs))), pairs.astype(np.intp))
 
     def node(self, name: int | str) -> int:
         """The index of the node of this id."""

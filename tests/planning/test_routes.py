@@ -46,7 +46,7 @@ def assert_safe(world, route, start, goal):
 @pytest.mark.parametrize("planner", ALL_PLANNERS)
 def test_every_planner_finds_a_safe_route_no_worse_than_its_shortest(planner):
     start, goal = (2.0, 2.0), (8.0, 2.0)
-    iterations = {"roadmap": 3, "bitstar": 8000}.get(planner, 1500)
+    iterations = {"roadmap": 3, "bitstar": 5000}.get(planner, 1200)
     shortest = plan_route(WALL, start, goal, NOISE, minimise="length", planner=planner, iterations=iterations)
     route = plan_route(WALL, start, goal, NOISE, planner=planner, iterations=iterations)
     for found in (shortest, route):

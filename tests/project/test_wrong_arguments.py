@@ -46,6 +46,7 @@ WRONG_OBJECTS = {
     "line_of_sight": lambda: d.BeaconKind.rfid(1.5, 0.1, line_of_sight="no"),
 }
 WRONG_VALUES = {
+    "start to be .*x, y, heading.*inhomogeneous": lambda: d.plan_route(WORLD, [((1, 1), (1, 1), 1)], (8, 8), NOISE),
     "rng a seed": lambda: d.predict_drift(PATH, NOISE).simulated([1.0], runs=2, rng=[(0, 0), (1, "a")]),
     "path": lambda: d.place_beacons(WORLD, np.array([1j]), NOISE, 1.0, TAG),
     "a mesh": lambda: d.BoxWorld.around([((1, 1), (1, 1), 1)], bounds=np.eye(3)[:2], robot_radius=1.0),
@@ -72,7 +73,9 @@ WRONG_VALUES = {
     "goal to be .*complex": lambda: d.plan_route(WORLD, (1, 1), (2 + 0j, 2), NOISE),
     "path to be .*masked": lambda: d.predict_drift(np.ma.masked_less([(0, 0), (-1, 1)], 0), NOISE),
     "distances_m": lambda: d.predict_drift(PATH, NOISE).simulated(None, runs=10),
-    "whole numbers edges": lambda: d.RouteGraph.numbered([(0, 0), (1, 1)], None),
+    "edges finite": lambda: d.RouteGraph.numbered([(0, 0), (1, 1)], None),
+    "edges to be whole numbers .*inhomogeneous": lambda: d.RouteGraph.numbered([(0, 0), (1, 1)], [[1, 2], [3]]),
+    "xy .* whole numbers edges": lambda: d.RouteGraph.numbered([(0, 0), (1, 1)], [[0, 0.5]]),
     "world to be a World": lambda: d.plan_route(WORLD, *ENDS, NOISE, iterations=1).collision_probability("hall"),
     "routes of 1": lambda: d.plot_sawtooth(LAYOUT, routes=[1]),
 }
