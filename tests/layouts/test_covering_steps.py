@@ -445,6 +445,20 @@ def test_separation_goes_on_only_while_it_brings_cuts_that_are_violated():
     assert not search._separated(half)  # active by now
 
 
+def test_layouts_are_made_of_what_a_fractional_one_has_whole_and_of_all_it_has_any_of(monkeypatch):
+    oracle, cost = odd_ring(6)
+    search, asked = search_of(cost, oracle, fixed=[5]), []
+    monkeypatch.setattr(search, "_complete", lambda start, lean: asked.append((start.tolist(), lean.tolist())))
+    monkeypatch.setattr(search, "_confine", lambda sites, share: asked.append((sites.tolist(), share)))
+    y = np.array([1.0, 0.9995, 0.99, 2e-6, 1e-7, 0.0])
+    search._round_up(y, 0.3)
+    whole, some = those(6, 0, 1, 5).tolist(), those(6, 0, 1, 2, 3, 5).tolist()
+    assert asked == [(whole, y.tolist()), (some, 0.3)]
+    search.best, search.best_cost = those(6, 0), 0.0
+    search._round_up(y, 0.3)
+    assert len(asked) == 2  # nothing is cheaper
+
+
 # Looking closely at a few sites
 
 
