@@ -418,5 +418,9 @@ def test_sets_that_cannot_hold_a_slot_are_looked_for_beforehand(name, seed, case
     hard = [r for r in range(its.table.routes) if not needs.independent[r] and not needs.blind[r]]
     for route in hard:
         slots = int(its.table.slots[route])
-        if not its.started(route, slots) and needs._narrow_slots(route, *needs._stretches(route)[1:]):
+        narrow = needs._narrow_slots(route, *needs._stretches(route)[1:])
+        if not its.started(route, slots) and narrow:
             assert [cut for cut in rows if cut.where[0] == route]
+            nobody = np.zeros(0, dtype=np.intp)
+            for cut in needs._pair_cuts(route, narrow[0], nobody) if needs.sure[route] else []:
+                assert any(np.array_equal(cut.columns, row.columns) for row in rows if row.where == cut.where)
