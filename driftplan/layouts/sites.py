@@ -54,10 +54,6 @@ class Sites:
     groups : at least, or at most, so many of these sites
     min_spacing_m : new beacons are at least this far from each other and from existing ones
 
-    Raises
-    ------
-    ValueError : for input that makes no sense
-
     >>> tag = BeaconKind.rfid(range_m=1.5, position_std_m=0.1)
     >>> [site.id for site in Sites(tag, [(2, 0), (5, 0)]).listed(None).new]
     ['S1', 'S2']

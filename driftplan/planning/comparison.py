@@ -75,8 +75,7 @@ def compare_routes(
 
     Raises
     ------
-    ValueError
-        For no routes, or another number of names.
+    ValueError : for no routes, or another number of names
 
     >>> from driftplan.planning.routes import plan_route
     >>> from driftplan.world.world import World

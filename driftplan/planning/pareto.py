@@ -53,10 +53,6 @@ def pareto_routes(
     time_limit : seconds for all of them. Unless they run out (the `status` of a route says so) the same seed gives the
         same routes.
 
-    Raises
-    ------
-    ValueError : for input that makes no sense
-
     >>> from driftplan.beacons.beacon import BeaconKind
     >>> world = World.from_polygons([], bounds=(0, 0, 60, 30), robot_radius=0.5)
     >>> noise = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.05, after_m=10.0)

@@ -261,10 +261,19 @@ def checked_ends(world: World, start: ArrayLike, goal: ArrayLike) -> Floats:
     for name, value, error in (("start", start, StartError), ("goal", goal, GoalError)):
         point = np.array(point_of(name, value))
         if not world.is_free(point):
-            nearest = _nearest_writable(world, point)
-            raise error(f"{name} {format_point(point)} is not free; the nearest free point is {format_point(nearest)}")
+            wrong, nearest = blocked_end(world, name, point)
+            raise error(f"{wrong}; the nearest free point is {format_point(nearest)}")
         points.append(point)
     return np.stack(points)
+
+
+def blocked_end(world: World, name: str, point: Floats) -> tuple[str, Floats]:
+    """What is wrong with a start or goal that is not free, in words, and the free point nearest to it."""
+    xmin, ymin, xmax, ymax = world.bounds
+    wrong = "is not free"
+    if not (xmin <= point[0] <= xmax and ymin <= point[1] <= ymax):
+        wrong = f"is off the map, which spans x {xmin:g} to {xmax:g} and y {ymin:g} to {ymax:g} m"
+    return f"{name} {format_point(point)} {wrong}", _nearest_writable(world, point)
 
 
 def format_point(point: Floats) -> str:

@@ -184,10 +184,8 @@ def plan_route(
 
     Parameters
     ----------
-    world : World
-        Its walls block sight, its zones override ``noise`` where they are.
-    start, goal : (2,)
-        Metres, world frame. A start with a heading, (3,), rad: then the first turn counts too.
+    world : its walls block sight, its zones override ``noise`` where they are
+    start, goal : (2,) metres, world frame. A start with a heading, (3,), rad: then the first turn counts too.
     noise : with beacons or a limit, of the continuous kind (no ``step_m``)
     beacons : sequence of Beacon
     minimise : {"drift", "length", "worst_drift"}
@@ -202,8 +200,7 @@ def plan_route(
     estimator : {"reset", "filter"}
         What the robot does with a reading, as for `driftplan.predict_drift`. Only with ``filter`` may beacons be of
         kinds that measure a range or a bearing.
-    planner : str or Planner
-        Its name, or with its options, as `Planner` says.
+    planner : its name, or with its options, as `Planner` says
     time_limit : float, optional
         Seconds for everything in the call. Default: until it is done, that is until the additive cost is within 1 % of
         what no route can beat and a batch of the roadmap brought next to nothing, or two in a row did; at most 5, and
@@ -219,24 +216,18 @@ def plan_route(
         Then neither the five seconds of ``time_limit`` nor its "done" hold. It is asked every 20 to 50 ms while a
         roadmap grows; a search of the roadmap and the polishing of its path, together 0.1 s and more where it is large,
         are not cut in two. Once True, it has to stay so.
-    seed : int
-        Same seed, same samples; how many are drawn depends on the time, unless ``iterations`` says.
+    seed : same seed, same samples; how many are drawn depends on the time, unless ``iterations`` says
 
     Raises
     ------
-    StartError, GoalError
-        If start or goal is not in free space; the message names the nearest point that is.
-    NoPathError
-        If no route leads there: the message says what part of the map the start can reach.
+    StartError, GoalError : if start or goal is not in free space; the message names the nearest point that is
+    NoPathError : if no route leads there: the message says what part of the map the start can reach
     InfeasibleError
         If no route of the roadmap keeps the limit (or none was found in time): the message says how near it gets, and
         why.
-    PlannerError
-        For planners that cannot minimise drift, with the reason, and those that know of no beacons.
-    ValueError
-        For numbers that make no sense.
-    KeywordError
-        For keywords that there are not, with the nearest one.
+    PlannerError : for planners that cannot minimise drift, with the reason, and those that know of no beacons
+    ValueError : for numbers that make no sense
+    KeywordError : for keywords that there are not, with the nearest one
 
     >>> from driftplan.beacons.beacon import BeaconKind
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)

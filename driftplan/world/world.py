@@ -50,8 +50,7 @@ class World:
 
     Parameters
     ----------
-    obstacles : shapely MultiPolygon
-        Walls as drawn, not inflated.
+    obstacles : shapely MultiPolygon, walls as drawn, not inflated
     bounds : (xmin, ymin, xmax, ymax), the map's extent in metres. The outside is an obstacle to driving, not to seeing.
     robot_radius : metres, >= 0
     zones : where zones overlap, the later one holds
@@ -294,8 +293,7 @@ class World:
         Returns
         -------
         path : (m, 2) array
-        zone : (m - 1,) array
-            Index into `zones`, -1 outside all of them.
+        zone : (m - 1,) array, index into `zones`, -1 outside all of them
 
         >>> wet = Zone([(2, -1), (4, -1), (4, 1), (2, 1)], OdometryNoise(heading_var_per_m=1e-3))
         >>> world = World.from_polygons([], bounds=(-1, -1, 9, 9), robot_radius=0.1, zones=[wet])

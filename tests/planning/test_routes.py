@@ -289,7 +289,11 @@ ROOMS = World.from_polygons([[(4.9, 0), (5.1, 0), (5.1, 10), (4.9, 10)]], bounds
             r"start \(5, 5\) is not free; the nearest free point is \(\d\.\d{1,3}, 5\)",
         ),
         ({"goal": (5, 5)}, GoalError, r"goal \(5, 5\) is not free; the nearest free point is"),
-        ({"start": (-5, 5)}, StartError, "nearest free point"),
+        (
+            {"start": (-5, 5)},
+            StartError,
+            r"off the map, which spans x 0 to 10 and y 0 to 10 m; the nearest free",
+        ),
         ({"start": (float("nan"), 2)}, ValueError, "start"),
         ({"goal": (1, 2, 3)}, ValueError, "goal"),
         ({"minimise": "time"}, ValueError, "minimise one of"),

@@ -63,6 +63,20 @@ def test_every_subcommand_shows_two_examples_that_parse(run, name, tmp_path, mon
         COMMANDS[name].check(args, given)
 
 
+@pytest.mark.parametrize(
+    ("words", "near"),
+    [
+        (("plna",), "did you mean plan"),
+        (("place", "warehouse", "r.csv", "--kind", "rfdi"), "did you mean rfid"),
+        (("plan", "warehouse", "--minimise", "lenght"), "did you mean length"),
+        (("study", "chekc", "study.yaml"), "did you mean check"),
+        (("completion", "fish"), "expected one of bash, zsh"),
+    ],
+)
+def test_a_typo_of_a_value_is_answered_with_the_nearest(refused, words, near):
+    refused(*words, match=rf"invalid choice: '\w+'; {near}")
+
+
 def test_noise_options_are_folded_into_a_pointer(run):
     brief, full = run("plan", "--help").out, run("plan", "--help-noise").out
     assert "see --help-noise" in brief
@@ -126,8 +140,8 @@ def test_snap_moves_a_start_in_a_wall_and_says_so(run, room, searched):
     ((_, start, goal, _), _) = searched[0]
     assert ROOM.is_free(start)
     assert ROOM.is_free(goal)
-    assert "start (4.2, 3) is not free: moved 0.503 m to (3.697, 3)" in err
-    assert re.search(r"goal \(11, 1\) is off the map: moved 1.3 m", err)
+    assert "start (4.2, 3) is not free: moved 0.504 m to (3.696, 3)" in err
+    assert re.search(r"goal \(11, 1\) is off the map.*: moved 1.3 m", err)
 
 
 def test_the_shortest_route_stands_beside_the_answer(run, room, searched, route):

@@ -67,4 +67,14 @@ def test_many_trips_are_planned_in_one_go(run, refused, tmp_path):
     )
     refused("plan", "office", "--trips", trips, "--start", "1,1", match="--start would have no effect: .*--trips")
     trips.write_text("2,3,30,16\n2,3,999,999\n")
-    refused("plan", "office", "--trips", trips, match=r"trip 1: goal \(999, 999\) is not free")
+    refused(
+        "plan",
+        "office",
+        "--trips",
+        trips,
+        match=r"trip 1: goal \(999, 999\) is off the map, which spans x 0 to 40 and y",
+    )
+    code, out, err = run("plan", "office", "--trips", trips, "--minimise", "length", "--snap", "--json")
+    assert code == 0, err
+    assert "trip 1: goal (999, 999) is off the map, which spans x 0 to 40 and y 0 to 24 m: moved" in err
+    assert json.loads(out)["routes"][1]["waypoints"][-1]["x_m"] < 40

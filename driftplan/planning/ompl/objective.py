@@ -39,8 +39,7 @@ class DriftObjective(ob.OptimizationObjective):
 
     Parameters
     ----------
-    si : ompl.base.SpaceInformation
-        Only its state space is looked at; it is not kept.
+    si : ompl.base.SpaceInformation; only its state space is looked at; it is not kept
     noise : in R^3 and SE(3) isotropic: ``heading_var_per_m`` is the variance of each component of the attitude error,
         ``lateral_var_per_m`` that in each of two directions
     goal : (x, y), (x, y, z), State, GoalState or GoalStates
@@ -53,8 +52,7 @@ class DriftObjective(ob.OptimizationObjective):
 
     Attributes
     ----------
-    goal : tuple
-        Where drift is weighed, metres.
+    goal : where drift is weighed, metres
 
     Raises
     ------
@@ -128,8 +126,7 @@ class DriftObjective(ob.OptimizationObjective):
 
         Parameters
         ----------
-        goal : State, GoalState or GoalStates
-            One of the states must be at the place, to a micrometre.
+        goal : State, GoalState or GoalStates; one of the states must be at the place, to a micrometre
 
         >>> space = ob.RealVectorStateSpace(2)
         >>> si = ob.SpaceInformation(space)

@@ -51,8 +51,7 @@ def predict_ompl_path(
         Motions run as OMPL interpolates them: straight, or along Dubins and Reeds-Shepp curves. In SE(2) the heading
         turns along the way, whatever the direction of travel; in R^2 the robot turns on the spot at the waypoints. Of
         controls all states count that their propagation passes.
-    si : ompl.base.SpaceInformation
-        Of the path, over a space that `DriftObjective` can price.
+    si : ompl.base.SpaceInformation, of the path, over a space that `DriftObjective` can price
     noise : in three dimensions as in `DriftObjective`: isotropic, white, without systematic errors
     world : its zones have noise of their own (plane only)
 

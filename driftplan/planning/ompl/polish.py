@@ -29,8 +29,7 @@ def polish_ompl_path(path: og.PathGeometric, objective: ob.OptimizationObjective
 
     Parameters
     ----------
-    path : ompl.geometric.PathGeometric
-        In the plane; it is not changed.
+    path : ompl.geometric.PathGeometric, in the plane; it is not changed
     objective : DriftObjective, PathLengthOptimizationObjective, or MultiOptimizationObjective of these
         Over the path's space.
     world : the polished path is free of collisions there if the path is

@@ -70,8 +70,7 @@ class RoadmapPlanner(ob.Planner):
     PlannerError
         For state spaces of other motions, objectives of other kinds, and goals of a problem that are not where the
         objective weighs drift; with beacons for objectives that weigh length.
-    ValueError
-        For options that make no sense.
+    ValueError : for options that make no sense
 
     >>> from driftplan import Beacon, BeaconKind, DriftObjective, OdometryNoise
     >>> from driftplan.planning.ompl.collision import use_world

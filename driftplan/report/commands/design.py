@@ -9,7 +9,7 @@ from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, Progress, talk
 from driftplan.report.commands.option import Command, Group, Option, input_file
 from driftplan.report.records import record, waypoints
-from driftplan.tables import numbers, table
+from driftplan.tables import counted, numbers, table
 
 if TYPE_CHECKING:
     from driftplan.layouts.co_design.design import CoDesign, Design
@@ -17,11 +17,12 @@ if TYPE_CHECKING:
 
 def run(args: argparse.Namespace) -> Answer:
     """The design that the arguments ask for."""
-    from driftplan import DriftLimit, Sites, co_design, layout_csv, layout_geojson, load_beacons, load_trips, read_path
+    from driftplan import DriftLimit, Sites, co_design, layout_csv, layout_geojson, load_beacons, read_path
     from driftplan.report.figures.designs import plot_design
 
-    noise, world, trips = shared.noise_from(args), shared.world_from(args), load_trips(args.trips)
-    talk(f"choosing beacons and routes for {len(trips)} trips on {args.map}, at most {args.time_limit:g} s")
+    noise, world = shared.noise_from(args), shared.world_from(args)
+    trips = shared.trips_from(args, world)
+    talk(f"choosing beacons and routes for {counted(len(trips), 'trip')} on {args.map}, at most {args.time_limit:g} s")
     found = co_design(
         world,
         trips,
@@ -106,6 +107,7 @@ _WANTED = Group("what is wanted", (
            "count)", default=0.9),
     shared.ESTIMATOR,
     *shared.START_SPREAD,
+    shared.SNAP,
     Option("max_nodes", "N", "nodes of every roadmap, about", int, 500),
     Option("rounds", "N", "passes over all neighbours of the best design, at most", int, 10),
     Option("time_limit", "S", "seconds to search", default=120.0),

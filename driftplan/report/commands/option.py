@@ -143,6 +143,13 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{self.prog}: {message} (see {self.prog} --help)")
 
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            known = list(map(str, action.choices))
+            near = [f"did you mean {name}?" for name in get_close_matches(str(value), known, 1)]
+            hint = near[0] if near else f"expected one of {', '.join(known)}"
+            raise argparse.ArgumentError(action, f"invalid choice: {value!r}; {hint}")
+
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         if self._subparsers is None:  # before anything is missed that was only misspelt
             self._refuse_unknown([word for word in args if re.match(r"--[a-z]", word)])

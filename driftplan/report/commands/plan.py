@@ -7,11 +7,11 @@ from math import hypot
 from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
-from driftplan.report.commands.answer import Answer, talk
+from driftplan.report.commands.answer import Answer, Progress, talk
 from driftplan.report.commands.compare import COLLISIONS, NAMES, compared, robot_in, rows_of
 from driftplan.report.commands.option import Command, Group, Idle, Option
 from driftplan.report.records import record, waypoints
-from driftplan.tables import numbers, table, yes_no
+from driftplan.tables import counted, numbers, table, yes_no
 
 _NOTHING = 0.005  # shares that are not worth a word
 _ONE_ROUTE = "it is about one route, not --trips"
@@ -105,17 +105,17 @@ def _on_graph(args: argparse.Namespace) -> Answer:
 
 
 def _many(args: argparse.Namespace) -> Answer:
-    from driftplan import load_trips, plan_routes
+    from driftplan import plan_routes
 
     for option in COMMAND.files:
         if getattr(args, option) is not None:
             raise ValueError(f"--{option} would have no effect: {_ONE_ROUTE}")
-    noise, world, trips = shared.noise_from(args), shared.world_from(args), load_trips(args.trips)
-    talk(f"planning {len(trips)} trips on {args.map}{shared.search_effort(args)}")
+    noise, world = shared.noise_from(args), shared.world_from(args)
+    trips = shared.trips_from(args, world)
+    talk(f"planning {counted(len(trips), 'trip')} on {args.map}{shared.search_effort(args)}")
 
     def done(count: int, of: int) -> None:
-        if count == of or count % max(of // 10, 1) == 0:
-            talk(f"{count} of {of}")
+        Progress.news = f"{count} of {of} trips"
 
     asked = _asked(args) | {"time_limit": args.time_limit, "seed": args.seed, "progress": done}
     found = plan_routes(world, [(trip.start, trip.goal) for trip in trips], noise, **asked)
@@ -270,7 +270,7 @@ COMMAND = Command(
         "where it may touch walls",
     },
     idle=(
-        Idle(("start", "goal", "snap", "start_heading_deg", "planner", "iterations", "collisions"),
+        Idle(("start", "goal", "start_heading_deg", "planner", "iterations", "collisions"),
              lambda args: bool(args.trips),
              _ONE_ROUTE),
         Idle(("trips", "snap", "minimise", "max_detour", "start_heading_deg", "planner", "time_limit", "iterations",

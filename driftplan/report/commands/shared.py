@@ -15,7 +15,7 @@ from driftplan.report.commands.answer import talk
 from driftplan.report.commands.option import Group, Idle, Option, input_file, point
 
 if TYPE_CHECKING:
-    from driftplan import BeaconKind, Drift, Fix, Layout, OdometryNoise, World
+    from driftplan import BeaconKind, Drift, Fix, Layout, OdometryNoise, Trip, World
 
 PLANNERS = ("roadmap", "rrtstar", "informed_rrtstar", "sorrtstar", "bitstar")  # here too, so that --help loads none
 DEFAULT_PLANNER = "roadmap"
@@ -210,25 +210,38 @@ def world_from(args: argparse.Namespace) -> World:
 def ends_from(args: argparse.Namespace, world: World) -> tuple[tuple[float, ...], tuple[float, float]]:
     """Start, with its heading where that is given, and goal, moved to the nearest free points with ``--snap``."""
     heading = start_heading_from(args)
-    start = _end(args, world, "start", StartError)
-    return start if heading is None else (*start, heading), _end(args, world, "goal", GoalError)
+    start = _end(args, world, "start", args.start, StartError)
+    return start if heading is None else (*start, heading), _end(args, world, "goal", args.goal, GoalError)
 
 
-def _end(args: argparse.Namespace, world: World, name: str, error: type[DriftplanError]) -> tuple[float, float]:
-    x, y = getattr(args, name)
-    xmin, ymin, xmax, ymax = world.bounds
-    if not (isfinite(x) and isfinite(y)) or world.is_free((x, y)):
-        return x, y  # what is not finite is the planner's to refuse
-    off = not (xmin <= x <= xmax and ymin <= y <= ymax)
-    wrong = f"{name} ({x:g}, {y:g}) is " + ("off the map" if off else "not free")
-    free_x, free_y = world.nearest_free((x, y)).tolist()
+def trips_from(args: argparse.Namespace, world: World) -> tuple[Trip, ...]:
+    """The trips of a file, with ends moved to the nearest free points with ``--snap``."""
+    from driftplan import load_trips
+
+    trips = []
+    for k, trip in enumerate(load_trips(args.trips)):
+        start = _end(args, world, f"trip {k}: start", trip.start, StartError)
+        trips.append(replace(trip, start=start, goal=_end(args, world, f"trip {k}: goal", trip.goal, GoalError)))
+    return tuple(trips)
+
+
+def _end(
+    args: argparse.Namespace, world: World, name: str, point: tuple[float, float], error: type[DriftplanError]
+) -> tuple[float, float]:
+    import numpy as np
+
+    from driftplan.planning.request import blocked_end, format_point
+
+    if not (isfinite(point[0]) and isfinite(point[1])) or world.is_free(point):
+        return point  # what is not finite is the planner's to refuse
+    wrong, nearest = blocked_end(world, name, np.array(point))
+    x, y = nearest.tolist()
     if args.snap:
-        talk(f"{wrong}: moved {hypot(free_x - x, free_y - y):.3g} m to ({free_x:.4g}, {free_y:.4g})")
-        return free_x, free_y
-    spans = f", which spans x {xmin:g} to {xmax:g} and y {ymin:g} to {ymax:g} m" if off else ""
+        talk(f"{wrong}: moved {hypot(x - point[0], y - point[1]):.3g} m to {format_point(nearest)}")
+        return x, y
     raise error(
-        f"{wrong}{spans}; the nearest free point is ({free_x:.4g}, {free_y:.4g}): --snap takes that, for a robot of "
-        f"radius {world.robot_radius:g} m"
+        f"{wrong}; the nearest free point is {format_point(nearest)}: --snap takes that, for a robot of radius "
+        f"{world.robot_radius:g} m"
     )
 
 
