@@ -131,9 +131,8 @@ class Legs:
     def columns(self) -> list[LegColumns]:
         """One after the other along the last of the leading axes: Python numbers, or arrays over the other axes."""
         transition, gain, shift = self.column
-        if shift is None:
-            return [LegColumns(*leg, None) for leg in zip(_in_turn(transition), _in_turn(gain), strict=True)]
-        return [LegColumns(*leg) for leg in zip(_in_turn(transition), _in_turn(gain), _in_turn(shift), strict=True)]
+        shifts = [None] * self.A.shape[-3] if shift is None else _in_turn(shift)
+        return [LegColumns(*leg) for leg in zip(_in_turn(transition), _in_turn(gain), shifts, strict=True)]
 
 
 def path_legs(

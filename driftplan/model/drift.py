@@ -261,11 +261,10 @@ def predict_drift(
     runs = read_path(path, start_heading)
     noises, noise_of_leg = noise_of_legs(noise, runs.lengths.shape[-1], runs.legs_per_waypoint)
     if estimator == "reset" and any(one.varies_between_drives for one in noises):
-        own = [noises[k] for k in noise_of_leg[:: runs.legs_per_waypoint]]
-        some = [
-            (weight, predict_drift(runs, [one.on_drive(z) for one in own], fixes=fixes))
-            for weight, z in drives_to_average(noises)
-        ]
+        own, some = noise_of_leg[:: runs.legs_per_waypoint].tolist(), []
+        for weight, z in drives_to_average(noises):
+            on_drive = [one.on_drive(z) for one in noises]
+            some.append((weight, predict_drift(runs, [on_drive[k] for k in own], fixes=fixes)))
         return _average_drift(some, noises)
     waypoints = np.arange(0, runs.lengths.shape[-1] + 1, runs.legs_per_waypoint)
     zero = np.zeros(np.shape(runs.start))

@@ -34,15 +34,9 @@ class Row(NamedTuple):
         columns = np.stack(np.broadcast_arrays(*(np.asarray(c, dtype=float) for c in self.coefficients)), axis=-1)
         return np.concatenate([columns, np.zeros((*columns.shape[:-1], size - 3))], axis=-1)
 
-    def one_by_one(self) -> list[Row]:
-        """Of measurements (k,), each in Python's numbers."""
-        if isinstance(self.coefficients[0], float):
-            return [Row(self.coefficients, variance) for variance in self.variance.tolist()]
-        columns = np.broadcast_arrays(*self.coefficients, self.variance)
-        return [Row((x, y, t), variance) for x, y, t, variance in zip(*(c.tolist() for c in columns), strict=True)]
-
 
 X_AXIS, Y_AXIS, HEADING_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+AXES = {axis: axis for axis in (X_AXIS, Y_AXIS, HEADING_AXIS)}  # equal coefficients, made one
 
 
 def position_rows(cov: Any) -> tuple[Row, Row]:
@@ -228,8 +222,16 @@ def _read_row(P: list[Any], mean: list[Any] | None, row: Row) -> None:
     """One scalar reading, in place: P ← P - g gᵀ/s with g = P h, s = h·g + variance."""
     h, variance = row
     axis = 0 if h is X_AXIS else 1 if h is Y_AXIS else 2 if h is HEADING_AXIS else None
-    if len(P) == 6 and mean is None and axis is not None and axis < 2:  # what follows, in a third of the time
+    if len(P) == 6 and mean is None and axis != 2:  # what follows, in a third of the time
         xx, xy, xt, yy, yt, tt = P
+        if axis is None:
+            a, b, c = h
+            x, y, t = a * xx + b * xy + c * xt, a * xy + b * yy + c * yt, a * xt + b * yt + c * tt
+            parts = a * a * xx + b * b * yy + c * c * tt
+            weight = _inverse(a * x + b * y + c * t + variance, _KNOWN_VARIANCE_SHARE * parts)
+            xw, yw, tw = x * weight, y * weight, t * weight
+            P[:] = xx - x * xw, xy - x * yw, xt - x * tw, yy - y * yw, yt - y * tw, tt - t * tw
+            return
         weight = _inverse((yy if axis else xx) + variance, 0.0)
         kept = variance * weight
         if axis:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -35,7 +36,7 @@ from driftplan.arrays import (
     number,
     shaped,
 )
-from driftplan.model.filter_state import Row, bearing_row, heading_row, position_rows, range_row
+from driftplan.model.filter_state import AXES, Row, bearing_row, heading_row, position_rows, range_row
 from driftplan.model.heading_laws import law_moments
 from driftplan.model.moments import Moments, identity
 
@@ -264,28 +265,37 @@ class Readings:
             for k in np.lexsort((self.rank, self.s_m)).tolist()
         ]
 
+    def measured(self, positions: Array) -> Row:
+        """The numbers that the estimator ``filter`` reads at true ``positions`` (k,), x + jy in metres: position along
+        two axes, heading, range and bearing, (k, 5); what is not read has an infinite variance."""
+        towards, straight = as_plane(self.anchor - positions), self.skew.imag == 0
+        afar = np.hypot(towards[:, 0], towards[:, 1]) > _NEAREST_ANCHOR_M  # false too where there is no anchor
+        cov = as_covariance(np.zeros(()), self.square, self.skew)
+        h, variance = np.zeros((3, len(self), 5)), np.full((len(self), 5), np.inf)
+        kinds: tuple[tuple[int, Bools, Callable[[Bools], tuple[Row, ...]]], ...] = (
+            (0, self.read_position & straight, lambda which: position_rows(cov[which])),
+            (0, self.read_position & ~straight, lambda which: position_rows(cov[which])),
+            (2, self.read_heading, lambda which: (heading_row(self.heading_var[which]),)),
+            (3, afar & ~np.isnan(self.range_var), lambda which: (range_row(towards[which], self.range_var[which]),)),
+            (4, afar & ~np.isnan(self.bearing_var), lambda k: (bearing_row(towards[k], self.bearing_var[k]),)),
+        )
+        for first, which, rows in kinds:
+            for k, row in enumerate(rows(which) if which.any() else (), start=first):
+                variance[which, k] = row.variance
+                for axis, coefficient in enumerate(row.coefficients):
+                    h[axis, which, k] = coefficient
+        return Row((h[0], h[1], h[2]), variance)
+
     def rows(self, positions: Array) -> list[tuple[tuple[Row, ...], float | None]]:
         """What the estimator ``filter`` makes of each, taken at true ``positions`` (x + jy, metres): the numbers that
         are measured, and the chance, None for certainty."""
-        towards, skewed = as_plane(self.anchor - positions), self.skew.imag != 0
-        cov = as_covariance(np.zeros(()), self.square, self.skew)
-        afar = np.hypot(towards[:, 0], towards[:, 1]) > _NEAREST_ANCHOR_M  # false too where there is no anchor
-        measured: tuple[tuple[Bools, Callable[[Bools], tuple[Row, ...]]], ...] = (
-            (self.read_position & ~skewed, lambda which: position_rows(cov[which])),
-            (self.read_position & skewed, lambda which: position_rows(cov[which])),
-            (self.read_heading, lambda which: (heading_row(self.heading_var[which]),)),
-            (afar & ~np.isnan(self.range_var), lambda which: (range_row(towards[which], self.range_var[which]),)),
-            (afar & ~np.isnan(self.bearing_var), lambda which: (bearing_row(towards[which], self.bearing_var[which]),)),
-        )
-        rows: list[tuple[Row, ...]] = [()] * len(self)
-        for which, made in measured:
-            if which.any():
-                one_by_one = zip(*(row.one_by_one() for row in made(which)), strict=True)
-                for k, some in zip(np.flatnonzero(which).tolist(), one_by_one, strict=True):
-                    rows[k] += some
-        return [
-            (some, None if chance == 1 else chance) for some, chance in zip(rows, self.chance.tolist(), strict=True)
-        ]
+        h, variance = self.measured(positions)
+        read = np.isfinite(variance)
+        coefficients = zip(*(x[read].tolist() for x in h), strict=True)
+        rows = [Row(AXES.get(x, x), var) for x, var in zip(coefficients, variance[read].tolist(), strict=True)]
+        spans = pairwise([0, *np.cumsum(read.sum(axis=1)).tolist()])
+        chances = (None if chance == 1 else chance for chance in self.chance.tolist())
+        return [(tuple(rows[begin:end]), chance) for (begin, end), chance in zip(spans, chances, strict=True)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,6 +30,9 @@ from driftplan.model.point_drift import PointDrift
 _CLOSE = 1e-10  # relative: what E|e|² may rise above the greatest value found
 _PARTS = 8  # into which a stretch is cut
 _QUARTERS = np.linspace(0.0, 1.0, 5)  # of a run: where a polynomial of degree four is taken
+_TO_BERNSTEIN = np.linalg.inv(  # values there @ this: coefficients that no value of the polynomial exceeds
+    np.array([1, 4, 6, 4, 1]) * _QUARTERS[:, None] ** np.arange(5) * (1 - _QUARTERS[:, None]) ** np.arange(4, -1, -1)
+).T
 _TINY = 1e-300  # m², for what is divided by
 _RADIUS_POINTS = 200  # along a path at which radii are taken, beside its borders
 _RADIUS_ROUNDS = 3  # of looking closer at the greatest
@@ -53,7 +56,7 @@ def worst_rms(drift: Drift) -> float:
     end = before.N.real[1:]
     greatest = np.array([max(after.N.real.max(), begun.N.real.max(), end.max(), 0.0)])
     if drift.is_fused:
-        return float(np.sqrt(max(greatest[0], _greatest_of_quartics(drift))))
+        return float(np.sqrt(_greatest_of_quartics(drift, float(greatest[0]))))
     drives = [Departures(weight, one.departures(), one.noises) for weight, one in drift._drives]
     drives = drives or [Departures(1.0, begun, drift.noises)]
     group, which = np.zeros(len(end), dtype=np.intp), drift.leg_noises
@@ -186,17 +189,17 @@ def exceeds_between(
     return np.asarray(greatest_between(begun, length, which, noises, end, np.arange(len(length)), limit) > limit)
 
 
-def _greatest_of_quartics(drift: Drift) -> float:
-    """The greatest E|e|² inside the runs of a robot with a filter, m², from five values on each."""
+def _greatest_of_quartics(drift: Drift, least: float) -> float:
+    """The greatest E|e|² inside the runs of a robot with a filter, m², from five values on each, or ``least``."""
     if not drift.has_systematic:
-        return 0.0
+        return least
     values = drift.inside_legs(_QUARTERS).N.real
-    greatest = 0.0
-    for polynomial in np.linalg.solve(np.vander(_QUARTERS), values.T).T:
+    for five in values[(values @ _TO_BERNSTEIN).max(axis=1) > least]:
+        polynomial = np.linalg.solve(np.vander(_QUARTERS), five)
         peaks = np.roots(np.polyder(polynomial))
         inside = peaks.real[(np.abs(peaks.imag) < 1e-9) & (peaks.real > 0) & (peaks.real < 1)]
-        greatest = max(greatest, float(np.max(np.polyval(polynomial, inside), initial=0.0)))
-    return greatest
+        least = max(least, float(np.max(np.polyval(polynomial, inside), initial=0.0)))
+    return least
 
 
 def _check(drift: Drift) -> None:

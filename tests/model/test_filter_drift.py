@@ -15,6 +15,7 @@ from driftplan.model.covariance import path_legs
 from driftplan.model.filter_state import FilterState, position_rows
 from driftplan.model.fusion import belief_at_start
 from driftplan.model.paths import read_path
+from driftplan.model.readings import Readings
 from driftplan.model.worst import worst_rms
 
 NOISE = OdometryNoise(
@@ -72,6 +73,31 @@ def test_one_place_says_what_a_reading_does(monkeypatch):
     np.testing.assert_allclose(
         drift_with_beacons(PATH, NOISE, beacons, estimator="filter").rms, nothing_read, rtol=1e-12
     )
+
+
+def test_readings_of_all_kinds_together_are_what_each_is_alone():
+    cov = np.array([[0.01, 0.004], [0.004, 0.03]])
+    anchor = {"anchor": (3.0, 4.0)}
+    fixes = [
+        Fix.position(1.0, position_std_m=0.1),
+        Fix.range(2.0, range_std_m=0.1, **anchor),
+        Fix(s_m=3.0, position_cov=cov, heading_std=0.02, detection_probability=0.9),
+        Fix.heading(4.0, heading_std=0.03),
+        Fix(s_m=5.0, position_cov=np.diag([0.01, 0.02]), range_std_m=0.2, bearing_std=0.01, **anchor),
+        Fix.bearing(6.0, bearing_std=0.01, **anchor),
+        Fix.range(7.0, anchor=(7.0, 0.0), range_std_m=0.1),  # at its anchor no direction is defined: nothing is read
+    ]
+    places = np.arange(1.0, 8.0) + 0j
+    together = Readings.of(fixes).rows(places)
+    assert together == [Readings.of([fix]).rows(place)[0] for fix, place in zip(fixes, places[:, None], strict=True)]
+    assert [len(rows) for rows, _ in together] == [2, 1, 3, 1, 4, 1, 0]
+    assert [chance for _, chance in together] == [None, None, 0.9, None, None, None, None]
+    information = sum(np.outer(row.vector(3), row.vector(3)) / row.variance for row in together[2][0])
+    np.testing.assert_allclose(information[:2, :2], np.linalg.inv(cov), rtol=1e-12)
+    assert information[2, 2] == pytest.approx(0.02**-2)
+    (one_range, *_), _ = together[1]
+    towards = np.array([3.0 - 2.0, 4.0])
+    np.testing.assert_allclose(one_range.vector(3), [*(-towards / np.hypot(*towards)), 0.0], rtol=1e-12)
 
 
 def test_both_sides_of_a_fix_and_profiles():

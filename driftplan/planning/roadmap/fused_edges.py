@@ -80,29 +80,12 @@ class FusedEdges:
         self.coefficients, self.variance = self._columns_of_rows(steps)
 
     def _columns_of_rows(self, steps: Steps) -> tuple[Floats, Floats]:
-        """What each step measures, (k, rows, 3), and its variance, (k, rows): infinite for what it does not.
-
-        Readings of one kind are alike, unless they have a direction or a distance has a say in them.
-        """
+        """What each step measures, (k, rows, 3), and its variance, (k, rows): infinite for what it does not."""
         reads = np.flatnonzero(steps.site != NO_SITE)
-        site, place = steps.site[reads], steps.place[reads]
-        readings = self._readings(site, place)
-        alike = np.isnan(readings.anchor) & (self.columns.std_per_m[site] == 0)
-        measured = np.stack([readings.square, readings.heading_var], axis=-1)[alike]
-        kind = np.arange(len(reads))
-        first, of_first = np.unique(np.nan_to_num(measured, nan=-1.0), axis=0, return_index=True, return_inverse=True)[
-            1:
-        ]
-        kind[alike] = np.flatnonzero(alike)[first[of_first.ravel()]]
-        kinds = np.unique(kind)
-        rows = dict(zip(kinds.tolist(), (row for row, _ in readings[kinds].rows(place[kinds])), strict=True))
-        width = max(map(len, rows.values()), default=0)
-        coefficients, variance = np.zeros((len(reads), width, 3)), np.full((len(reads), width), np.inf)
-        for k, some in rows.items():
-            for i, row in enumerate(some):
-                coefficients[k, i], variance[k, i] = row
-        every = np.zeros((len(steps.edge), width, 3)), np.full((len(steps.edge), width), np.inf)
-        every[0][reads], every[1][reads] = coefficients[kind], variance[kind]
+        h, variance = self._readings(steps.site[reads], steps.place[reads]).measured(steps.place[reads])
+        some = np.isfinite(variance).any(axis=0)
+        every = np.zeros((len(steps.edge), some.sum(), 3)), np.full((len(steps.edge), some.sum()), np.inf)
+        every[0][reads], every[1][reads] = np.stack(h, axis=-1)[:, some], variance[:, some]
         return every
 
     def _readings(self, site: Ints, place: Complexes) -> Readings:
