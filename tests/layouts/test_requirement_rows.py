@@ -2,16 +2,19 @@
 
 from dataclasses import replace
 from itertools import combinations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from driftplan.beacons.beacon import Beacon
 from driftplan.layouts.placement.drives import ReadingSets, _driven, drives_of
 from driftplan.layouts.placement.fresh_fixes import Limit
 from driftplan.layouts.placement.interval_moments import IntervalMoments
 from driftplan.layouts.placement.requirements import DriftRequirements
 from driftplan.layouts.placement.route_table import route_table
 from driftplan.layouts.scenario import Scenario
+from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.planning.request import DriftLimit
 
@@ -399,7 +402,8 @@ def test_cuts_of_a_slot_are_met_by_all_layouts_that_hold_to_its_end_and_missed_b
 @pytest.mark.parametrize("name", ["mixed", "unsure", "everything"])
 @pytest.mark.parametrize("seed", range(6))
 def test_sets_that_cannot_hold_a_slot_are_looked_for_beforehand(name, seed, case):
-    its = case(name, seed, share=0.3)
+    lost = Fix.full(0.0, position_std_m=0.05, heading_std=0.5)  # so that positions alone are little use
+    its = case(name, seed, share=0.3, start_fix=lost if name == "mixed" else START)
     needs = its.needs
     rows = [cut for cut in needs.rows() if not needs.independent[cut.where[0]] and not needs.blind[cut.where[0]]]
     for cut in rows:
@@ -411,9 +415,10 @@ def test_sets_that_cannot_hold_a_slot_are_looked_for_beforehand(name, seed, case
             assert (cut.columns.tolist(), cut.least) == (same.columns.tolist(), same.least)
         need = int(cut.least) - its.redundancy + 1
         some = [c for k in range(need) for c in combinations(cut.columns.tolist(), k)]
-        for few in some[:8]:  # with fewer of them than that the slot fails
+        for few in some[:8]:  # with fewer of them than that the slot fails, or one before it
             arriving, leaving = its.squares(route, {*outside, *few})
-            everything = [leaving[slot], arriving[min(slot + 1, len(arriving) - 1)]]
+            before = slice(0 if needs.sure[route] else slot, None)
+            everything = [*leaving[: slot + 1][before], *arriving[1 : slot + 2][before]]
             assert max(everything) > its.limit**2 * (1 - 1e-9)
     hard = [r for r in range(its.table.routes) if not needs.independent[r] and not needs.blind[r]]
     for route in hard:
@@ -421,6 +426,23 @@ def test_sets_that_cannot_hold_a_slot_are_looked_for_beforehand(name, seed, case
         narrow = needs._narrow_slots(route, *needs._stretches(route)[1:])
         if not its.started(route, slots) and narrow:
             assert [cut for cut in rows if cut.where[0] == route]
-            nobody = np.zeros(0, dtype=np.intp)
-            for cut in needs._pair_cuts(route, narrow[0], nobody) if needs.sure[route] else []:
-                assert any(np.array_equal(cut.columns, row.columns) for row in rows if row.where == cut.where)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_where_a_position_needs_a_heading_with_it_rows_ask_for_one_of_the_two_beforehand(share, kinds_named):
+    tag, _, sign = kinds_named["mixed"]
+    places = [(4.0 + 4.5 * k, 0.7 * (-1) ** k) for k in range(12)][::-1]
+    sites = [Beacon(sign if k % 4 == 2 else tag, *xy, f"s{k}") for k, xy in enumerate(places)]
+    noise = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3)
+    start = Fix.full(0.0, position_std_m=0.05, heading_std=0.1)
+    its = Case(SimpleNamespace(paths=[np.array([(0.0, 0.0), (60.0, 0.0)])], sites=sites, noise=noise), share, 1, start)
+    rows = [(cut.where, cut.columns.tolist()) for cut in its.needs.rows()]
+    others = 0
+    for slot in its.needs._narrow_slots(0, *its.needs._stretches(0)[1:]):
+        for cut in its.needs._pair_cuts(0, slot, np.zeros(0, dtype=np.intp)):
+            assert (cut.where, cut.columns.tolist()) in rows
+            last = its.needs._last_readings(0, slot)
+            others += cut.columns.tolist() != sorted(
+                its.table.site[last[its.needs.last_slot_of[last] >= slot]].tolist()
+            )
+    assert others
