@@ -163,6 +163,13 @@ def test_many_drives_at_once_are_each_as_if_alone_with_means_and_chances_too(bia
                     assert states.mean is None
 
 
+def test_states_of_a_grid_of_drives_come_from_their_matrices():
+    grid = [[started(2 * i + j, 5) for j in range(2)] for i in range(3)]
+    P, mean = (np.array([[one[k] for one in row] for row in grid]) for k in (0, 1))
+    matches(FilterState.from_matrix(P, mean), P, mean)
+    matches(FilterState.from_matrix(P[0, 0], mean[0, 0]), P[0, 0], mean[0, 0])
+
+
 def test_elements_of_a_grid_of_paths_are_each_as_if_alone():
     paths = np.random.default_rng(9).normal(size=(2, 4, 3, 2))
     begun = np.stack([[started(4 * i + j, 3)[0] for j in range(4)] for i in range(2)])
