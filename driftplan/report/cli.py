@@ -121,7 +121,7 @@ def build_parser() -> Parser:
 
 def _failed(words: Sequence[str], name: str, error: BaseException, message: str, code: int) -> int:
     """One line on stderr that says what is wrong; with --json also an object on stdout."""
-    message = re.sub(rf"\S*/{STANDARD_INPUT}", STANDARD_INPUT, " ".join(message.split()))
+    message = re.sub(rf"\S*/{STANDARD_INPUT}(\.geojson)?", STANDARD_INPUT, " ".join(message.split()))
     if "--json" in words:
         print(json_text({"command": name, "error": {"kind": type(error).__name__, "message": message, "code": code}}))
     print(message if isinstance(error, UsageError) else f"driftplan {name}: {message}", file=sys.stderr)

@@ -11,10 +11,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+import yaml
 
+import driftplan
 from driftplan import Beacon, BeaconKind, OdometryNoise, World, plan_route, predict_drift, save_world
 from driftplan.beacons.beacon_files import beacons_geojson
-from driftplan.report.cli import in_options
+from driftplan.report.cli import in_options, main
 from driftplan.report.commands import COMMANDS
 from driftplan.report.commands.answer import Progress
 from driftplan.report.commands.plan import bound_in_words, gained_in_words
@@ -186,6 +188,46 @@ def test_a_path_comes_from_standard_input_and_one_goes_to_standard_output(run, r
     assert answer["points"][-1]["rms_m"] == pytest.approx(route.rms)
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"1,2\n3,x\n")))
     assert run("predict", "-").err.startswith("driftplan predict: standard input, line 2: ")
+
+
+def piped(run, monkeypatch, content, *words):
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
+    return run(*words)
+
+
+def test_every_kind_of_input_but_maps_and_studies_comes_from_standard_input_too(run, room, tmp_path, monkeypatch):
+    """What one subcommand writes to ``-`` the next one reads."""
+    drive = driftplan.simulate_log(3 * [(1, 1), (3, 1), (3, 6)], NOISE, rng=1)
+    for name, log in zip(("odometry", "truth"), drive, strict=True):
+        xy = log.xy if name == "truth" else np.column_stack([log.positions.real, log.positions.imag])
+        heading = log.heading if name == "truth" else log.headings
+        rows = np.column_stack([log.times, xy, heading]).tolist()
+        lines = ["time,x,y,heading", *(",".join(map(repr, row)) for row in rows)]
+        (tmp_path / f"{name}.csv").write_text("\n".join(lines))
+    (tmp_path / "path.csv").write_text("1,1\n3,1\n3,6\n")
+    odometry = (tmp_path / "odometry.csv").read_bytes()
+    noise = piped(run, monkeypatch, odometry, "fit", "-", tmp_path / "truth.csv", "--accept-faults", "--yaml", "-")
+    assert noise.code == 0, noise.err
+    told = piped(run, monkeypatch, noise.out.encode(), "predict", tmp_path / "path.csv", "--noise", "-", "--json")
+    assert told.code == 0, told.err
+    kept = {key: value for key, value in yaml.safe_load(noise.out).items() if value}
+    assert json.loads(told.out)["noise"] == pytest.approx(kept)
+    tags = beacons_geojson([Beacon(BeaconKind.rfid(1.5, 0.1), 2.0, 1.0)])
+    for words in (("predict", tmp_path / "path.csv"), ("plan", room, *ENDS, "--iterations", 1, "--max-drift", 5)):
+        answer = piped(run, monkeypatch, tags, *words, "--beacons", "-")
+        assert answer.code == 0, answer.err
+    trips = piped(run, monkeypatch, b"1,1,3,6\n3,6,1,1\n", "plan", room, "--trips", "-", "--time-limit", 2, "--json")
+    assert len(json.loads(trips.out)["routes"]) == 2
+    wrong = piped(run, monkeypatch, b"junk", "predict", tmp_path / "path.csv", "--beacons", "-")
+    assert wrong.err.startswith("driftplan predict: standard input, line 1: not JSON")
+
+
+def test_a_picture_on_standard_output_is_a_png(run, tmp_path, monkeypatch):
+    (tmp_path / "p.csv").write_text("0,0\n5,0\n")
+    taken = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(taken, write_through=True))
+    assert main(["predict", str(tmp_path / "p.csv"), "--picture", "-"]) == 0
+    assert taken.getvalue().startswith(b"\x89PNG")
 
 
 def test_one_standard_output_takes_one_thing(run, refused, room, searched):

@@ -56,7 +56,7 @@ def deliver(args: argparse.Namespace, answer: Answer) -> None:
             if path == STDOUT and args.json:
                 raise ValueError("expected --json or a file on standard output, got both")
             made = content()
-            files[path] = made if isinstance(made, bytes) else figure_bytes(made, path.suffix[1:].lower())
+            files[path] = made if isinstance(made, bytes) else figure_bytes(made, path.suffix[1:].lower() or "png")
     on_stdout = files.pop(STDOUT, None)
     write_files(files)
     text = json_text({"command": args.command, **answer.payload()}) if args.json else answer.text()

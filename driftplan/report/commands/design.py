@@ -114,7 +114,7 @@ _WANTED = Group("what is wanted", (
     Option("seed", "N", "seed of samples and restarts", int, 0),
 ))
 _SITES = Group("where beacons may go", (
-    Option("candidates", "FILE.csv", "sites x,y in metres, one per line; default: a grid", str),
+    Option("candidates", "FILE.csv", "sites x,y in metres, one per line; default: a grid", input_file),
     Option("spacing_m", "M", "spacing of the grid, metres (default: the range)"),
     shared.EXISTING,
 ))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
-from driftplan.report.commands.option import Command, Group, Option, metres, names
+from driftplan.report.commands.option import Command, Group, Option, input_file, metres, names
 from driftplan.report.records import record
 from driftplan.tables import counted
 
@@ -193,8 +193,8 @@ COMMAND = Command(
     "CARMEN, g2o, CSV with named columns and units in brackets, MATLAB 5; gzipped if they end in .gz.",
     run=run,
     arguments=(
-        Option("files", "ODOM TRUTH", "odometry and truth of each drive, in turn: ODOM TRUTH ODOM TRUTH ...", str,
-               how={"nargs": "+"}),
+        Option("files", "ODOM TRUTH", "odometry and truth of each drive, in turn: ODOM TRUTH ODOM TRUTH ...",
+               input_file, how={"nargs": "+"}),
     ),
     groups=(Group("", _DRIVES), _READING, _FITTING, _MESSAGES),
     files={

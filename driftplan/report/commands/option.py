@@ -223,21 +223,26 @@ def names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
 
 
-def input_file(text: str) -> str:
+def input_file(text: str, suffix: str = "") -> str:
     """An argument that names a file to read; - is standard input, kept in a file until the command ends."""
     if text != "-":
         return text
     folder = tempfile.mkdtemp(prefix="driftplan-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    file = Path(folder) / STANDARD_INPUT
+    file = Path(folder) / f"{STANDARD_INPUT}{suffix}"
     with file.open("wb") as copy:
         shutil.copyfileobj(sys.stdin.buffer, copy)
     return str(file)
 
 
+def beacons_file(text: str) -> str:
+    """An argument that names a file of beacons to read; standard input is taken for GeoJSON."""
+    return input_file(text, ".geojson")
+
+
 def label(file: str) -> str:
     """What a file to read is called when people are told about it."""
-    return STANDARD_INPUT if Path(file).name == STANDARD_INPUT else file
+    return STANDARD_INPUT if Path(file).stem == STANDARD_INPUT else file
 
 
 def output_file(text: str) -> Path:
@@ -250,9 +255,9 @@ def output_file(text: str) -> Path:
 
 
 def picture_file(text: str) -> Path:
-    """An argument that names a picture to write."""
+    """An argument that names a picture to write; what goes to standard output is a PNG."""
     path = output_file(text)
-    if path.suffix.lower() not in PICTURES:
+    if text != "-" and path.suffix.lower() not in PICTURES:
         raise argparse.ArgumentTypeError(f"expected a file called {', '.join(PICTURES)}, got {text!r}")
     return path
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, Progress, talk
-from driftplan.report.commands.option import Command, Group, Idle, Option, label
+from driftplan.report.commands.option import Command, Group, Idle, Option, input_file, label
 from driftplan.report.records import record
 from driftplan.tables import counted, decimals, numbers, table, yes_no
 
@@ -170,7 +170,7 @@ _WANTED = Group("what is wanted", (
 ))
 _SITES = Group("where beacons may go", (
     Option("candidates", "FILE", "sites: x,y in metres, one per line (.csv), or beacons with their kinds "
-           "(.geojson); default: a grid", str),
+           "(.geojson); default: a grid", input_file),
     Option("sites", "", "sites to generate instead of --candidates (default: grid)", str,
            choices=("grid", "walls", "routes")),
     Option("spacing_m", "M", "spacing of generated sites, metres (default: the range)"),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, Progress, talk
 from driftplan.report.commands.compare import COLLISIONS, NAMES, compared, robot_in, rows_of
-from driftplan.report.commands.option import Command, Group, Idle, Option
+from driftplan.report.commands.option import Command, Group, Idle, Option, beacons_file, input_file
 from driftplan.report.records import record, waypoints
 from driftplan.tables import counted, numbers, table, yes_no
 
@@ -230,7 +230,7 @@ def itinerary_text(route: Route) -> str:
 
 # fmt: off
 _TRIPS = Option("trips", "FILE", "many routes instead, in parallel on one graph of the map: start_x, start_y, goal_x, "
-                "goal_y per line, metres, as for `driftplan design`", str)
+                "goal_y per line, metres, as for `driftplan design`", input_file)
 _GRAPH = Option("graph", "FILE", "on the edges of a route graph (nav2's GeoJSON, .lif, .building.yaml), from the node "
                 "nearest to the start to that nearest to the goal", str)
 _GOALS = (
@@ -240,7 +240,8 @@ _GOALS = (
 )
 _BEACONS = Group("beacons on the way", (
     Option("beacons", "FILE", "beacons to use, as GeoJSON (written by `driftplan place --geojson`); routes are then "
-           "at most 1.5 times as long as the shortest, unless --max-detour or --minimise length says otherwise", str),
+           "at most 1.5 times as long as the shortest, unless --max-detour or --minimise length says otherwise",
+           beacons_file),
     shared.ESTIMATOR,
     Option("max_drift", "M", "greatest rms drift anywhere on the way, metres (default: any)"),
     Option("redundancy", "", "2: the limit holds with any one beacon dead (default: 1, all are alive)", int,

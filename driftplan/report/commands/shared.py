@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from driftplan.errors import DriftplanError, GoalError, StartError
 from driftplan.report.commands.answer import talk
-from driftplan.report.commands.option import Group, Idle, Option, input_file, point
+from driftplan.report.commands.option import Group, Idle, Option, beacons_file, input_file, point
+from driftplan.tables import counted
 
 if TYPE_CHECKING:
     from driftplan import BeaconKind, Drift, Fix, Layout, OdometryNoise, Trip, World
@@ -60,7 +61,8 @@ _SYSTEMATIC = (
     Option("heading_bias_per_rad", "RATIO", "systematic relative error of measured turns"),
     Option("distance_scale_error", "RATIO", "systematic relative error of measured distances"),
 )
-_KEPT = Option("noise", "FILE", "from a file, such as driftplan fit --yaml writes, or the preset of this name", str)
+_KEPT = Option("noise", "FILE", "from a file, such as driftplan fit --yaml writes, or the preset of this name",
+               input_file)
 NOISE = (
     Group("odometry noise", (_KEPT,), "Or as spreads of straight drives (--heading-deg, --distance-m, --after-m, "
           "--heading-deg-per-full-turn), or as rates: see --help-noise. Without any of these: 1 degree and 0.05 m "
@@ -131,7 +133,7 @@ PATHS = Option("paths", "PATH.csv", "routes: waypoints x,y in metres, one per li
                how={"nargs": "+"})
 ENDS = tuple(Option(name, "X,Y", f"{name} of the route, metres", point) for name in ("start", "goal"))
 SNAP = Option("snap", "", "move a start or goal in a wall or off the map to the nearest free point, and say so")
-EXISTING = Option("existing", "FILE.geojson", "beacons that are there already", str)
+EXISTING = Option("existing", "FILE.geojson", "beacons that are there already", beacons_file)
 ROUTE_FILES = {
     "csv": "write the waypoints x,y as CSV, metres; `driftplan predict` and `compare` read it back",
     "ros_path": "write a nav_msgs/Path as YAML, with a pose every 0.25 m",
@@ -319,7 +321,7 @@ def note_of(layout: Layout) -> str:
 def search_effort(args: argparse.Namespace) -> str:
     """How long a search may take, in words, if that was said."""
     words = [] if args.time_limit is None else [f"at most {args.time_limit:g} s"]
-    words += [] if args.iterations is None else [f"{args.iterations} iterations"]
+    words += [] if args.iterations is None else [counted(args.iterations, "iteration")]
     return "".join(f", {part}" for part in words)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, Progress, talk
-from driftplan.report.commands.option import Command, Group, Idle, Option, label, output_file
+from driftplan.report.commands.option import Command, Group, Idle, Option, beacons_file, label, output_file
 
 
 def run(args: argparse.Namespace) -> Answer:
@@ -59,7 +59,7 @@ COMMAND = Command(
     arguments=(shared.MAP, shared.PATHS),
     groups=(
         Group("", (
-            Option("beacons", "FILE.geojson", "beacons to begin with", str),
+            Option("beacons", "FILE.geojson", "beacons to begin with", beacons_file),
             Option("max_drift", "M", "limit on the rms drift of every route, metres"),
             shared.ESTIMATOR,
             *shared.START_SPREAD,
