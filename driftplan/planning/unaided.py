@@ -120,7 +120,7 @@ class _RoadmapPaths:
 
     def begin(self) -> None:
         """First routes: the caller's, one along the triangles of free space, which is had at once, and a taut string
-        that keeps a margin; or else the former polished."""
+        that keeps a margin; polished, or without a string the former."""
         world, ends = self.request.world, self.request.ends
         channel = channel_route(world, ends)
         for search in self._searches:
@@ -133,7 +133,9 @@ class _RoadmapPaths:
             if (by_length or not world.zones) and not stop():  # a string does not know of zones
                 given, left_s = (world, *ends, first_margin_m(world), search.path), partial(self._left_s, search)
                 string = taut_route(*given, by_length=by_length, left_s=left_s)
-            for path in (channel if string is None else string,):
+            # A search that had no time for the string polishes the other: so must one that had.
+            alone = string is not None and self.request.time_limit is None
+            for path in (string,) if alone else (string, channel):
                 if path is not None and not stop():
                     search.consider(path, stop)
         self._share()
