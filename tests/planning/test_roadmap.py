@@ -358,16 +358,25 @@ def test_an_allocator_and_the_benchmark_tool_take_it():
     benchmark = ot.Benchmark(setup, "corridors")
     benchmark.addPlanner(RoadmapPlanner(si, objective, WORLD))
     benchmark.addPlannerAllocator(lambda si: RoadmapPlanner(si, world=WORLD, name="again"))
-    lengths = []
+    found = []
     benchmark.setPostRunEvent(
-        lambda planner, run: lengths.append(planner.getProblemDefinition().getSolutionPath().length())
+        lambda planner, run: found.append(
+            (
+                planner.getProblemDefinition().getSolutionPath().cost(objective).value(),
+                planner.bestCost().value(),
+                len(planner.roadmap()[0]),
+            )
+        )
     )
     request = ot.Request()
     request.maxTime, request.runCount = 0.2, 2
+    request.simplify = False  # which makes paths short, whatever they cost
     request.displayProgress = request.saveConsoleOutput = False  # it would write a file where the tests are run
     benchmark.benchmark(request)
-    assert len(lengths) == 4
-    assert all(length < 30 for length in lengths)
+    assert len(found) == 4
+    for cost, best, nodes in found:
+        assert best == pytest.approx(cost, rel=1e-9)
+        assert nodes > 10
 
 
 # Refusals
