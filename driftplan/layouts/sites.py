@@ -111,7 +111,8 @@ class Sites:
         existing = _named(self.existing, "E", set())
         beacons = self._beacons(world, routes)
         if not beacons:
-            raise ValueError("expected at least one site, got none")
+            why = ": none of the grid is free, allowed and in range of a route; a smaller spacing_m makes a finer one"
+            raise ValueError("expected at least one site, got none" + why * (self.points is None and world is not None))
         beacons = _named(beacons, "S", {b.id for b in existing})
         costs = np.array([b.kind.cost for b in beacons]) if self.costs is None else np.asarray(self.costs, dtype=float)
         numbered = np.array([[b.x, b.y, k] for k, b in enumerate(beacons)])

@@ -411,3 +411,9 @@ def test_a_limit_below_what_a_tag_can_tell_is_explained_by_the_tag():
     noise, tag = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0), BeaconKind.rfid(1.5, 0.1)
     with pytest.raises(InfeasibleError, match=r"sqrt\(2\) x 0.1 = 0.141 m: take more accurate ones"):
         place_beacons(None, [(0, 0), (40, 0)], noise, 0.14, tag)
+
+
+def test_a_grid_too_coarse_for_any_site_in_range_is_said_to_be_that():
+    world = World.from_polygons([], bounds=(0, 0, 40, 40), robot_radius=0.5)
+    with pytest.raises(ValueError, match=r"got none: none of the grid is .* in range of a route; a smaller spacing_m"):
+        place_beacons(world, [(0.5, 0.5), (39.5, 0.5)], NOISE, 0.5, Sites(BeaconKind.rfid(1.5, 0.1), spacing_m=20.0))

@@ -171,7 +171,7 @@ def plot_beacons(
         for beacon in group:
             ranges.append(ax.add_patch(_range_of(beacon, zorder=1.5, **range_look)))
             if len(others) + len(used) <= _MAX_IDS:
-                style.name_at(ax, beacon.id, (beacon.x, beacon.y), (4, 4), fontsize=7)
+                style.name_at(ax, beacon.id, (beacon.x, beacon.y), (4, 4), fontsize=7, zorder=4.8)
         if group:
             dots: dict[str, Any] = {"linestyle": "none", "zorder": 4, "markeredgecolor": "white", **mark_look}
             marks += ax.plot(*np.transpose([beacon.xy for beacon in group]), label=label, **dots)

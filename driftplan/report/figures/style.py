@@ -118,7 +118,7 @@ def name_at(ax: Axes, name: str, xy: Any, offset: tuple[float, float], **look: A
     from matplotlib.patheffects import withStroke
 
     halo = [withStroke(linewidth=2.0, foreground="white")]
-    ax.annotate(name, xy, offset, textcoords="offset points", zorder=5, path_effects=halo, **look)
+    ax.annotate(name, xy, offset, textcoords="offset points", path_effects=halo, **{"zorder": 5, **look})
 
 
 def mark_ends(ax: Axes, paths: Sequence[Any]) -> list[Line2D]:
