@@ -210,6 +210,22 @@ def test_a_second_solve_goes_on_and_clear_starts_afresh():
     np.testing.assert_array_equal(waypoints(setup), first)
 
 
+def test_another_problem_is_planned_for_without_being_told_to_clear():
+    _, si = plane()
+    planner = RoadmapPlanner(si, world=WORLD)
+    for goal in (GOAL, (GOAL[0] - 3.0, GOAL[1])):
+        problem, start, end = ob.ProblemDefinition(si), si.allocState(), si.allocState()
+        (start[0], start[1]), (end[0], end[1]) = START, goal
+        problem.setStartAndGoalStates(start, end)
+        problem.setOptimizationObjective(DriftObjective(si, NOISE, goal))
+        planner.setProblemDefinition(problem)
+        planner.setup()
+        assert planner.solve(ob.PlannerTerminationCondition(lambda: len(planner.roadmap()[0]) > 100))
+        last = problem.getSolutionPath().getStates()[-1]
+        assert (last[0], last[1]) == goal
+        assert tuple(planner.roadmap()[0][1]) == goal
+
+
 @pytest.mark.parametrize("calls", [0, 3, 30])
 def test_it_stops_when_told_to_with_a_valid_path_or_none(calls):
     setup, si = plane()

@@ -34,10 +34,11 @@ _SAME_PLACE = 1e-9  # m: how far the problem's goal may be from the one that the
 class RoadmapPlanner(ob.Planner):
     """Plans straight runs and turns on the spot over a growing roadmap: near the optimum long before trees are.
 
-    An anytime planner: it adds batches of nodes until the termination condition says stop, the objective is satisfied,
-    or nothing better can be left. A condition of one's own is asked every 20 to 50 ms while the roadmap grows, and
-    before and after every search of it. Calling ``solve`` again goes on; ``clear`` starts afresh, with the same samples
-    for the same seed. Of the paths found it returns the one of least exact drift.
+    An anytime planner: it adds batches of nodes until the termination condition says stop, the objective is
+    satisfied, or nothing better can be left. A condition of one's own is asked every 20 to 50 ms while the roadmap
+    grows, and before and after every search of it. Calling ``solve`` again goes on, unless the problem is another;
+    ``clear`` starts afresh, with the same samples for the same seed. Of the paths found it returns the one of least
+    exact drift.
 
     With beacons, a ``max_drift`` or ``minimise`` the routes are those of `driftplan.plan_route` among beacons: every
     batch is a route on a roadmap of twice as many nodes, and the best one of all is the solution. What is minimised is
@@ -140,12 +141,13 @@ class RoadmapPlanner(ob.Planner):
         reliance = self._reliance = Reliance.of(beacons, max_drift, max_detour, start_fix, estimator)
         self._counts_on_beacons = bool(beacons) or reliance.max_drift < inf or minimise is not None
         self._queries: list[_Query] = []
+        self._asked: tuple[Target, list[_Pose], list[_Pose]] | None = None  # that the queries are for
         self._scale = 1.0
 
     def clear(self) -> None:
         """Forget the roadmap; OMPL may call this twice."""
         super().clear()
-        self._queries = []
+        self._queries, self._asked = [], None
 
     def roadmap(self) -> tuple[Floats, Ints]:
         """Nodes (n, 2) in metres and edges (m, 2) of the roadmap so far; node 0 is the start, node 1 the goal.
@@ -201,19 +203,22 @@ class RoadmapPlanner(ob.Planner):
         self.checkValidity()
         problem = self.getProblemDefinition()
         objective = problem.getOptimizationObjective()
-        if not self._queries:
-            target = self._target or target_of(objective)
-            if objective is not None and target_of(objective) != target:
-                raise PlannerError(
-                    "expected the planner's objective to be that of the problem, got another one: give it to "
-                    "setOptimizationObjective too, or to the planner none"
-                )
-            starts, goals = self._ends(target)
+        target = self._target or target_of(objective)
+        if objective is not None and target_of(objective) != target:
+            raise PlannerError(
+                "expected the planner's objective to be that of the problem, got another one: give it to "
+                "setOptimizationObjective too, or to the planner none"
+            )
+        asked = target, *self._ends(target)
+        if asked != self._asked:  # at first, and when there is another problem, cleared or not
+            self._queries, self._asked = [], None
+            _, starts, goals = asked
             if not starts or not goals:
                 wrong = ob.PlannerStatus.INVALID_START if not starts else ob.PlannerStatus.INVALID_GOAL
                 return ob.PlannerStatus(wrong)
             self._scale = target.scale
             self._queries = [self._query(target, start, goal) for goal in goals for start in starts]
+            self._asked = asked
         while not ptc():
             growing = [query.search for query in self._queries if not query.search.is_optimal]
             if not growing or (objective is not None and objective.isSatisfied(self.bestCost())):
