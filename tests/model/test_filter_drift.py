@@ -50,6 +50,7 @@ def test_with_little_noise_and_no_fixes_it_is_the_exact_drift():
     np.testing.assert_allclose(linear.bias, exact.bias, atol=1e-5 * np.abs(exact.bias).max())
     np.testing.assert_allclose(linear.xy, exact.xy, atol=1e-12)
     np.testing.assert_allclose(linear.heading, exact.heading, atol=1e-12)
+    np.testing.assert_allclose(linear.at([2.0, 7.0]).heading, exact.at([2.0, 7.0]).heading, atol=1e-12)
     np.testing.assert_allclose(linear.at([2.0, 7.0]).moments.a, exact.at([2.0, 7.0]).moments.a, atol=1e-11)
 
 

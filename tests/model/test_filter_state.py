@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from driftplan.model.covariance import CovarianceMap, compose, path_legs
+from driftplan.model.covariance import CovarianceMap, compose, identity, path_legs
 from driftplan.model.filter_state import (
     HEADING_AXIS,
     FilterState,
@@ -170,6 +170,12 @@ def test_states_of_a_grid_of_drives_come_from_their_matrices():
     matches(FilterState.from_matrix(P[0, 0], mean[0, 0]), P[0, 0], mean[0, 0])
 
 
+def test_a_perfect_reading_in_an_element_counts_as_one_of_a_micrometre_or_microradian():
+    row = bearing_row(TOWARDS, 0.0)
+    h = np.array(row.coefficients)
+    np.testing.assert_allclose(identity().read((row,)).J, np.outer(h, h) / (1e-12 * h @ h), rtol=1e-12)
+
+
 def test_elements_of_a_grid_of_paths_are_each_as_if_alone():
     paths = np.random.default_rng(9).normal(size=(2, 4, 3, 2))
     begun = np.stack([[started(4 * i + j, 3)[0] for j in range(4)] for i in range(2)])
@@ -225,6 +231,9 @@ def test_what_is_known_for_certain_is_not_read_again():
     state = FilterState.from_matrix(started(5, 3)[0]).read((range_row(TOWARDS, 0.0),))
     again = state.read((range_row(TOWARDS, 0.0), range_row(-TOWARDS, 1e-30)))
     np.testing.assert_allclose(again.matrix, state.matrix, atol=1e-15)
+    sure = FilterState.from_matrix(1e-8 * np.eye(3)).read((range_row(TOWARDS, 0.0),))  # but little is not nothing
+    away = np.append(TOWARDS / 5, 0.0)
+    np.testing.assert_allclose(sure.matrix, 1e-8 * (np.eye(3) - np.outer(away, away)), atol=1e-20)
     many = FilterState(tuple(np.full(2, x) for x in state.P)).read((range_row(TOWARDS, 0.0),))
     np.testing.assert_allclose(many.matrix[1], state.matrix, atol=1e-15)
 
