@@ -77,10 +77,8 @@ def compare_routes(
     ------
     ValueError : for no routes, or another number of names
 
-    >>> from driftplan.planning.routes import plan_route
-    >>> from driftplan.world.world import World
+    >>> from driftplan import OdometryNoise, World, plan_route
     >>> world = World.from_polygons([], bounds=(0, 0, 10, 10), robot_radius=0.5)
-    >>> from driftplan.model.noise import OdometryNoise
     >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
     >>> route = plan_route(world, (2, 2), (8, 2), noise, time_limit=0.1)
     >>> print(compare_routes([route]))

@@ -39,7 +39,8 @@ def test_check_does_nothing_run_does_what_is_missing_and_show_says_it(run, file)
     assert (checked["cells"], checked["missing"], len(checked["tried"])) == (8, 8, 3)
     assert not file.with_suffix(".results.jsonl").exists()
     assert "8 cells, 8 missing" in run("study", "show", file).out
-    out = run("study", "run", file, "--csv", file.with_suffix(".csv")).out
+    _, out, err = run("study", "run", file, "--csv", file.with_suffix(".csv"))
+    assert [f"wrote {file.with_suffix(end)}" in err for end in (".results.jsonl", ".csv")] == [True, True]
     assert "8 cells, 6 done, 2 infeasible." in out
     assert "infeasible (" in out
     assert "Simulated drives: of 12 route ends" in out

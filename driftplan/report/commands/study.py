@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from driftplan.report.commands.answer import Answer, Progress
+from driftplan.report.commands.answer import Answer, Progress, talk
 from driftplan.report.commands.option import Command, Group, Idle, Option
 from driftplan.report.records import json_text
 from driftplan.tables import NONE, counted, table
@@ -43,7 +43,9 @@ def run(args: argparse.Namespace) -> Answer:
     with ExitStack() as stack:
         executor = None if args.dask is None else stack.enter_context(_client(args.dask))
         asked = {"workers": args.workers, "results": args.results, "retry": args.retry, "progress": _tell}
-        return _shown(args, run_study(args.study, executor, **asked))
+        result = run_study(args.study, executor, **asked)
+    talk(f"wrote {args.results or Path(args.study).with_suffix('.results.jsonl')}")
+    return _shown(args, result)
 
 
 def _client(address: str) -> Any:
