@@ -186,7 +186,7 @@ def test_what_cannot_be_reached_is_said_with_what_can():
         ({"time_limit": 0.0}, "expected time_limit > 0"),
         ({"time_limit": np.nan}, "expected time_limit finite"),
         ({"iterations": 0}, "expected iterations a whole number >= 1"),
-        ({"start": (1, 1, np.inf)}, "expected a number of start finite"),
+        ({"start": (1, 1, np.inf)}, "expected start finite"),
     ],
 )
 def test_bad_arguments_are_named(changed, message):
