@@ -262,6 +262,8 @@ def test_costs_have_a_step_in_common_when_they_are_whole_numbers(cost, step):
 class Watched(LocalSearch):
     """A local search in which after every move all that is kept up to date is counted anew."""
 
+    adds, stuck, step = 0, False, 0
+
     def check(self):
         dense = self.rows.toarray()
         short = self.least - dense @ self.y
@@ -274,6 +276,10 @@ class Watched(LocalSearch):
 
     def _remove(self, step, tabu):
         assert tabu == (3 if self.missed.any() else 0)
+        if step > self.step and self.step and self.missed.any():  # as many came as could, but twenty at most
+            assert self.stuck or self.adds == 20
+        assert step >= self.step
+        self.adds, self.stuck, self.step = 0, False, step
         here = np.flatnonzero(self.y & self.free)
         rested = here[self.moved[here] < step - tabu] if tabu else here
         self.allowed = [rested if len(rested) else here]
@@ -286,6 +292,7 @@ class Watched(LocalSearch):
         helps = np.where(self.y, dense < 0, dense > 0) & able
         self.allowed = [np.flatnonzero(helps[r]) for r in np.flatnonzero(self.missed)]
         done = super()._add(step, under)
+        self.adds, self.stuck = self.adds + 1, not done
         assert done or not all(len(some) for some in self.allowed)
         return done
 
@@ -356,3 +363,25 @@ def test_rows_that_stay_missed_grow_heavier_by_one_a_step():
     search = LocalSearch(np.array([1.0, 5.0]), csr_array(np.array([[1.0, 1.0]])), np.ones(1), np.ones(2, dtype=bool))
     search.improve(np.array([True, False]), np.inf, patience=4)
     assert search.heavy.tolist() == [5.0]  # one of cost 1 holds, and nothing cheaper does, four times
+
+
+def test_a_column_is_taken_out_where_that_mends_a_cap_though_nothing_dearer_may_come():
+    caps = csr_array(np.array([[-1.0, -1.0]]))
+    search = LocalSearch(np.array([1.0, 2.0]), caps, -np.ones(1), np.ones(2, dtype=bool))
+    search._begin(np.ones(2, dtype=bool))
+    assert search._add(1, 2.5)
+    assert search.y.tolist() == [False, True]  # what gives most per cost
+    assert search.paid == 2.0
+
+
+def test_nothing_comes_where_nothing_helps_and_any_row_that_is_missed_may_be_the_one_that_is_mended():
+    half = LocalSearch(np.ones(1), csr_array(np.array([[0.5]])), np.ones(1), np.ones(1, dtype=bool))
+    half._begin(np.ones(1, dtype=bool))
+    assert not half._add(1, 9.0)
+    came = set()
+    for seed in range(20):
+        apart = LocalSearch(np.ones(3), csr_array(np.eye(3)), np.ones(3), np.ones(3, dtype=bool), seed)
+        apart._begin(np.zeros(3, dtype=bool))
+        assert apart._add(1, 9.0)
+        came |= set(np.flatnonzero(apart.y).tolist())
+    assert came == {0, 1, 2}
