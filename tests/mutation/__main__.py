@@ -19,6 +19,7 @@ import resource
 import signal
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 
@@ -152,9 +153,11 @@ class Calls:
         self.functions[nodeid] = set()
         self.now = self.functions[nodeid]
         sys.settrace(self._note)
+        threading.settrace(self._note)  # of threads that begin
 
     def pytest_runtest_logfinish(self, nodeid, location):
         sys.settrace(None)
+        threading.settrace(None)
         self.seconds[nodeid] = time.process_time() - self.seconds[nodeid]
 
     def pytest_fixture_setup(self, fixturedef, request):
