@@ -1,16 +1,19 @@
 """place_beacons for robots that fuse their readings: how many beacons, the bound, the gap, the time.
 
-The demo's rounds, a corridor, ten aisles, and the routes of the warehouse of `bench_placement`, with resets beside.
+The demo's rounds, a corridor, ten aisles, and the routes of the warehouse of `bench_placement`, with resets beside; the
+six routes of the study example.
 """
 
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
-from driftplan import BeaconKind, OdometryNoise, Sites, bundled_map, load_world, place_beacons
+from driftplan import BeaconKind, OdometryNoise, Sites, bundled_map, load_world, place_beacons, run_study
 from driftplan.report.commands.demo import ROUNDS
 from tests.benchmarks.bench_placement import shelf_routes, sites_of, warehouse
 
@@ -18,6 +21,7 @@ ROUGH = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
 FINE = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
 TAG, SHORT_TAG = BeaconKind.rfid(1.5, 0.1), BeaconKind.rfid(1.0, 0.1)
 TIME_LIMIT_S = 60.0
+STUDY = Path(__file__).resolve().parents[2] / "examples/beacon_layout_study.yaml"
 
 
 def aisles(number: int, length_m: float) -> list[tuple[float, float]]:
@@ -34,6 +38,7 @@ def cases() -> dict[str, tuple[Any, Any, OdometryNoise, float, Sites]]:
         "corridor 500 m": (None, [(0, 0), (500, 0)], FINE, 0.3, Sites(SHORT_TAG, spacing_m=1.0)),
         "ten aisles": (None, aisles(10, 40.0), FINE, 0.3, Sites(SHORT_TAG, spacing_m=1.0)),
         "60 shelf routes": (world, routes, ROUGH, 0.8, Sites(TAG, points=sites_of(world, 1250))),
+        "the same, 0.3 m": (world, routes, FINE, 0.3, Sites(TAG, points=sites_of(world, 1461))),
     }
 
 
@@ -52,6 +57,17 @@ def main() -> None:
                 f"{100 * layout.gap:6.1f} {time.perf_counter() - begin:7.1f} {time.process_time() - cpu:6.1f}",
                 flush=True,
             )
+    studied()
+
+
+def studied() -> None:
+    """The six routes of the study example at 0.5 m."""
+    asked = yaml.safe_load(STUDY.read_text())
+    del asked["vary"]
+    begin, cpu = time.perf_counter(), time.process_time()
+    (row,) = run_study({**asked, "limit_m": 0.5, "estimator": "filter", "time_limit_s": TIME_LIMIT_S}).to_dicts()
+    took = f"{time.perf_counter() - begin:.1f} s, {time.process_time() - cpu:.1f} s of processor"
+    print(f"six routes of the study example at 0.5 m: {row['beacons']}, at least {row['lower_bound']:g}; {took}")
 
 
 if __name__ == "__main__":
