@@ -12,7 +12,7 @@ from driftplan import beacon_tradeoff, place_beacons
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import beacon_passes, drift_with_beacons
 from driftplan.errors import InfeasibleError, KeywordError
-from driftplan.layouts.placement import covering
+from driftplan.layouts.placement import covering, placement_diagnosis
 from driftplan.layouts.placement.relaxation import Solution
 from driftplan.layouts.sites import SiteGroup, Sites, grid_sites, route_sites, wall_sites
 from driftplan.model.noise import OdometryNoise
@@ -417,3 +417,17 @@ def test_a_grid_too_coarse_for_any_site_in_range_is_said_to_be_that():
     world = World.from_polygons([], bounds=(0, 0, 40, 40), robot_radius=0.5)
     with pytest.raises(ValueError, match=r"got none: none of the grid is .* in range of a route; a smaller spacing_m"):
         place_beacons(world, [(0.5, 0.5), (39.5, 0.5)], NOISE, 0.5, Sites(BeaconKind.rfid(1.5, 0.1), spacing_m=20.0))
+
+
+def test_what_is_said_of_a_stretch_of_ever_so_many_pieces_takes_no_longer(monkeypatch):
+    looked, nearest = [], placement_diagnosis._nearest
+    monkeypatch.setattr(placement_diagnosis, "_nearest", lambda *of: looked.append(of) or nearest(*of))
+    noise = OdometryNoise(heading_var_per_m=1e3, distance_var_per_m=2e-4)
+    with pytest.raises(InfeasibleError, match=r"no sites keep the drift under 0\.3 m"):
+        place_beacons(None, [[(0, 0), (8, 0)]], noise, 0.3, Sites(TAG, spacing_m=2.0))
+    assert 1 <= len(looked) <= 51
+
+
+def test_more_beacons_than_there_are_sites_are_no_limit():
+    layout = place_beacons(None, ROUTES, NOISE, 1.0, Sites(SIGN, spacing_m=4.0), max_beacons=10**400)
+    assert layout.proven

@@ -638,7 +638,7 @@ def test_arguments_out_of_range_are_refused():
     for wrong in (("wheel_slip",), (), "heading_var_per_m"):
         with pytest.raises(ValueError, match="expected parameters from"):
             fit_noise(log, truth, parameters=wrong)
-    with pytest.raises(ValueError, match=r"expected confidence in \(0, 1\), got 95"):
+    with pytest.raises(ValueError, match=r"expected confidence from 0\.01 to 0\.9999, got 95"):
         fit_noise(log, truth, confidence=95)
     with pytest.raises(ValueError, match="expected resamples a whole number >= 100, got 10"):
         fit_noise(log, truth, resamples=10)

@@ -46,6 +46,7 @@ WRONG_OBJECTS = {
     "line_of_sight": lambda: d.BeaconKind.rfid(1.5, 0.1, line_of_sight="no"),
 }
 WRONG_VALUES = {
+    "confidence from 0.01": lambda: d.fit_noise(None, None, confidence=1e-320),
     "start to be .*x, y, heading.*inhomogeneous": lambda: d.plan_route(WORLD, [((1, 1), (1, 1), 1)], (8, 8), NOISE),
     "rng a seed": lambda: d.predict_drift(PATH, NOISE).simulated([1.0], runs=2, rng=[(0, 0), (1, "a")]),
     "path": lambda: d.place_beacons(WORLD, np.array([1j]), NOISE, 1.0, TAG),

@@ -21,6 +21,7 @@ from driftplan.planning.status import Status
 
 _MAX_NEAREST_SITES = 3  # sites that are named
 _MAX_NAMED_BEACONS = 6  # beacons of the layout that comes nearest
+_MAX_LOOKED = 50  # slots of a stretch: each takes as long as its route has slots before it
 _FACTOR_TOLERANCE = 0.005  # relative: to which the least factor is found
 
 
@@ -153,7 +154,8 @@ def obstacle(problem: PlacementProblem, requirements: DriftRequirements, hopeles
     begin, end = _around(slot, short)
     distance = requirements.table.distances_of(route)
     last = min(end + 1, len(distance) - 1)
-    best = (_nearest(requirements, route, j, redundancy) for j in range(begin, end + 1))
+    looked = np.unique([slot, *np.linspace(begin, end, _MAX_LOOKED).astype(int).tolist()]).tolist()
+    best = (_nearest(requirements, route, j, redundancy) for j in looked)
     least, sites = max(best, key=lambda pair: pair[0])
     return Obstacle(Stretch(route, float(distance[begin]), float(distance[last])), least, sites)
 

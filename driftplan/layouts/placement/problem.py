@@ -86,7 +86,7 @@ def placement_problem(
     new = np.arange(number)
     demands, caps, rules = _groups(asked.groups, listed.members)
     if max_beacons is not None:
-        caps.append(Cut(new, -np.ones(number), -float(whole("max_beacons", max_beacons, least=0))))
+        caps.append(Cut(new, -np.ones(number), -float(min(whole("max_beacons", max_beacons, least=0), number))))
         rules.append(f"max_beacons={max_beacons}")
     if budget is not None:
         caps.append(Cut(new, -listed.costs, -not_negative("budget", budget)))

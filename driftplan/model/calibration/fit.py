@@ -240,8 +240,8 @@ def fit_noise(
     True
     """
     names = _checked_parameters(parameters)
-    if not 0 < confidence < 1:
-        raise ValueError(f"expected confidence in (0, 1), got {confidence!r}")
+    if not 0.01 <= confidence <= 0.9999:
+        raise ValueError(f"expected confidence from 0.01 to 0.9999, got {confidence!r}")
     whole("resamples", resamples, least=100)
     whole("seed", seed, least=0)
     drives = drives_of(estimates, truths)
