@@ -13,6 +13,8 @@ import signal
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
+from threading import Timer
+from typing import Any
 
 from driftplan.errors import DriftplanError, InfeasibleError, MapError, NoPathError, StudyError, TrajectoryError
 from driftplan.report.commands import COMMANDS
@@ -30,6 +32,7 @@ _ALSO_CALLED = {  # what the library calls the values of options
     "points": "--candidates",
     "kind": "--odometry-kind",
 }
+_CALLBACK_S = 0.05  # longer than a callback takes
 CLOSED_PIPE = 141  # what a shell reports of a program that wrote into a closed pipe
 
 
@@ -39,6 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     name = next((word for word in words if word in COMMANDS), "")
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+        sys.unraisablehook = _interrupt_again
     try:
         _check_streams()
         args = build_parser().parse_args(words)
@@ -63,6 +67,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _failed(words, name, err, str(err), BAD_INPUT)
     except (DriftplanError, ValueError, ImportError) as err:
         return _failed(words, name, err, in_options(str(err), COMMANDS[name]), BAD_INPUT)
+
+
+def _interrupt_again(lost: Any) -> None:
+    """Ctrl-C in the middle of a callback that loses exceptions comes again when that is over."""
+    if lost.exc_type is KeyboardInterrupt:
+        Timer(_CALLBACK_S, os.kill, (os.getpid(), signal.SIGINT)).start()
+    else:
+        sys.__unraisablehook__(lost)
 
 
 def _check_streams() -> None:

@@ -119,6 +119,23 @@ def test_an_interrupt_while_modules_load_is_no_traceback():
     assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "")
 
 
+def test_an_interrupt_that_a_callback_loses_comes_again():
+    code = (
+        "import signal, sys, time, weakref; from dataclasses import replace\n"
+        "signal.signal(signal.SIGINT, signal.SIG_DFL)\n"
+        "from driftplan.report import cli\n"
+        "def run(args):\n"
+        "    held = {1}\n"
+        "    seen = weakref.ref(held, lambda _: signal.raise_signal(signal.SIGINT))\n"
+        "    del held\n"
+        "    time.sleep(30)\n"
+        "cli.COMMANDS['maps'] = replace(cli.COMMANDS['maps'], run=run)\n"
+        "sys.exit(cli.main(['maps']))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=20)
+    assert (done.returncode, done.stderr) == (130, "driftplan maps: interrupted; no file was left half written\n")
+
+
 @pytest.mark.parametrize(
     ("redirected", "code", "said"),
     [
