@@ -257,6 +257,10 @@ def test_rows_are_the_slopes_of_what_is_measured():
     cov = np.array([[0.3, 0.1], [0.1, 0.2]])
     information = sum(np.outer(row.coefficients[:2], row.coefficients[:2]) / row.variance for row in position_rows(cov))
     np.testing.assert_allclose(information, np.linalg.inv(cov), rtol=1e-12)
+    many = position_rows(np.stack([np.diag([0.3, 0.2]), cov]))  # along x and y, and not, side by side
+    for k, one in enumerate((np.diag([0.3, 0.2]), cov)):
+        rows = [([np.broadcast_to(c, 2)[k] for c in row.coefficients[:2]], row.variance[k]) for row in many]
+        np.testing.assert_allclose(sum(np.outer(h, h) / v for h, v in rows), np.linalg.inv(one), rtol=1e-12)
     assert Row((np.ones(4), 0.0, 2.0), 1.0).vector(4).tolist() == [[1.0, 0.0, 2.0, 0.0]] * 4
 
 
