@@ -1,5 +1,6 @@
 """The pool of cuts, the relaxation of them and the local search, against plain dense arrays."""
 
+import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -385,3 +386,18 @@ def test_nothing_comes_where_nothing_helps_and_any_row_that_is_missed_may_be_the
         assert apart._add(1, 9.0)
         came |= set(np.flatnonzero(apart.y).tolist())
     assert came == {0, 1, 2}
+
+
+def test_the_solver_works_beside_the_main_thread_for_as_long_as_it_may(monkeypatch):
+    assert _interruptible(lambda: threading.current_thread().daemon)  # nothing waits for it at the end
+    limits = []
+
+    def stopped(*_, options, **__):
+        limits.append(options["time_limit"])
+        return SimpleNamespace(status=1, x=None, mip_dual_bound=None)
+
+    monkeypatch.setattr("scipy.optimize.milp", stopped)
+    found, *_ = relaxed(0)
+    for seconds in (7.0, -1.0):
+        assert found.optimum(np.inf, seconds, whole=True) == (None, 0.0, False, False)
+    assert limits == [7.0, 0.05]
