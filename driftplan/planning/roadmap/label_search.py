@@ -83,7 +83,6 @@ class _LabelSearch:
         self.square = graph.errors.square
         self.dominates = graph.errors.dominance(task.max_gap_m, slack_sq, graph.worst_turn())
         self.turning = graph.turns_matter
-        self.of_edge = [_rows_of_edges(effects, len(graph.tail)) for effects in task.dead]
         states = task.states.T[None]
         columns = [("node", int), ("parent", int), ("length", float), ("facing", complex), ("dropped", bool)]
         shapes = [("state", float, states.shape[1:]), ("score", float, self.dominates.scores(states).shape[1:])]
@@ -165,10 +164,10 @@ class _LabelSearch:
             begun[mine] = turned[edge[mine] - graph.first[node]]
         after, worst = graph.effects.driven(edge, begun)
         worst = np.where(turning[:, None], np.maximum(worst, self.square(begun)), worst)
-        for s, (effects, row) in enumerate(zip(task.dead, self.of_edge, strict=True), start=1):
-            other = np.flatnonzero(row[edge] >= 0)
+        for s, effects in enumerate(task.dead, start=1):
+            other = np.flatnonzero(np.isin(edge, effects.edge))
             if len(other):
-                one, most = effects.driven(row[edge[other]], begun[other, :, s : s + 1])
+                one, most = effects.driven(np.searchsorted(effects.edge, edge[other]), begun[other, :, s : s + 1])
                 after[other, :, s], worst[other, s] = one[..., 0], most[:, 0]
         keeps = np.flatnonzero(worst.max(axis=1) <= task.limit**2)
         keeps = keeps[np.lexsort((length[keeps], graph.head[edge[keeps]]))]
@@ -224,10 +223,3 @@ class _LabelSearch:
             stands, faces = labels["facing"][better], labels["facing"][worse]
             turn = np.abs(np.angle(stands * faces.conj()))
         return self.dominates(labels["score"][better], labels["score"][worse], turn)
-
-
-def _rows_of_edges(effects: Effects, edges: int) -> Ints:
-    """Which row of the effects each edge has; -1 where a death changes nothing."""
-    row = np.full(edges, -1, dtype=np.intp)
-    row[effects.edge] = np.arange(len(effects.edge))
-    return row
