@@ -54,7 +54,7 @@ def recorded(noise=NOISE, length_m=300.0, seed=0, **options):
 
 @pytest.fixture(scope="module")
 def fit():
-    return fit_noise(*recorded(length_m=1100), parameters=FITTED, lengths_m=[2, 4, 8, 16])
+    return fit_noise(*recorded(length_m=1500), parameters=FITTED, lengths_m=[2, 4, 8, 16])
 
 
 def test_the_noise_that_made_a_drive_is_found_in_it(fit):
