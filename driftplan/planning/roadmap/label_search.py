@@ -28,7 +28,7 @@ from driftplan.planning.roadmap.beacon_graph import BeaconGraph, Effects
 from driftplan.planning.roadmap.edge_steps import spans
 
 _ASK_EVERY = 32  # labels expanded between two looks at the clock
-_MOST_AT_ONCE = 32  # labels expanded at once, but no more than a share of those expanded before
+_MOST_AT_ONCE = 8  # labels expanded at once, but no more than a share of those expanded before
 _SHARE = 48
 _ROOM = 1024  # labels, to begin with
 _NONE = np.zeros(0, dtype=np.intp)
