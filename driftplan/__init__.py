@@ -3,6 +3,33 @@
 Everything a script needs is importable from here. Names are loaded when first used, so that `import driftplan` costs
 next to nothing and OMPL, matplotlib and the solvers come in only with what needs them. Which names there are and where
 they live is said in `__init__.pyi` alone.
+
+Imports only go up the list errors < model < world < beacons < page < planning < layouts < report; `literature` stands
+beside, on model. To change
+
+what a reading does to the error           model/readings.py (Resets.apply); in a filter: model/filter_state.py (read)
+what beacons measure                       beacons/beacon.py, beacons/readings.py; report/commands/shared.py
+where a beacon is in sight                 world/world.py (line_of_sight), beacons/passes.py
+the chance that a drifted robot meets one  beacons/readings.py (chances_of_passes)
+the chance that it touches a wall          planning/collision_chance.py
+a score of the drift                       model/scores.py, model/drift.py; as a limit: planning/request.py (DriftLimit)
+a law of heading errors                    model/heading_laws.py, model/noise.py
+a format of maps                           a reader beside world/movingai_map.py, a line in world/mapfiles.py
+a format of odometry logs                  world/odometry_logs.py
+how obstacles grow by the robot's radius   world/inflation.py
+options of plan_route, default planner     planning/request.py, planning/routes.py; report/commands/shared.py
+OMPL's planners on offer                   planning/ompl/solve.py; report/commands/shared.py
+options of RoadmapPlanner                  planning/ompl/roadmap_planner.py
+neighbours of a roadmap's node             planning/roadmap/growth.py
+the price of a turn                        planning/cost.py (turn_cost); in OMPL: planning/ompl/motion_prices.py
+time limit of place_beacons                layouts/place.py; report/commands/place.py
+why no layout will do                      layouts/placement/placement_diagnosis.py
+the price of a co-design                   layouts/co_design/design_problem.py
+what the studio draws and edits            page/studio.js; what it computes: page/drift.js
+what the studio may ask of Python          report/studio/answers.py, page/host.js
+keys of a study file, what a cell answers  layouts/study/schema.yaml, layouts/study/inputs.py; layouts/study/work.py
+columns of the installers' table           layouts/layout_files.py (InstallerRow); report/commands/place.py
+options of driftplan plan                  report/commands/plan.py; shared ones: report/commands/shared.py
 """
 
 from __future__ import annotations

@@ -57,6 +57,14 @@ def test_the_oracle_shares_no_formula_with_what_it_checks():
     assert not [name for name in names if re.search(formulas, name)]
 
 
+def test_where_is_what_names_files_that_are_there():
+    named = re.findall(
+        r"\b[a-z_]+(?:/[a-z_]+)*\.(?:py|js|yaml)\b", ast.get_docstring(ast.parse((PACKAGE / "__init__.py").read_text()))
+    )
+    assert len(named) > 30
+    assert [name for name in named if not (PACKAGE / name).exists()] == []
+
+
 def test_every_public_name_can_be_imported():
     import driftplan
 
