@@ -536,20 +536,20 @@ def test_maps_lists_the_maps_that_come_along_with_their_sizes(run):
 
 @pytest.mark.slow
 def test_the_demo_shows_less_drift_than_the_shortest_routes_and_draws_them(run, tmp_path):
-    code, out, _ = run("demo", "--folder", tmp_path / "demo", "--json")
+    code, out, _ = run("demo", "--folder", tmp_path / "demo", "--form", "svg", "--json")
     said = json.loads(out)
     assert code == 0
     assert [row["name"] for row in said["maps"]["warehouse"]] == ["lowest drift", "shortest"]
     for lowest, shortest in said["maps"].values():
         assert lowest["rms_m"] < 0.9 * shortest["rms_m"]  # trips on which it pays: 20 and 80 % less
     assert sorted(said["files"]) == sorted(str(p) for p in (tmp_path / "demo").iterdir())
-    assert all((tmp_path / "demo" / f"{name}.png").stat().st_size > 20_000 for name in said["maps"])
+    assert all((tmp_path / "demo" / f"{name}.svg").stat().st_size > 20_000 for name in said["maps"])
     for tags in said["tags"].values():
         assert tags["proven"] is True
         assert len(tags["beacons"]) == tags["lower_bound"] > 0
         assert 0.5 * tags["limit_m"] < tags["worst_drift_m"] <= tags["limit_m"]
     assert said["tags"]["filter"]["lower_bound"] < said["tags"]["reset"]["lower_bound"]
-    assert (tmp_path / "demo" / "warehouse-tags.png").stat().st_size > 20_000
+    assert (tmp_path / "demo" / "warehouse-tags.svg").stat().st_size > 20_000
 
 
 # the command as a whole

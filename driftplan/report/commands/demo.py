@@ -60,10 +60,10 @@ def run(args: argparse.Namespace) -> Answer:
     tags = {robot: demo_layout(worlds["warehouse"], noise, robot) for robot in ESTIMATORS}
     layouts = {ESTIMATORS[robot]: layout for robot, layout in tags.items() if not isinstance(layout, str)}
     pictures: dict[str | Path, Callable[[], Any]] = {
-        folder / f"{name}.png": partial(plot_comparison, worlds[name], routes) for name, routes in found.items()
+        folder / f"{name}.{args.form}": partial(plot_comparison, worlds[name], routes) for name, routes in found.items()
     }
     if layouts:
-        pictures[folder / "warehouse-tags.png"] = partial(layouts_figure, layouts)
+        pictures[folder / f"warehouse-tags.{args.form}"] = partial(layouts_figure, layouts)
 
     def text() -> str:
         tables = [f"{name}\n{compared(routes, worlds[name])}\n" for name, routes in found.items()]
@@ -130,7 +130,10 @@ COMMAND = Command(
     "--time-limit and --iterations the roadmap ends after 4 batches, on a fast machine or a slow one.",
     run=run,
     groups=(
-        Group("", (Option("folder", "DIR", "where the pictures go; made if there is none", str, "driftplan-demo"),)),
+        Group("", (
+            Option("folder", "DIR", "where the pictures go; made if there is none", str, "driftplan-demo"),
+            Option("form", "FORM", "of the pictures", str, "png", choices=("png", "svg", "pdf")),
+        )),
         Group("planning", shared.SEARCH),
         *shared.NOISE,
     ),
