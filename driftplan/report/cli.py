@@ -14,6 +14,7 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 from threading import Timer
+from types import FrameType
 from typing import Any
 
 from driftplan.errors import DriftplanError, InfeasibleError, MapError, NoPathError, StudyError, TrajectoryError
@@ -32,7 +33,7 @@ _ALSO_CALLED = {  # what the library calls the values of options
     "points": "--candidates",
     "kind": "--odometry-kind",
 }
-_CALLBACK_S = 0.05  # longer than a callback takes
+_AGAIN_S = 0.05  # longer than a callback takes
 CLOSED_PIPE = 141  # what a shell reports of a program that wrote into a closed pipe
 
 
@@ -41,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     name = next((word for word in words if word in COMMANDS), "")
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, _interrupt)
         sys.unraisablehook = _interrupt_again
     try:
         _check_streams()
@@ -69,12 +70,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _failed(words, name, err, in_options(str(err), COMMANDS[name]), BAD_INPUT)
 
 
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Ctrl-C, but not in the middle of an import: extension modules take it for a failure of theirs, at length."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return _send_again()
+        frame = frame.f_back
+    raise KeyboardInterrupt
+
+
 def _interrupt_again(lost: Any) -> None:
     """Ctrl-C in the middle of a callback that loses exceptions comes again when that is over."""
     if lost.exc_type is KeyboardInterrupt:
-        Timer(_CALLBACK_S, os.kill, (os.getpid(), signal.SIGINT)).start()
+        _send_again()
     else:
         sys.__unraisablehook__(lost)
+
+
+def _send_again() -> None:
+    Timer(_AGAIN_S, os.kill, (os.getpid(), signal.SIGINT)).start()
 
 
 def _check_streams() -> None:

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 import urllib.request
+from functools import partial
 
 import pytest
 
@@ -55,7 +56,9 @@ def start(words, folder, **options):
         (folder / name).write_bytes(content)
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE} | options
     env = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    return subprocess.Popen([sys.executable, "-m", "driftplan", *words], cwd=folder, env=env, **quiet)
+    heeding = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # though the tests run in a shell's background
+    line = [sys.executable, "-m", "driftplan", *words]
+    return subprocess.Popen(line, cwd=folder, env=env, preexec_fn=heeding, **quiet)
 
 
 def outputs(words, folder):

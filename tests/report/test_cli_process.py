@@ -119,15 +119,27 @@ def test_an_interrupt_while_modules_load_is_no_traceback():
     assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "")
 
 
-def test_an_interrupt_that_a_callback_loses_comes_again():
+LOST_IN_A_CALLBACK = (
+    "    held = {1}\n    seen = weakref.ref(held, lambda _: signal.raise_signal(signal.SIGINT))\n    del held\n"
+)
+TAKEN_FOR_A_BROKEN_MODULE = (
+    "    class Broken:\n"
+    "        def find_spec(self, name, path=None, target=None):\n"
+    "            try: signal.raise_signal(signal.SIGINT)\n"
+    "            except BaseException: raise ImportError('broken') from None\n"
+    "    sys.meta_path.insert(0, Broken())\n"
+    "    try: import wave\n"
+    "    finally: sys.meta_path.pop(0)\n"
+)
+
+
+@pytest.mark.parametrize("work", [LOST_IN_A_CALLBACK, TAKEN_FOR_A_BROKEN_MODULE], ids=["callback", "import"])
+def test_an_interrupt_that_is_lost_comes_again(work):
     code = (
         "import signal, sys, time, weakref; from dataclasses import replace\n"
         "signal.signal(signal.SIGINT, signal.SIG_DFL)\n"
         "from driftplan.report import cli\n"
-        "def run(args):\n"
-        "    held = {1}\n"
-        "    seen = weakref.ref(held, lambda _: signal.raise_signal(signal.SIGINT))\n"
-        "    del held\n"
+        f"def run(args):\n{work}"
         "    time.sleep(30)\n"
         "cli.COMMANDS['maps'] = replace(cli.COMMANDS['maps'], run=run)\n"
         "sys.exit(cli.main(['maps']))"
