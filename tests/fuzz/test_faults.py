@@ -54,11 +54,11 @@ def start(words, folder, **options):
     """The command in a process of its own, in a folder with all it reads and something where it writes."""
     for name, content in FILES.items():
         (folder / name).write_bytes(content)
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE} | options
-    env = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     heeding = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # though the tests run in a shell's background
+    options = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "preexec_fn": heeding} | options
+    env = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     line = [sys.executable, "-m", "driftplan", *words]
-    return subprocess.Popen(line, cwd=folder, env=env, preexec_fn=heeding, **quiet)
+    return subprocess.Popen(line, cwd=folder, env=env, **options)
 
 
 def outputs(words, folder):
