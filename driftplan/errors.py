@@ -9,20 +9,28 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
+_MAX_MESSAGE = 800  # characters: a file may hold any text where something short is expected
+
 
 class DriftplanError(Exception):
     """Root of the exceptions below, so that a script can catch them all."""
 
 
-class MapError(DriftplanError, ValueError):
+class _FileError(DriftplanError, ValueError):
+    def __init__(self, message: str):
+        long = len(message) > _MAX_MESSAGE
+        super().__init__(f"{message[:_MAX_MESSAGE]} ... ({len(message)} characters)" if long else message)
+
+
+class MapError(_FileError):
     """A map file cannot be read: the message names the file and the line or key at fault."""
 
 
-class TrajectoryError(DriftplanError, ValueError):
+class TrajectoryError(_FileError):
     """A trajectory or path file cannot be read: the message names the file and the line."""
 
 
-class StudyError(DriftplanError, ValueError):
+class StudyError(_FileError):
     """A study cannot be used: the message names the file, the line and the key at fault."""
 
 

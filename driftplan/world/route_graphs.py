@@ -110,7 +110,9 @@ def load_graph(path: str | os.PathLike[str], *, level: str | None = None) -> Rou
     """
     file = Path(path)
     form = format_of(file, FORMATS, "a route graph")
-    graph: RouteGraph = form.read(file, **own_options(file, form, FORMATS, {"level": level}))
+    options = own_options(file, form, FORMATS, {"level": level})
+    with naming(file, MapError):
+        graph: RouteGraph = form.read(file, **options)
     if not len(graph.edges):
         raise MapError(f"{file}: expected a graph of nodes and edges, got {len(graph.xy)} nodes and no edges")
     return graph

@@ -195,7 +195,7 @@ def piped(run, monkeypatch, content, *words):
     return run(*words)
 
 
-def test_every_kind_of_input_but_maps_and_studies_comes_from_standard_input_too(run, room, tmp_path, monkeypatch):
+def test_every_kind_of_input_but_studies_comes_from_standard_input_too(run, room, tmp_path, monkeypatch):
     """What one subcommand writes to ``-`` the next one reads."""
     drive = driftplan.simulate_log(3 * [(1, 1), (3, 1), (3, 6)], NOISE, rng=1)
     for name, log in zip(("odometry", "truth"), drive, strict=True):
@@ -218,6 +218,19 @@ def test_every_kind_of_input_but_maps_and_studies_comes_from_standard_input_too(
         assert answer.code == 0, answer.err
     trips = piped(run, monkeypatch, b"1,1,3,6\n3,6,1,1\n", "plan", room, "--trips", "-", "--time-limit", 2, "--json")
     assert len(json.loads(trips.out)["routes"]) == 2
+    there = piped(
+        run,
+        monkeypatch,
+        driftplan.bundled_map("office").read_bytes(),
+        "plan",
+        "-",
+        "--start",
+        "36,12",
+        "--goal",
+        "6,5",
+        "--json",
+    )
+    assert json.loads(there.out)["map"] == "standard input"
     wrong = piped(run, monkeypatch, b"junk", "predict", tmp_path / "path.csv", "--beacons", "-")
     assert wrong.err.startswith("driftplan predict: standard input, line 1: not JSON")
 

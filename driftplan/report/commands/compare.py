@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> Answer:
             routes[f"{name} ({planner})"] = route
     return Answer(
         payload=lambda: {
-            "map": args.map,
+            "map": label(args.map),
             "noise": shared.noise_as_json(noise),
             "routes": rows_of(routes, world, robot_in(args, world)),
         },

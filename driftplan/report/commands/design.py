@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, Progress, talk
-from driftplan.report.commands.option import Command, Group, Option, input_file
+from driftplan.report.commands.option import Command, Group, Option, input_file, label
 from driftplan.report.records import record, waypoints
 from driftplan.tables import counted, numbers, table
 
@@ -22,7 +22,8 @@ def run(args: argparse.Namespace) -> Answer:
 
     noise, world = shared.noise_from(args), shared.world_from(args)
     trips = shared.trips_from(args, world)
-    talk(f"choosing beacons and routes for {counted(len(trips), 'trip')} on {args.map}, at most {args.time_limit:g} s")
+    where, most = label(args.map), f"at most {args.time_limit:g} s"
+    talk(f"choosing beacons and routes for {counted(len(trips), 'trip')} on {where}, {most}")
     found = co_design(
         world,
         trips,
@@ -39,7 +40,7 @@ def run(args: argparse.Namespace) -> Answer:
         **{name: getattr(args, name) for name in _AS_NAMED},
     )
     return Answer(
-        payload=lambda: {"map": args.map, "noise": shared.noise_as_json(noise), "design": design_as_json(found)},
+        payload=lambda: {"map": where, "noise": shared.noise_as_json(noise), "design": design_as_json(found)},
         text=lambda: design_text(found),
         files={
             "csv": lambda: layout_csv(found.layout),

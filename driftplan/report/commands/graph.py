@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
-from driftplan.report.commands.option import Command, Group, Idle, Option, beacons_file
+from driftplan.report.commands.option import Command, Group, Idle, Option, geojson_file
 from driftplan.report.records import drift_table
 from driftplan.tables import decimals, digits, table
 
@@ -116,9 +116,9 @@ COMMAND = Command(
         Group("", (
             Option("start_node", "ID", "id of the node to start from", str),
             Option("goal_node", "ID", "id of the node to reach", str),
-            Option("beacons", "FILE.geojson", "beacons that are read on the way", beacons_file),
+            Option("beacons", "FILE.geojson", "beacons that are read on the way", geojson_file),
             Option("level", "NAME", "layout or level of a graph that has several", str),
-            Option("map", "MAP", "map file, whose walls block beacons and which is drawn", str),
+            Option("map", "MAP", "map file, whose walls block beacons and which is drawn", geojson_file),
         )),
         *shared.NOISE,
     ),

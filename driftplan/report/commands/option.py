@@ -235,8 +235,8 @@ def input_file(text: str, suffix: str = "") -> str:
     return str(file)
 
 
-def beacons_file(text: str) -> str:
-    """An argument that names a file of beacons to read; standard input is taken for GeoJSON."""
+def geojson_file(text: str) -> str:
+    """An argument that names a map or beacons to read; standard input is taken for GeoJSON."""
     return input_file(text, ".geojson")
 
 

@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> Answer:
     for file, is_free in zip(args.paths, free, strict=True):
         if not is_free:
             talk(f"{file}: not free of collisions for a robot of radius {world.robot_radius:g} m; taken as it is")
-    talk(f"placing beacons for {counted(len(routes), 'route')} on {args.map}, at most {args.time_limit:g} s")
+    talk(f"placing beacons for {counted(len(routes), 'route')} on {label(args.map)}, at most {args.time_limit:g} s")
     effort = {"budget": args.budget, "time_limit": args.time_limit, "estimator": args.estimator}
     if args.tradeoff is None:
         asked = {"max_beacons": args.max_beacons, "progress": _tell, **effort}

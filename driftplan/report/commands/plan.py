@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, Progress, talk
 from driftplan.report.commands.compare import COLLISIONS, NAMES, compared, robot_in, rows_of
-from driftplan.report.commands.option import Command, Group, Idle, Option, beacons_file, input_file
+from driftplan.report.commands.option import Command, Group, Idle, Option, geojson_file, input_file, label
 from driftplan.report.records import record, waypoints
 from driftplan.tables import counted, numbers, table, yes_no
 
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> Answer:
     from driftplan.report.records import beyond_linear_text, drift_geojson, drift_table
 
     noise, world = shared.noise_from(args), shared.world_from(args)
-    talk(f"planning on {args.map} with {args.planner}{shared.search_effort(args)}")
+    talk(f"planning on {label(args.map)} with {args.planner}{shared.search_effort(args)}")
     route = planned_route(args, world, noise)
     among_beacons = route if route.is_among_beacons else None
     routes = {NAMES[route.minimise]: route}
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> Answer:
 
     return Answer(
         payload=lambda: {
-            "map": args.map,
+            "map": label(args.map),
             "noise": shared.noise_as_json(noise),
             "estimator": args.estimator,
             "route": {
@@ -98,7 +98,12 @@ def _on_graph(args: argparse.Namespace) -> Answer:
         talk(f"{name} is node {node} at ({x:g}, {y:g}), {hypot(x - end[0], y - end[1]):.3g} m away")
     ways = ways_on_graph(graph, ends, noise, beacons, world)
     return Answer(
-        payload=lambda: {"map": args.map, "graph": args.graph, "noise": shared.noise_as_json(noise), **ways.payload()},
+        payload=lambda: {
+            "map": label(args.map),
+            "graph": args.graph,
+            "noise": shared.noise_as_json(noise),
+            **ways.payload(),
+        },
         text=ways.text,
         files=ways.files,
     )
@@ -112,7 +117,7 @@ def _many(args: argparse.Namespace) -> Answer:
             raise ValueError(f"--{option} would have no effect: {_ONE_ROUTE}")
     noise, world = shared.noise_from(args), shared.world_from(args)
     trips = shared.trips_from(args, world)
-    talk(f"planning {counted(len(trips), 'trip')} on {args.map}{shared.search_effort(args)}")
+    talk(f"planning {counted(len(trips), 'trip')} on {label(args.map)}{shared.search_effort(args)}")
 
     def done(count: int, of: int) -> None:
         Progress.news = f"{count} of {of} trips"
@@ -122,7 +127,7 @@ def _many(args: argparse.Namespace) -> Answer:
     routes = {trip.name or f"trip {k}": route for k, (trip, route) in enumerate(zip(trips, found, strict=True))}
     return Answer(
         payload=lambda: {
-            "map": args.map,
+            "map": label(args.map),
             "noise": shared.noise_as_json(noise),
             "estimator": args.estimator,
             "routes": [
@@ -241,7 +246,7 @@ _GOALS = (
 _BEACONS = Group("beacons on the way", (
     Option("beacons", "FILE", "beacons to use, as GeoJSON (written by `driftplan place --geojson`); routes are then "
            "at most 1.5 times as long as the shortest, unless --max-detour or --minimise length says otherwise",
-           beacons_file),
+           geojson_file),
     shared.ESTIMATOR,
     Option("max_drift", "M", "greatest rms drift anywhere on the way, metres (default: any)"),
     Option("redundancy", "", "2: the limit holds with any one beacon dead (default: 1, all are alive)", int,

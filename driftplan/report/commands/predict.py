@@ -7,7 +7,7 @@ from typing import Any
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer
-from driftplan.report.commands.option import Command, Group, Option, beacons_file, input_file, label, metres
+from driftplan.report.commands.option import Command, Group, Option, geojson_file, input_file, label, metres
 
 
 def run(args: argparse.Namespace) -> Answer:
@@ -68,7 +68,7 @@ COMMAND = Command(
                    str),
             Option("at", "S", "only after S metres; several: S,S,... (default: every waypoint)", metres),
             shared.START_HEADING,
-            Option("beacons", "FILE.geojson", "beacons that are read on the way", beacons_file),
+            Option("beacons", "FILE.geojson", "beacons that are read on the way", geojson_file),
             shared.ESTIMATOR,
         )),
         *shared.NOISE,

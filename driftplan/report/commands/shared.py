@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from driftplan.errors import DriftplanError, GoalError, StartError
 from driftplan.report.commands.answer import talk
-from driftplan.report.commands.option import Group, Idle, Option, beacons_file, input_file, point
+from driftplan.report.commands.option import Group, Idle, Option, geojson_file, input_file, point
 from driftplan.tables import counted
 
 if TYPE_CHECKING:
@@ -22,7 +22,8 @@ PLANNERS = ("roadmap", "rrtstar", "informed_rrtstar", "sorrtstar", "bitstar")  #
 DEFAULT_PLANNER = "roadmap"
 
 # fmt: off
-MAP = Option("map", "MAP", "map file, or the name of a map that comes along", str)
+MAP = Option("map", "MAP", "map file, or the name of a map that comes along; - is GeoJSON on standard input",
+             geojson_file)
 WORLD = Group("map and robot", (
     Option("robot_radius", "M", "radius of the robot, metres", default=0.3),
     Option("unknown_is_free", "", "take unknown cells of a ROS map for free (default: they are obstacles)"),
@@ -133,7 +134,7 @@ PATHS = Option("paths", "PATH.csv", "routes: waypoints x,y in metres, one per li
                how={"nargs": "+"})
 ENDS = tuple(Option(name, "X,Y", f"{name} of the route, metres", point) for name in ("start", "goal"))
 SNAP = Option("snap", "", "move a start or goal in a wall or off the map to the nearest free point, and say so")
-EXISTING = Option("existing", "FILE.geojson", "beacons that are there already", beacons_file)
+EXISTING = Option("existing", "FILE.geojson", "beacons that are there already", geojson_file)
 ROUTE_FILES = {
     "csv": "write the waypoints x,y as CSV, metres; `driftplan predict` and `compare` read it back",
     "ros_path": "write a nav_msgs/Path as YAML, with a pose every 0.25 m",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, Progress, talk
-from driftplan.report.commands.option import Command, Group, Idle, Option, beacons_file, label, output_file
+from driftplan.report.commands.option import Command, Group, Idle, Option, geojson_file, label, output_file
 
 
 def run(args: argparse.Namespace) -> Answer:
@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> Answer:
         names=[Path(label(file)).name for file in args.paths],
         estimator=args.estimator,
         start_fix=shared.start_fix_from(args),
-        title=Path(args.map).name,
+        title=Path(label(args.map)).name,
     )
     if args.html is not None:
         return Answer(payload=lambda: {"html": str(args.html)}, text=lambda: "", files={"html": lambda: page(scene)})
@@ -59,7 +59,7 @@ COMMAND = Command(
     arguments=(shared.MAP, shared.PATHS),
     groups=(
         Group("", (
-            Option("beacons", "FILE.geojson", "beacons to begin with", beacons_file),
+            Option("beacons", "FILE.geojson", "beacons to begin with", geojson_file),
             Option("max_drift", "M", "limit on the rms drift of every route, metres"),
             shared.ESTIMATOR,
             *shared.START_SPREAD,

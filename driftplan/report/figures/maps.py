@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from driftplan.arrays import Floats
+from driftplan.arrays import Floats, positive
 from driftplan.model.drift import Drift
 from driftplan.model.point_drift import PointDrift
 from driftplan.report.figures import style
@@ -194,9 +194,7 @@ def drift_of(route: Route | Drift) -> Drift:
 def mark_spacing_of(drifts: Sequence[Drift], spacing_m: float | None) -> float:
     if spacing_m is None:
         return mark_spacing(max(float(drift.length) for drift in drifts))
-    if not spacing_m > 0:
-        raise ValueError(f"expected spacing_m > 0, got {spacing_m!r}")
-    return spacing_m
+    return positive("spacing_m", spacing_m)
 
 
 def marked_profile(drift: Drift, spacing_m: float) -> tuple[PointDrift, list[int]]:
