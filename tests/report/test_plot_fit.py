@@ -108,3 +108,9 @@ def test_seven_drives_are_told_apart(fit, other):
         assert curve.get_ydata() == pytest.approx([row.predicted_rms_m for row in other.lengths])
     assert len(curves) == 6
     assert len(plot_coverage({"fit": fit.check, **drives}, ax=axes())) == 7  # at one level: 21 lines cannot be read
+
+
+@pytest.mark.parametrize("plot", [plot_coverage, plot_predicted])
+def test_no_drives_are_refused(plot):
+    with pytest.raises(ValueError, match="one drive or more"):
+        plot({}, ax=axes())

@@ -26,7 +26,9 @@ _MARKERS = "os^vDPX*"
 
 
 def _looks(count: int) -> list[dict[str, str]]:
-    """Colour and marker of every drive: no two alike."""
+    """Colour and marker of every drive, of which there must be one: no two alike."""
+    if count == 0:
+        raise ValueError("expected the check of one drive or more, got none")
     looks = zip(range(count), cycle(style.MANY_COLOURS), cycle(_MARKERS), strict=False)
     return [{"color": colour, "marker": marker} for _, colour, marker in looks]
 
