@@ -60,6 +60,11 @@ def positive(name: str, value: object) -> float:
     return result
 
 
+def seconds(name: str, value: object) -> float:
+    """A time > 0, s; infinite where there is no end to it."""
+    return inf if isinstance(value, float) and value == inf else positive(name, value)
+
+
 def instance(name: str, value: object, *classes: type) -> None:
     """Refuse what is an object of none of these classes."""
     if not isinstance(value, classes):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Bools, whole
+from driftplan.arrays import Bools, seconds, whole
 from driftplan.beacons.beacon import BeaconKind
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.layout import Layout
@@ -101,9 +101,7 @@ def place_beacons(
     >>> len(layout.beacons), layout.proven, layout.worst_drift < 0.6
     (3, True, True)
     """
-    began, asked = time.monotonic(), DriftLimit.of(limit)
-    if not (isinstance(time_limit, (int, float)) and time_limit > 0):
-        raise ValueError(f"expected time_limit > 0 s, got {time_limit!r}")
+    began, asked, time_limit = time.monotonic(), DriftLimit.of(limit), seconds("time_limit", time_limit)
     scenario = Scenario.of(world, routes, noise, asked, start_fix, estimator)
     return place_at(
         Sites.of(sites), scenario, asked, began=began, max_beacons=max_beacons, budget=budget,
@@ -177,7 +175,7 @@ def beacon_tradeoff(
     [(0, 2.96), (1, 0.99), (2, 0.53)]
     """
     whole("max_beacons", max_beacons, least=0)
-    began = time.monotonic()
+    began, time_limit = time.monotonic(), seconds("time_limit", time_limit)
     limit = DriftLimit(redundancy=redundancy, confidence=confidence)
     scenario = Scenario.of(world, routes, noise, limit, start_fix, estimator)
     stations = Stations(scenario, Sites.of(sites))

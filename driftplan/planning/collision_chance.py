@@ -94,7 +94,7 @@ def collision_chance(
     >>> 0.25 < chance.low < 0.308 < chance.high < 0.36, 0.14 < float(chance.at[-1]) < 0.17, chance.bound > 0.308
     (True, True, True)
     """
-    whole("runs", runs, least=1)
+    bounded("drives to simulate", whole("runs", runs, least=1), 1e8, "use fewer runs")
     whole("seed", seed, least=0)
     if drift.distance.ndim != 1:
         raise ValueError(f"expected the drift of one path, got a batch of shape {drift.distance.shape[:-1]}")

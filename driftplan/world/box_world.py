@@ -67,7 +67,7 @@ class BoxWorld:
             if points.ndim != 2 or points.shape[1] != 3 or not len(points):
                 raise ValueError(f"expected a mesh of vertices (k, 3), k >= 1, got shape {points.shape}")
             boxes.append((points.min(axis=0), points.max(axis=0)))
-        return cls(boxes=np.reshape(boxes, (-1, 2, 3)), bounds=np.asarray(bounds), robot_radius=robot_radius)
+        return cls(boxes=np.reshape(boxes, (-1, 2, 3)), bounds=finite("bounds", bounds), robot_radius=robot_radius)
 
     def is_free(self, xyz: ArrayLike) -> Bools:
         """Whether the robot's centre may be at each of the points ``(..., 3)``; shape ``(...)``."""

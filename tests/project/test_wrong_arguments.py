@@ -46,6 +46,10 @@ WRONG_OBJECTS = {
     "line_of_sight": lambda: d.BeaconKind.rfid(1.5, 0.1, line_of_sight="no"),
 }
 WRONG_VALUES = {
+    "time_limit no greater than": lambda: d.beacon_tradeoff(WORLD, [PATH], NOISE, TAG, time_limit=10**200),
+    "drives to simulate": lambda: d.collision_chance(d.predict_drift(PATH, NOISE), WORLD, runs=10**200),
+    "samples, got": lambda: d.simulate_log(PATH, NOISE, step_m=1e-50),
+    "bounds to be": lambda: d.BoxWorld.around([], bounds=[((1, 1), (1, 1), 1)], robot_radius=1.0),
     "confidence from 0.01": lambda: d.fit_noise(None, None, confidence=1e-320),
     "start to be .*x, y, heading.*inhomogeneous": lambda: d.plan_route(WORLD, [((1, 1), (1, 1), 1)], (8, 8), NOISE),
     "rng a seed": lambda: d.predict_drift(PATH, NOISE).simulated([1.0], runs=2, rng=[(0, 0), (1, "a")]),

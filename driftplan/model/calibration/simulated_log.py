@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, generator, not_negative, positive
+from driftplan.arrays import Floats, bounded, generator, not_negative, positive
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Runs, read_path
@@ -53,6 +53,7 @@ def simulate_log(
     runs = read_path(path, start_heading)
     if runs.lengths.ndim != 1:
         raise ValueError(f"expected one path, got a batch of shape {runs.lengths.shape[:-1]}: simulate one by one")
+    bounded("samples", float(np.sum(runs.lengths)) / step_m, 1e8, "use a larger step_m")
     moved, turned = _steps(runs, step_m)
     n = len(moved)
     times = np.concatenate([[0.0], np.cumsum((moved + np.abs(turned) * (moved == 0)) / speed_m_per_s)])

@@ -8,9 +8,9 @@ from itertools import chain
 from math import cos, isfinite, sin
 from typing import Any
 
-import numpy as np
 from ompl import base as ob
 
+from driftplan.arrays import finite
 from driftplan.planning.ompl.curves import (
     SAME_LENGTH,
     Curve,
@@ -171,7 +171,7 @@ def goal_points(goal: Any, kind: SpaceKind) -> list[tuple[float, ...]]:
             "may end anywhere in the region"
         )
     try:
-        return [tuple(float(v) for v in np.asarray(goal, dtype=float))]
+        return [tuple(float(v) for v in finite("goal", goal))]
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"expected goal to be a point in metres or an OMPL state or goal, got {goal!r}") from None
 
