@@ -101,7 +101,7 @@ def _routes_of(routes: Any) -> tuple[Floats, ...]:
         array = np.zeros(0)  # several of different lengths
     if array.ndim == 2 and array.dtype.kind in "iuf":
         return (waypoints_of(array),)
-    if isinstance(routes, (str, bytes)) or not hasattr(routes, "__len__") or not len(routes):
+    if array.ndim == 0 or isinstance(routes, (str, bytes)) or not hasattr(routes, "__len__") or not len(routes):
         raise ValueError(f"expected routes to be one path (n, 2) or a sequence of them, got {routes!r}")
     found = []
     for k, route in enumerate(routes):

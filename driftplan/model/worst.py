@@ -125,6 +125,19 @@ def ceiling(begin: Floats, end: Floats, bend: Floats, fixed: Floats) -> Floats:
     return np.asarray(higher - apart / 2 + sag + apart**2 / np.maximum(16 * sag, _TINY))
 
 
+def slope_rates(noise: OdometryNoise) -> tuple[float, float]:
+    """|(E|e|²)'| on a straight run is at most the first times the rms plus the second: the error grows by the estimated
+    direction of travel, of length 1 + γ, less the true one, and by noise."""
+    covariance = noise.heading_distance_corr * (noise.heading_var_per_m * noise.distance_var_per_m) ** 0.5
+    gamma = complex(noise.distance_scale_error, covariance / 2)
+    return 2 * (abs(1 + gamma) + 1), noise.distance_var_per_m + noise.lateral_var_per_m
+
+
+def cone(begin: Floats, end: Floats, slope: Floats, fixed: Floats) -> Floats:
+    """What E|e|² = x² cannot exceed between two points, m², when |(x²)'| h/2 is at most ``slope`` x + ``fixed``."""
+    return np.asarray(0.25 * (slope + np.sqrt(slope**2 + 4 * ((begin + end) / 2 + fixed))) ** 2)
+
+
 def greatest_between(
     begun: Moments,
     length: Floats,
@@ -160,13 +173,18 @@ def _greatest_of_mixture(
     """`greatest_between` of the average over drives: E|e|² and its bound are averages too, and the mean of
     2 |1+γ| |μ| times the rms is at most the root mean square of the one times that of the other."""
     bends = [weight * np.array([bend_rates(noise) for noise in noises]) ** (2, 1) for weight, _, noises in drives]
-    rates = np.asarray(sum(bends)) ** (0.5, 1)
+    slopes = [weight * np.array([slope_rates(noise) for noise in noises]) ** (2, 1) for weight, _, noises in drives]
+    rates, steepness = np.asarray(sum(bends)) ** (0.5, 1), np.asarray(sum(slopes)) ** (0.5, 1)
     greatest = greatest.copy()
     stretch, offset, part = np.arange(len(length)), np.zeros(len(length)), np.asarray(length, dtype=float)
     begin = np.asarray(sum(weight * begun.N.real for weight, begun, _ in drives))
     while True:
         bend, fixed = rates[which[stretch]].T * part**2 / 8
-        open_ = np.flatnonzero(ceiling(begin, end, bend, fixed) > greatest[group[stretch]] * (1 + _CLOSE))
+        most = ceiling(begin, end, bend, fixed)
+        most = np.minimum(
+            most, cone(begin, end, *(steepness[which[stretch]].T * part / 2))
+        )  # of noise that bends a lot
+        open_ = np.flatnonzero(most > greatest[group[stretch]] * (1 + _CLOSE))
         if not len(open_):
             return greatest
         stretch, offset, part = stretch[open_], offset[open_], part[open_] / _PARTS

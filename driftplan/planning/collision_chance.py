@@ -152,7 +152,8 @@ def _places(drift: Drift, spacing_m: float | None) -> Floats:
     wanted = max(float(drift.length), 1e-300) / _PLACES if spacing_m is None else spacing_m
     begins = np.cumsum(lengths) - lengths
     apart = np.array([noise.step_m or 0.0 for noise in drift.noises])[drift.leg_noises]
-    apart = np.where(apart > 0, np.ceil(wanted / np.maximum(apart, 1e-300) - 1e-9) * apart, wanted)
+    steps = np.ceil(wanted / np.where(apart > 0, apart, wanted) - 1e-9)
+    apart = np.where(apart > 0, steps * apart, wanted)
     parts = np.maximum(np.ceil(lengths / apart - 1e-9), 1)
     bounded("places looked at", float(parts.sum()), 1e5, "use a larger spacing_m")
     leg = np.repeat(np.arange(len(lengths)), parts.astype(int))

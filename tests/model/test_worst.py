@@ -21,8 +21,10 @@ from driftplan.model.worst import (
     _greatest_radius,
     bend_rates,
     ceiling,
+    cone,
     exceeds_between,
     greatest_between,
+    slope_rates,
     worst_radius,
     worst_rms,
 )
@@ -129,6 +131,18 @@ def test_no_run_bends_faster_nor_rises_above_the_ceiling_of_its_ends(q, bias, sc
     ends, bend = N[[0, 200, 400]], np.array([rms_rate, fixed]) * (length / 2) ** 2 / 8
     above = ceiling(ends[:-1], ends[1:], *np.repeat(bend, 2).reshape(2, 2))
     assert (above >= [N[:201].max() * (1 - 1e-12), N[200:].max() * (1 - 1e-12)]).all()
+    rms_rate, fixed = slope_rates(noise)
+    assert (np.abs(np.diff(N)) / step <= (rms_rate * np.sqrt(N.max()) + fixed) * (1 + 1e-9)).all()
+    above = cone(ends[:-1], ends[1:], *np.repeat([rms_rate * length / 4, fixed * length / 4], 2).reshape(2, 2))
+    assert (above >= [N[:201].max() * (1 - 1e-12), N[200:].max() * (1 - 1e-12)]).all()
+
+
+@pytest.mark.parametrize("heading_var_per_m", [1e3, 1e13])
+def test_a_heading_that_is_lost_at_once_is_no_endless_search(heading_var_per_m):
+    """Then E|e|² bends within nanometres; a bound on its slope ends what that on its bend would cut ever finer."""
+    noise = OdometryNoise(heading_var_per_m=heading_var_per_m, distance_var_per_m=2e-4, distance_scale_error=-0.01)
+    drift = predict_drift([(1, 1), (8, 1.5), (8, 8)], noise)
+    assert worst_rms(drift) == pytest.approx(drift.profile(0.001).rms.max(), rel=1e-6)
 
 
 def test_a_ceiling_is_that_of_a_parabola_that_sags_as_much_as_it_may():

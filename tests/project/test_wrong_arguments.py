@@ -48,6 +48,10 @@ WRONG_OBJECTS = {
 WRONG_VALUES = {
     "time_limit no greater than": lambda: d.beacon_tradeoff(WORLD, [PATH], NOISE, TAG, time_limit=10**200),
     "drives to simulate": lambda: d.collision_chance(d.predict_drift(PATH, NOISE), WORLD, runs=10**200),
+    "repeats to be": lambda: d.predict_drift_3d(
+        [np.eye(3)], [(1, 0, 0)], d.RotationNoise.isotropic(0.1), repeats=[((1, 1), (1, 1), 1)]
+    ),
+    "routes to be": lambda: d.place_beacons(WORLD, np.ma.masked, NOISE, 1.0, TAG),
     "samples, got": lambda: d.simulate_log(PATH, NOISE, step_m=1e-50),
     "bounds to be": lambda: d.BoxWorld.around([], bounds=[((1, 1), (1, 1), 1)], robot_radius=1.0),
     "confidence from 0.01": lambda: d.fit_noise(None, None, confidence=1e-320),

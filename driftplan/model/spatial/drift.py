@@ -259,7 +259,10 @@ def power(R: Floats, piece: SpatialMoments, count: NDArray[np.int64]) -> tuple[F
 def _repeats(repeats: ArrayLike | None, count: int) -> NDArray[np.int64] | None:
     if repeats is None:
         return None
-    times = np.asarray(repeats)
+    try:
+        times = np.asarray(repeats)
+    except ValueError:
+        times = np.zeros(0)  # of no shape
     if times.dtype.kind not in "iu" or times.shape not in ((), (count,)) or (times < 0).any():
         raise ValueError(f"expected repeats to be an int >= 0 or {count} of them, got {repeats!r}")
     return np.broadcast_to(times.astype(np.int64), (count,))
