@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 import shapely
 
-from driftplan import beacon_tradeoff, place_beacons
+from driftplan import DriftLimit, Sites, beacon_tradeoff, place_beacons
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import beacon_passes, drift_with_beacons
 from driftplan.errors import InfeasibleError, KeywordError
 from driftplan.layouts.placement import covering, placement_diagnosis
 from driftplan.layouts.placement.relaxation import Solution
-from driftplan.layouts.sites import SiteGroup, Sites, grid_sites, route_sites, wall_sites
+from driftplan.layouts.sites import SiteGroup, grid_sites, route_sites, wall_sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.worst import worst_radius, worst_rms
-from driftplan.planning.request import DriftLimit, format_least
+from driftplan.planning.request import format_least
 from driftplan.planning.status import Status
 from driftplan.world.world import World
 from driftplan.world.zones import Zone

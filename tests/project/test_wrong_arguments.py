@@ -52,6 +52,8 @@ WRONG_VALUES = {
         [np.eye(3)], [(1, 0, 0)], d.RotationNoise.isotropic(0.1), repeats=[((1, 1), (1, 1), 1)]
     ),
     "routes to be": lambda: d.place_beacons(WORLD, np.ma.masked, NOISE, 1.0, TAG),
+    "heading_offset": lambda: d.fit_noise(*d.simulate_log(PATH, NOISE), heading_offset=np.inf),
+    "time_offset_s": lambda: d.fit_noise(*d.simulate_log(PATH, NOISE), time_offset_s=np.nan),
     "samples, got": lambda: d.simulate_log(PATH, NOISE, step_m=1e-50),
     "bounds to be": lambda: d.BoxWorld.around([], bounds=[((1, 1), (1, 1), 1)], robot_radius=1.0),
     "confidence from 0.01": lambda: d.fit_noise(None, None, confidence=1e-320),

@@ -8,7 +8,7 @@ from typing import NamedTuple, TypedDict
 
 import numpy as np
 
-from driftplan.arrays import Bools, Complexes, Floats, as_plane
+from driftplan.arrays import Bools, Complexes, Floats, as_plane, number
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.resampling import (
     ResampledDrive,
@@ -110,8 +110,7 @@ def match(
     Raises ValueError when the recordings do not overlap in time.
     """
     odometry = odometry.without_glitches()
-    if time_offset_s is None:
-        time_offset_s = _clock_offset(odometry, truth)
+    time_offset_s = _clock_offset(odometry, truth) if time_offset_s is None else number("time_offset_s", time_offset_s)
     clocked = replace(truth, times=truth.times - time_offset_s)
     good, jumps = _good_samples(odometry, clocked)
     cleaned = clocked.chosen(good)
@@ -125,8 +124,7 @@ def match(
     motion = true_motion(odometry, cleaned, travelled, spacing_m)
     found = (resample(odometry, cleaned, motion, begin, end, spacing_m) for begin, end in pieces)
     resampled = along_travel([part for part in found if part is not None])
-    if heading_offset is None:
-        heading_offset = _mounting(resampled)
+    heading_offset = _mounting(resampled) if heading_offset is None else number("heading_offset", heading_offset)
     counts = MatchCounts(
         odometry_samples=len(odometry.times) + odometry.repeated,
         truth_samples=len(truth.times) + truth.repeated,
