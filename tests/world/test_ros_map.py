@@ -10,7 +10,8 @@ import pytest
 from PIL import Image
 
 from driftplan.errors import MapError
-from driftplan.world.mapfiles import load_world
+from driftplan.world.mapfiles import load_world, save_world
+from driftplan.world.world import World
 
 GOOD = {
     "image": "map.pgm",
@@ -98,6 +99,74 @@ def test_scale_is_rounded_to_percent_of_the_way_between_the_thresholds(tmp_path)
     path = write_map(tmp_path, [[0, 89, 90, 188, 191, 205]], mode="scale")
     assert free_cells(path) == [False] * 4 + [True] * 2
     assert free_cells(path, unknown_is_free=True) == [False] * 2 + [True] * 4
+
+
+def test_the_percent_are_of_the_way_between_the_thresholds_and_of_nothing_else(tmp_path):
+    # 190 -> 0.2549: 0.98 % of the way from 0.251 to 0.65, one percent, unknown
+    path = write_map(tmp_path, [[190]], mode="scale", free_thresh="0.251")
+    assert free_cells(path) == [False]
+
+
+@pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
+def test_what_is_not_opaque_is_unknown_in_every_mode(tmp_path, mode):
+    """Alpha is no colour either: the mean is that of the three others."""
+    light = 10 if mode == "raw" else 254
+    middle = (50, 50, 50, 255) if mode == "raw" else (255, 255, 43, 255)  # unknown; light, if alpha counted as a colour
+    pixels = [[(light,) * 3 + (255,), (light,) * 3 + (254,), (light,) * 3 + (0,), middle]]
+    path = write_map(tmp_path, pixels, picture="map.png", mode=mode)
+    assert free_cells(path) == [True, False, False, False]
+    assert free_cells(path, unknown_is_free=True) == [True, True, True, True]
+    grey = Image.fromarray(np.array([[(light, 255), (light, 254), (light, 0)]], dtype=np.uint8), mode="LA")
+    palette = Image.fromarray(np.array([[0, 1, 2]], dtype=np.uint8), mode="P")
+    palette.putpalette([light] * 9)
+    grey.save(tmp_path / "grey.png")
+    palette.save(tmp_path / "palette.png", transparency=bytes([255, 254, 0]))
+    plain = Image.fromarray(np.full((1, 3), light, dtype=np.uint8))
+    plain.save(tmp_path / "key.png", transparency=light)  # one grey is transparent
+    for name, free in (
+        ("grey.png", [True, False, False]),
+        ("palette.png", [True, False, False]),
+        ("key.png", 3 * [False]),
+    ):
+        path = write_map(tmp_path, None, picture=name, mode=mode)
+        assert free_cells(path) == free, name
+        assert free_cells(path, unknown_is_free=True) == 3 * [True], name
+
+
+def test_deep_greys_are_those_of_eight_bits(tmp_path):
+    Image.fromarray(np.array([[257 * 254, 257 * 150, 0]], dtype=np.uint16)).save(tmp_path / "deep.png")
+    path = write_map(tmp_path, None, picture="deep.png")
+    assert free_cells(path) == [True, False, False]
+    assert free_cells(path, unknown_is_free=True) == [True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("pixels", "changes", "noted"),
+    [
+        ([[205, 254]], {}, True),
+        ([[205, 254]], {"mode": "scale"}, True),
+        ([[254, 0]], {}, False),
+        ([[205, 254]], {"free_thresh": "0.19"}, False),  # there it is unknown
+        ([[(205, 205, 205)]], {"picture": "map.png"}, False),  # savers write greys
+        ([[10, 205]], {"mode": "raw"}, False),
+    ],
+)
+def test_the_grey_that_savers_write_for_unknown_is_said_to_be_free_where_it_is(tmp_path, pixels, changes, noted):
+    world = load_world(write_map(tmp_path, pixels, **changes), robot_radius=0.1)
+    assert any("grey 205" in note for note in world.notes) == noted
+
+
+def test_a_map_is_saved_in_the_greys_and_the_order_of_map_saver(tmp_path):
+    world = World.from_polygons([[(1, 0), (1.5, 0), (1.5, 0.5), (1, 0.5)]], bounds=(0, 0, 1.5, 1), robot_radius=0.1)
+    save_world(world, tmp_path / "map.yaml", cell_size_m=0.5)
+    assert (tmp_path / "map.pgm").read_bytes() == b"P5\n3 2\n255\n" + bytes([254, 254, 254, 254, 254, 0])
+
+
+def test_a_picture_that_was_elsewhere_is_looked_for_beside_the_map_and_that_is_said(tmp_path):
+    path = write_map(tmp_path)
+    path.write_text(path.read_text().replace("image: map.pgm", "image: /home/somebody/maps/map.pgm"))
+    world = load_world(path, robot_radius=0.0)
+    assert any("is not here; map.pgm beside the map is taken" in note for note in world.notes)
 
 
 def test_a_marked_cell_is_where_origin_and_yaw_put_it(tmp_path):
