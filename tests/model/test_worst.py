@@ -105,6 +105,8 @@ def test_how_fast_a_run_may_bend_in_numbers_worked_out_by_hand():
     rms_rate, fixed = bend_rates(noise)
     assert rms_rate == pytest.approx(2 * np.sqrt(1.1**2 + 0.005**2) * np.sqrt(0.02**2 + 0.3**2), rel=1e-14)
     assert fixed == pytest.approx(1e-4, rel=1e-14)
+    steepest = 2 * (np.sqrt(1.1**2 + 0.005**2) + 1)
+    assert slope_rates(replace(noise, lateral_var_per_m=0.03)) == pytest.approx((steepest, 0.04), rel=1e-14)
 
 
 @given(
@@ -297,12 +299,16 @@ def test_the_bound_on_the_bend_is_attained_and_no_stretch_is_looked_into_in_vain
         assert found == pytest.approx(max(peak, told[0]), rel=1e-9)
 
 
-def test_the_bend_of_an_average_is_the_root_mean_square_of_the_drives_bends(monkeypatch):
-    asked = []
+def test_bend_and_slope_of_an_average_are_the_root_mean_squares_of_those_of_the_drives(monkeypatch):
+    asked, asked_of_slope = [], []
     monkeypatch.setattr(worst, "ceiling", lambda *given: asked.append(given) or np.zeros(len(given[0])))
+    monkeypatch.setattr(worst, "cone", lambda *given: asked_of_slope.append(given) or np.zeros(len(given[0])))
     noises = [
         replace(OdometryNoise(heading_var_per_m=q, distance_var_per_m=0.3, heading_distance_corr=0.8), **more)
-        for q, more in ((0.2, {}), (0.1, {"heading_bias_per_m": 0.4}))
+        for q, more in (
+            (0.2, {"distance_scale_error": 0.3}),
+            (0.1, {"heading_bias_per_m": 0.4, "lateral_var_per_m": 0.2}),
+        )
     ]
     start, none = lost(2.0, 0.1), np.zeros(1, int)
     drives = [Departures(w, start, [noise]) for w, noise in zip((0.25, 0.75), noises, strict=True)]
@@ -311,6 +317,10 @@ def test_the_bend_of_an_average_is_the_root_mean_square_of_the_drives_bends(monk
     assert (begin, end) == (pytest.approx(4.0), 3.0)
     assert bend == pytest.approx(np.sqrt(0.25 * rates[0, 0] ** 2 + 0.75 * rates[1, 0] ** 2) * 36 / 8, rel=1e-12)
     assert fixed == pytest.approx((0.25 * rates[0, 1] + 0.75 * rates[1, 1]) * 36 / 8, rel=1e-12)
+    (begin, end, slope, fixed), rates = asked_of_slope[0], np.array([slope_rates(noise) for noise in noises])
+    assert (begin, end) == (pytest.approx(4.0), 3.0)
+    assert slope == pytest.approx(np.sqrt(0.25 * rates[0, 0] ** 2 + 0.75 * rates[1, 0] ** 2) * 3.0, rel=1e-12)
+    assert fixed == pytest.approx((0.25 * 0.3 + 0.75 * 0.5) * 3.0, rel=1e-12)
 
 
 def test_a_limit_is_exceeded_inside_a_stretch_if_its_peak_is_above_it():
