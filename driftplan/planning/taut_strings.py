@@ -343,9 +343,8 @@ class _Corners:
             taut = _cross(ends, a) * _cross(ends, b) >= -_SLACK * np.abs(ends) ** 2 * abs(a * b)
             ends, to = ends[taut], to[taut]
         solid = here & here[after] & (np.abs(turn - turn[after]) < np.pi)
-        past = np.where(
-            through, -_SLACK_RAD, _SLACK_RAD
-        )  # what meets the outline there goes on behind it, or beside it
+        # what meets the outline there goes on behind it, or beside it
+        past = np.where(through, -_SLACK_RAD, _SLACK_RAD)
         visible = ~_blocked(ends, there[solid], there[after][solid], past[solid], past[after][solid])
         return to[visible], np.abs(ends[visible])
 

@@ -30,8 +30,6 @@ class BoxWorld:
     ------
     ValueError : if a box or the bounds are not from least to greatest, or anything is not finite
 
-    Examples
-    --------
     >>> hall = BoxWorld(boxes=[[(4, 0, 0), (6, 10, 3)]], bounds=[(0, 0, 0), (10, 10, 5)], robot_radius=0.5)
     >>> hall.is_free([[2, 5, 2], [5, 5, 2], [5, 5, 4]]).tolist()
     [True, False, True]

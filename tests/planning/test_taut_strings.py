@@ -167,6 +167,17 @@ def test_on_the_bundled_maps_the_bound_is_near_the_route(name, gap):
     assert np.median(shares) > 1 - gap
 
 
+def test_an_outline_that_would_take_longer_than_is_left_is_not_begun_and_one_that_is_known_is_used():
+    world = World(obstacles=WALL.obstacles, bounds=WALL.bounds, robot_radius=WALL.robot_radius)
+    ends, hurried = (np.array([2.0, 2.0]), np.array([8.0, 2.0])), {"left_s": lambda: 1e-6}
+    assert least_route(world, *ends, 0.05, **hurried) == (6.0**3 / 3, 6.0)  # of the straight line
+    assert taut_route(world, *ends, 0.05, **hurried) is None
+    unhurried = least_route(world, *ends, 0.05), taut_route(world, *ends, 0.05)
+    assert unhurried[0].length > 13
+    assert least_route(world, *ends, 0.05, **hurried) == unhurried[0]
+    np.testing.assert_array_equal(taut_route(world, *ends, 0.05, **hurried), unhurried[1])
+
+
 def test_no_string_slips_through_an_obstacle_from_corner_to_corner():
     """The straight line enters and leaves the square at its corners, to the last bit; round it, it is 2 sqrt(34) m."""
     world = World.from_polygons([[(4, 4), (6, 4), (6, 6), (4, 6)]], bounds=(0, 0, 10, 10), robot_radius=0.0)
