@@ -20,7 +20,7 @@ from driftplan.planning.collision_chance import collision_chance
 from driftplan.planning.comparison import compare_routes
 from driftplan.planning.routes import plan_route
 from driftplan.report.cli import main
-from driftplan.report.figures.collisions import plot_collisions
+from driftplan.report.figures.routes import plot_collisions
 from driftplan.world.world import World
 
 HALL = World.from_polygons([[(12, 0), (16, 0), (16, 11), (12, 11)]], bounds=(0, 0, 40, 20), robot_radius=0.3)

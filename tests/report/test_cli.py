@@ -503,11 +503,11 @@ def test_paths_are_scored_with_the_noise_of_the_zones_they_cross(run, tmp_path):
 
 def test_compare_draws_all_routes(run, map_file, path_file, tmp_path, monkeypatch):
     drawn = []
-    from driftplan.report.figures import comparison
+    from driftplan.report.figures import routes as figures
 
-    real = comparison.plot_comparison
+    real = figures.plot_comparison
     monkeypatch.setattr(
-        comparison, "plot_comparison", lambda world, routes: drawn.append(list(routes)) or real(world, routes)
+        figures, "plot_comparison", lambda world, routes: drawn.append(list(routes)) or real(world, routes)
     )
     ends = ["--start", "-3,-3", "--goal", "2,-3"]
     code, _, _ = run("compare", map_file, path_file, *ends, *QUICK, "--png", tmp_path / "all.png")

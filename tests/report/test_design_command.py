@@ -17,7 +17,7 @@ from driftplan.layouts.sites import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.planning.request import DriftLimit
-from driftplan.report.figures.designs import plot_design
+from driftplan.report.figures.layouts import plot_design
 from driftplan.world.world import World
 
 SHELF = [(8, 4), (32, 4), (32, 8), (8, 8)]

@@ -9,7 +9,7 @@ from matplotlib.patches import Ellipse
 
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
-from driftplan.report.figures.ellipses import error_ellipse, magnification, mark_distances, mark_spacing
+from driftplan.report.figures.maps import error_ellipse, magnification, mark_distances, mark_spacing
 
 NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.1, after_m=10.0)
 PATH = [(3, 3), (3, 19), (37, 19), (37, 27)]

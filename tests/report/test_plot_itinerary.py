@@ -13,8 +13,8 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.planning.pareto import knee, pareto_routes
 from driftplan.planning.request import Planner
 from driftplan.planning.routes import plan_route
-from driftplan.report.figures.itinerary import plot_itinerary, plot_pareto
 from driftplan.report.figures.maps import plot_beacons
+from driftplan.report.figures.routes import plot_itinerary, plot_pareto
 from driftplan.world.world import World
 
 NOISE = OdometryNoise.from_std(heading_deg=3.0, distance_m=0.1, after_m=10.0)

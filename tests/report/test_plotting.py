@@ -13,10 +13,8 @@ from matplotlib.patches import Ellipse
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
-from driftplan.report.figures.comparison import plot_comparison
-from driftplan.report.figures.drift import plot_drift
-from driftplan.report.figures.ellipses import error_ellipse
-from driftplan.report.figures.maps import plot_route, plot_world
+from driftplan.report.figures.maps import error_ellipse, plot_route, plot_world
+from driftplan.report.figures.routes import plot_comparison, plot_drift
 from driftplan.report.figures.style import ROUTE_STYLES
 from driftplan.world.world import World
 from driftplan.world.zones import Zone

@@ -20,7 +20,7 @@ NAMES = {"drift": "lowest drift", "length": "shortest", "worst_drift": "least wo
 
 def run(args: argparse.Namespace) -> Answer:
     """Given paths, and of every planner the lowest-drift and the shortest route."""
-    from driftplan.report.figures.comparison import plot_comparison
+    from driftplan.report.figures.routes import plot_comparison
 
     if (args.start is None) != (args.goal is None):
         raise ValueError("expected both --start and --goal, or neither, got one of them")

@@ -42,8 +42,8 @@ _TIME_LIMIT_S = 60.0  # it takes a few
 def run(args: argparse.Namespace) -> Answer:
     """Lowest-drift against shortest routes, then tags."""
     from driftplan import bundled_map, load_world
-    from driftplan.report.figures.comparison import plot_comparison
     from driftplan.report.figures.layouts import layouts_figure
+    from driftplan.report.figures.routes import plot_comparison
 
     noise = shared.noise_from(args)
     args.start_heading_deg = None

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def run(args: argparse.Namespace) -> Answer:
     """The design that the arguments ask for."""
     from driftplan import DriftLimit, Sites, co_design, layout_csv, layout_geojson, load_beacons, read_path
-    from driftplan.report.figures.designs import plot_design
+    from driftplan.report.figures.layouts import plot_design
 
     noise, world = shared.noise_from(args), shared.world_from(args)
     trips = shared.trips_from(args, world)

@@ -79,7 +79,7 @@ def ways_on_graph(
 ) -> Answer:
     """The way of least drift between two nodes and the shortest one: what is said of them, and their files."""
     from driftplan import graph_routes
-    from driftplan.report.figures.comparison import plot_comparison
+    from driftplan.report.figures.routes import plot_comparison
 
     ways = dict(zip(("lowest drift", "shortest"), graph_routes(graph, *ends, noise, beacons, world), strict=True))
 

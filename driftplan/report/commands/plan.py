@@ -30,9 +30,7 @@ def run(args: argparse.Namespace) -> Answer:
         raise ValueError("expected both --start and --goal, or --trips")
     if args.graph:
         return _on_graph(args)
-    from driftplan.report.figures.collisions import plot_collisions
-    from driftplan.report.figures.comparison import plot_comparison
-    from driftplan.report.figures.itinerary import plot_itinerary
+    from driftplan.report.figures.routes import plot_collisions, plot_comparison, plot_itinerary
     from driftplan.report.records import beyond_linear_text, drift_geojson, drift_table
 
     noise, world = shared.noise_from(args), shared.world_from(args)

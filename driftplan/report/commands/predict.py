@@ -13,7 +13,7 @@ from driftplan.report.commands.option import Command, Group, Option, geojson_fil
 def run(args: argparse.Namespace) -> Answer:
     """Drift at every waypoint, or at the distances asked for."""
     from driftplan import drift_with_beacons, load_beacons, predict_drift, read_path
-    from driftplan.report.figures.comparison import plot_comparison
+    from driftplan.report.figures.routes import plot_comparison
     from driftplan.report.records import beyond_linear_text, drift_table
 
     noise, heading = shared.noise_from(args), shared.start_heading_from(args)

@@ -5,10 +5,8 @@ matplotlib is touched. Everywhere ``ax`` is by default pyplot's current Axes, ``
 default a new one that knows nothing of pyplot; further keywords go untouched to what the function is named after.
 
 style                           colours, markers and line styles, once; panels, legends
-ellipses                        error ellipses: shape, places, magnification
-maps                            worlds, routes with their ellipses, beacons with their ranges
-drift                           drift against distance
-comparison, collisions, itinerary, layouts, designs, fits
-                                whole figures
+maps                            worlds, routes with their error ellipses, beacons with their ranges
+routes                          drift against distance, routes side by side or among beacons, chances of collision
+layouts, fits                   layouts and co-designs, noise fits
 sheet                           the installers' page A3
 """

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from driftplan.arrays import Floats
 from driftplan.model.calibration.chance import LEVELS
 from driftplan.model.calibration.fit import NoiseFit
 from driftplan.model.calibration.noise_check import SegmentCheck
@@ -60,17 +61,12 @@ def plot_fit(
         plot_growth(fit, others, heading=True, ax=axes[2])
     plot_predicted(checks, ax=axes[-2])
     plot_coverage(checks, ax=axes[-1])
-    factor = max(
-        max(row.measured_rms_m / row.predicted_rms_m, row.predicted_rms_m / row.measured_rms_m) for row in rows
-    )
+    ratios = [row.measured_rms_m / row.predicted_rms_m for row in rows]
+    factor = max(*ratios, *(1 / ratio for ratio in ratios))
     held = [100 * row.coverage[1] for row in rows]
-    titles = [
-        "where it drove",
-        "position",
-        *(["heading"] if headed else []),
-        f"as predicted within {100 * (factor - 1):.0f} %",
-        f"the 90 % regions hold {min(held):.0f} to {max(held):.0f} %",
-    ]
+    titles = ["where it drove", "position", *(["heading"] if headed else [])]
+    titles += [f"as predicted within {100 * (factor - 1):.0f} %"]
+    titles += [f"the 90 % regions hold {min(held):.0f} to {max(held):.0f} %"]
     for ax, title in zip(axes, titles, strict=True):
         ax.set_title(title)
     style.legend_below(figure, [*axes[0].get_legend_handles_labels()[0], *axes[1].get_legend_handles_labels()[0]])
@@ -81,11 +77,10 @@ def plot_tracks(fit: NoiseFit, *, ax: Axes | None = None) -> list[Line2D]:
     """Draw the true way of the fitted drives, and the odometry laid on its beginning."""
     ax = style.current_axes(ax)
     drawn: list[Line2D] = []
-    for k, (true, estimated) in enumerate(fit.tracks):
-        drawn += ax.plot(true.real, true.imag, color="0.65", linewidth=2.0, label=None if k else "truth")
-        drawn += ax.plot(
-            estimated.real, estimated.imag, color=style.MANY_COLOURS[0], linewidth=0.9, label=None if k else "odometry"
-        )
+    looks = (("truth", "0.65", 2.0), ("odometry", style.MANY_COLOURS[0], 0.9))
+    for k, tracks in enumerate(fit.tracks):
+        for track, (label, colour, width) in zip(tracks, looks, strict=True):
+            drawn += ax.plot(track.real, track.imag, color=colour, linewidth=width, label=None if k else label)
     style.in_metres(ax)
     ax.set_aspect("equal", adjustable="datalim")
     return drawn
@@ -108,15 +103,10 @@ def plot_growth(
         raise ValueError("expected a fit with measured headings, got one of positions alone")
     unit = np.degrees(1.0) if heading else 1.0
     length = [row.length_m for row in fit.check.lengths]
-    ax.fill_between(
-        length,
-        unit * bands[:, 0],
-        unit * bands[:, 1],
-        color="0.85",
-        zorder=1,
-        label=f"{100 * fit.confidence:g} % interval of the fit",
-    )
-    ax.plot(length, unit * _predicted(fit.check, heading), color="black", linewidth=1.5, zorder=2, label="predicted")
+    interval = f"{100 * fit.confidence:g} % interval of the fit"
+    ax.fill_between(length, *(unit * bands.T), color="0.85", zorder=1, label=interval)
+    predicted = unit * _rms("predicted", fit.check, heading)
+    ax.plot(length, predicted, color="black", linewidth=1.5, zorder=2, label="predicted")
     if not heading:
         _dots(fit.check, ax)
     drawn = []
@@ -124,9 +114,9 @@ def plot_growth(
     for (label, check), own in zip(checks.items(), _looks(len(checks)), strict=True):
         if check is not fit.check:  # its way turns otherwise, and so it has a prediction of its own
             lengths = [row.length_m for row in check.lengths]
-            ax.plot(lengths, unit * _predicted(check, heading), color=own["color"], linewidth=0.9, zorder=2)
+            ax.plot(lengths, unit * _rms("predicted", check, heading), color=own["color"], linewidth=0.9, zorder=2)
         errors = None if heading else [2 * row.measured_rms_error_m for row in check.lengths]
-        x, y = [row.length_m for row in check.lengths], unit * _measured(check, heading)
+        x, y = [row.length_m for row in check.lengths], unit * _rms("measured", check, heading)
         drawn.append(_points(ax, own, f"measured: {label}", x, y, yerr=errors, zorder=3))
     aligned = "" if fit.check.has_heading else " (first half to align)"
     what = "rms heading error (deg)" if heading else "rms position error (m)"
@@ -160,7 +150,7 @@ def plot_predicted(checks: Mapping[str, SegmentCheck], *, ax: Axes | None = None
     ax = style.current_axes(ax)
     drawn, sizes = [], []
     for (label, check), own in zip(checks.items(), _looks(len(checks)), strict=True):
-        predicted, measured = _predicted(check, False), _measured(check, False)
+        predicted, measured = (_rms(which, check, False) for which in ("predicted", "measured"))
         sizes += [*predicted, *measured]
         upright = [2 * row.measured_rms_error_m for row in check.lengths]
         low, high = np.transpose([row.predicted_rms_interval_m for row in check.lengths])
@@ -214,12 +204,9 @@ def _points(ax: Axes, own: Mapping[str, Any], label: str, x: Any, y: Any, **bars
     return ax.errorbar(x, y, label=label, **look)
 
 
-def _predicted(check: SegmentCheck, heading: bool) -> np.ndarray[Any, np.dtype[np.float64]]:
-    return np.array([row.predicted_heading_rms if heading else row.predicted_rms_m for row in check.lengths])
-
-
-def _measured(check: SegmentCheck, heading: bool) -> np.ndarray[Any, np.dtype[np.float64]]:
-    return np.array([row.measured_heading_rms if heading else row.measured_rms_m for row in check.lengths])
+def _rms(which: str, check: SegmentCheck, heading: bool) -> Floats:
+    """The "measured" or the "predicted" ones of every length."""
+    return np.array([getattr(row, f"{which}_heading_rms" if heading else f"{which}_rms_m") for row in check.lengths])
 
 
 def _tidy(ax: Axes) -> None:

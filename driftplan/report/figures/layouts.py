@@ -1,4 +1,5 @@
-"""Beacon layouts: on the map, as a sawtooth of drift against distance, as a trade-off curve, as importance bars."""
+"""Beacon layouts: on the map, as a sawtooth of drift against distance, as a trade-off curve, as importance bars; and
+co-designs: their routes and beacons before and after."""
 
 from __future__ import annotations
 
@@ -21,13 +22,16 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
+    from driftplan.layouts.co_design.design import CoDesign, Design
     from driftplan.layouts.layout import Layout
+    from driftplan.world.world import World
 
 _MAX_ROUTES = 5  # sawtooth lines with a style of their own; others are grey
 _MAX_LABELS = 12  # routes that are named on the map
 _MAX_BARS = 25
 _NAME_SHARE = np.array([0.2, 0.06])  # of the map that the name of a route takes, about
 _SPACING_M = 0.25
+_BEACON_LABELS = ("new beacon", "existing beacon")
 
 
 class LayoutArtists(NamedTuple):
@@ -85,8 +89,7 @@ def plot_layout(layout: Layout, *, ax: Axes | None = None, colorbar: bool = True
             side, offset = ("right", -5) if start[0] > right_edge else ("left", 5)
             style.name_at(ax, f"route {r}", start, (offset, 4 if beside else -9), ha=side, fontsize=8, weight="bold")
             ax.plot(*start, zorder=4, **{**style.START, "markersize": 6, "markeredgewidth": 1.5})
-    everyone = (*layout.existing, *layout.beacons)
-    beacons = plot_beacons(everyone, ax=ax, used=layout.beacons, labels=("new beacon", "existing beacon"))
+    beacons = plot_beacons(layout.everyone, ax=ax, used=layout.beacons, labels=_BEACON_LABELS)
     style.in_metres(ax)
     if layout.scenario.world is None:
         ax.autoscale_view()
@@ -258,8 +261,7 @@ def layouts_figure(layouts: Mapping[str, Layout], *, figure: Figure | None = Non
 def tradeoff_figure(curve: Sequence[Layout], *, figure: Figure | None = None) -> Figure:
     """`plot_tradeoff` in a figure of its own."""
     figure = style.new_figure(figure, 7.0, 4.5)
-    ax = figure.subplots()
-    plot_tradeoff(curve, ax=ax)
+    plot_tradeoff(curve, ax=(ax := figure.subplots()))
     least, most = min(curve, key=lambda x: x.worst_drift), max(curve, key=lambda x: x.worst_drift)
     count = counted(len(least.beacons), "beacon")
     ax.set_title(f"{count}: {least.worst_drift:.3g} m instead of {most.worst_drift:.3g} m", fontsize=10)
@@ -295,3 +297,43 @@ def found_in_words(layout: Layout) -> str:
 def _score_label(layout: Layout) -> str:
     confidence = layout.scenario.confidence
     return "rms drift (m)" if confidence is None else f"{100 * confidence:g} % radius (m)"
+
+
+def draw_design(world: World, design: Design, *, ax: Axes) -> list[Line2D]:
+    """Draw the routes of a design and its beacons with their ranges.
+
+    Returns list of Line2D: the routes, one per trip; starts and goals; the beacons. All are labelled for a legend.
+    """
+    plot_world(world, ax=ax)
+    beacons = plot_beacons(design.layout.everyone, ax=ax, used=design.beacons, labels=_BEACON_LABELS)
+    lines = list[Line2D]()
+    for k, (path, own) in enumerate(zip(design.paths, cycle(style.ROUTE_STYLES), strict=False)):
+        look: dict[str, Any] = {"linewidth": 1.8, "label": f"trip {k}", **own, "markersize": 3.5, "zorder": 2.5}
+        lines += ax.plot(*path.T, **look)
+        style.arrow_along(ax, path, own["color"])
+    lines += style.mark_ends(ax, design.paths)
+    title = f"{counted(len(design.beacons), 'beacon')}, {sum(design.lengths):.4g} m of routes: cost {design.cost:.5g}"
+    ax.set_title(title, fontsize=10)
+    return [*lines, *beacons.marks]
+
+
+def plot_design(world: World, found: CoDesign, *, figure: Figure | None = None) -> Figure:
+    """Shortest routes with the beacons placed for them, and beside it routes and beacons chosen together.
+
+    >>> from driftplan import BeaconKind, OdometryNoise, World, co_design
+    >>> hall = World.from_polygons([], bounds=(0, 0, 40, 4), robot_radius=0.5)
+    >>> noise, sign = OdometryNoise(heading_var_per_m=2e-4), BeaconKind.landmark(2.0, 0.05, 0.01, cost=100.0)
+    >>> found = co_design(hall, [((2, 2), (38, 2))], noise, 1.2, sign, price_per_m=1.0, max_nodes=20)
+    >>> plot_design(hall, found).axes[1].get_title()
+    'chosen together\\n1 beacon, 36 m of routes: cost 136'
+    """
+    designs = [("shortest routes, then beacons", found.baseline), ("chosen together", found)]
+    shown = [(name, design) for name, design in designs if design is not None]
+    xmin, ymin, xmax, ymax = world.bounds
+    height = 1.4 + min(max(5.6 * (ymax - ymin) / (xmax - xmin), 2.0), 8.0)
+    figure = style.new_figure(figure, 6.3 * len(shown), height)
+    for ax, (name, design) in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
+        keys = draw_design(world, design, ax=ax)
+        ax.set_title(f"{name}\n{ax.get_title()}", fontsize=10)
+    style.legend_below(figure, keys)
+    return figure

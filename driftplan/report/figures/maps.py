@@ -1,18 +1,18 @@
-"""What is seen from above: worlds, routes with their error ellipses, beacons with their ranges."""
+"""What is seen from above: worlds, routes with their error ellipses (shape, places, magnification), beacons."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot
+from math import floor, hypot, log, log10
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from driftplan.arrays import Floats, positive
 from driftplan.model.drift import Drift
 from driftplan.model.point_drift import PointDrift
 from driftplan.report.figures import style
-from driftplan.report.figures.ellipses import error_ellipse, magnification, mark_distances, mark_spacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,12 +59,11 @@ def plot_world(world: World, *, ax: Axes | None = None, **obstacle_kwargs: Any) 
     if not world.obstacles.is_empty:
         look = {**style.OBSTACLE, "label": "obstacle", "zorder": 1, **obstacle_kwargs}
         obstacles = ax.add_patch(patch_from_polygon(world.obstacles, **look))
-    zones = []
-    for i, zone in enumerate(world.zones):
-        label = "zone with odometry of its own" if i == 0 else "_nolegend_"
+    zones: list[Patch] = []
+    for zone in world.zones:
+        label = "_nolegend_" if zones else "zone with odometry of its own"
         zones.append(ax.add_patch(patch_from_polygon(zone.polygon, **style.ZONE, label=label, zorder=0.9)))
-    xmin, ymin, xmax, ymax = world.bounds
-    ax.set(xlim=(xmin, xmax), ylim=(ymin, ymax))
+    ax.set(xlim=world.bounds[::2], ylim=world.bounds[1::2])
     style.in_metres(ax)
     return WorldArtists(obstacles, zones)
 
@@ -97,6 +96,7 @@ def plot_route(
     >>> plot_route(drift, ax=Figure().subplots(), magnify=2).ellipses[0].get_label()
     '95 % error ellipse every 0.5 m, drawn 2 × its size'
     """
+    from matplotlib.colors import to_rgb
     from matplotlib.patches import Ellipse
 
     ax = style.current_axes(ax)
@@ -111,26 +111,15 @@ def plot_route(
     (line,) = ax.plot(profile.xy[:, 0], profile.xy[:, 1], markevery=marks, **look)
     at = PointDrift(profile.distance[marks], profile.moments[np.asarray(marks)])
     centre = at.xy + magnify * at.bias
-    legend = _ellipse_label(confidence, spacing, magnify)
-    ellipses = [
-        ax.add_patch(
-            Ellipse(
-                (x, y),
-                magnify * width,
-                magnify * height,
-                angle=angle,
-                facecolor=(*_rgb(line), 0.12),
-                edgecolor=(*_rgb(line), 0.9),
-                linestyle=line.get_linestyle(),
-                linewidth=0.9,
-                label=legend if i == 0 else "_nolegend_",
-                zorder=2,
-            )
-        )
-        for i, (x, y, width, height, angle) in enumerate(
-            zip(*centre.T, *error_ellipse(at.cov, confidence), strict=True)
-        )
-    ]
+    scale = "" if magnify == 1 else f", drawn {magnify:g} × its size"
+    legend = f"{100 * confidence:g} % error ellipse every {spacing:g} m{scale}"
+    rgb, line_style = to_rgb(line.get_color()), line.get_linestyle()
+    own: dict[str, Any] = {"facecolor": (*rgb, 0.12), "edgecolor": (*rgb, 0.9), "linestyle": line_style, "zorder": 2}
+    ellipses: list[Patch] = []
+    for x, y, width, height, angle in zip(*centre.T, *error_ellipse(at.cov, confidence), strict=True):
+        own["label"] = "_nolegend_" if ellipses else legend
+        ellipse = Ellipse((x, y), magnify * width, magnify * height, angle=angle, linewidth=0.9, **own)
+        ellipses.append(ax.add_patch(ellipse))
     style.arrow_along(ax, profile.xy, line.get_color())
     start, goal = style.mark_ends(ax, [profile.xy])
     style.in_metres(ax)
@@ -169,7 +158,7 @@ def plot_beacons(
         (list(used), labels[0], style.RANGE, style.BEACON),
     ):
         for beacon in group:
-            ranges.append(ax.add_patch(_range_of(beacon, zorder=1.5, **range_look)))
+            ranges.append(ax.add_patch(_range_of(beacon, zorder=1.5, linewidth=0.8, **range_look)))
             if len(others) + len(used) <= _MAX_IDS:
                 style.name_at(ax, beacon.id, (beacon.x, beacon.y), (4, 4), fontsize=7, zorder=4.8)
         if group:
@@ -207,10 +196,9 @@ def marked_profile(drift: Drift, spacing_m: float) -> tuple[PointDrift, list[int
 def box_around(*lines: Floats) -> tuple[float, float, float, float]:
     """Bounds of polylines with a margin of a tenth, and never thinner than a fifth of their greater side."""
     xy = np.concatenate(lines)
-    low, high = xy.min(axis=0), xy.max(axis=0)
-    side = float((high - low).max()) or 1.0
-    half = np.maximum((high - low) / 2 + 0.1 * side, 0.2 * side)
-    middle = (low + high) / 2
+    middle, half = (xy.max(axis=0) + xy.min(axis=0)) / 2, np.ptp(xy, axis=0) / 2
+    side = 2 * float(half.max()) or 1.0
+    half = np.maximum(half + 0.1 * side, 0.2 * side)
     (xmin, ymin), (xmax, ymax) = (middle - half).tolist(), (middle + half).tolist()
     return xmin, ymin, xmax, ymax
 
@@ -219,12 +207,68 @@ def diagonal(box: Sequence[float]) -> float:
     return hypot(box[2] - box[0], box[3] - box[1])
 
 
-def _ellipse_label(confidence: float, spacing_m: float, magnify: float) -> str:
-    scale = "" if magnify == 1 else f", drawn {magnify:g} × its size"
-    return f"{100 * confidence:g} % error ellipse every {spacing_m:g} m{scale}"
+def error_ellipse(cov: ArrayLike, confidence: float = 0.95) -> tuple[Floats, Floats, Floats]:
+    """Width, height and tilt of the ellipse that holds a Gaussian error of covariance ``cov`` with this confidence.
+
+    Parameters
+    ----------
+    cov : (..., 2, 2) array, m²
+    confidence : float in (0, 1)
+
+    Returns
+    -------
+    width_m, height_m, angle_deg : (...), full axes, the longer one first, and the angle from +x to it,
+        counter-clockwise, in degrees, as matplotlib has it
+
+    >>> [round(float(x), 3) for x in error_ellipse([[4.0, 0.0], [0.0, 1.0]])]
+    [9.791, 4.895, 0.0]
+    """
+    if not 0 < confidence < 1:
+        raise ValueError(f"expected a confidence in (0, 1), got {confidence!r}")
+    values, axes = np.linalg.eigh(np.asarray(cov, dtype=float))
+    full = 2 * np.sqrt(-2 * np.log1p(-confidence) * np.maximum(values, 0.0))  # |e|² / σ² is chi-squared, 2 degrees
+    # an axis has no direction: tilts in (-90°, 90°]
+    x, y = axes[..., 0, 1], axes[..., 1, 1]
+    return full[..., 1], full[..., 0], np.degrees(np.arctan2(np.where(x < 0, -y, y), np.abs(x)))
 
 
-def _rgb(line: Line2D) -> tuple[float, float, float]:
-    from matplotlib.colors import to_rgb
+def mark_spacing(length_m: float, marks: int = 8) -> float:
+    """A round distance (1, 2 or 5 times a power of ten, metres) that divides ``length_m`` into about ``marks`` pieces.
 
-    return to_rgb(line.get_color())
+    >>> mark_spacing(62.0)
+    10.0
+    """
+    if not length_m > 0:
+        return 1.0
+    wanted = length_m / marks
+    return min(_round_numbers_about(wanted), key=lambda step: abs(log(step / wanted)))
+
+
+def mark_distances(length_m: float, spacing_m: float) -> Floats:
+    """Distances along a path to mark, metres: every ``spacing_m``, and the end.
+
+    >>> mark_distances(33.0, 10.0)
+    array([10., 20., 33.])
+    """
+    every = spacing_m * np.arange(1, floor(length_m / spacing_m) + 1)
+    return np.append(every[every < length_m - 0.4 * spacing_m], length_m)
+
+
+def magnification(drifts: Sequence[Drift], extent_m: float, confidence: float = 0.95) -> float:
+    """How much to enlarge (or shrink) error ellipses on a map of diagonal ``extent_m``: ..., 0.5, 1, 2, 5, 10, 20, ...
+
+    1 where the greatest ellipse at a waypoint takes 4 to 40 % of the diagonal, else the least change to get there.
+    """
+    widths = np.concatenate([np.ravel(error_ellipse(drift.cov, confidence)[0]) for drift in drifts])
+    share = float(widths.max()) / extent_m
+    if share < 1e-9 or 0.04 <= share <= 0.4:  # without noise there is nothing to see
+        return 1.0
+    if share < 0.04:
+        return next(factor for factor in _round_numbers_about(0.04 / share) if factor >= 0.04 / share)
+    return max(factor for factor in _round_numbers_about(0.4 / share) if factor <= 0.4 / share)
+
+
+def _round_numbers_about(value: float) -> list[float]:
+    """1, 2, 5 and 10 times the power of ten below ``value``, increasing."""
+    exponent = floor(log10(value))
+    return [float(f"{digit}e{exponent}") for digit in (1, 2, 5, 10)]

@@ -27,30 +27,15 @@ MANY_COLOURS = (*(own["color"] for own in ROUTE_STYLES), "#8D0F29", "#AC4B98", "
 OTHER_ROUTE: dict[str, Any] = {"color": "0.6", "linewidth": 0.8, "zorder": 1.2}
 OBSTACLE: dict[str, Any] = {"facecolor": "0.80", "edgecolor": "0.45", "linewidth": 0.5}
 ZONE: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.5", "linewidth": 0.8, "hatch": "///"}
-START: dict[str, Any] = {
-    "marker": "o",
-    "markersize": 9,
-    "markerfacecolor": "white",
-    "markeredgecolor": "black",
-    "markeredgewidth": 2,
-}
-GOAL: dict[str, Any] = {
-    "marker": "*",
-    "markersize": 15,
-    "markerfacecolor": "black",
-    "markeredgecolor": "white",
-    "markeredgewidth": 0.8,
-}
+START: dict[str, Any] = {"marker": "o", "markersize": 9, "markeredgewidth": 2}
+START |= {"markerfacecolor": "white", "markeredgecolor": "black"}
+GOAL: dict[str, Any] = {"marker": "*", "markersize": 15, "markeredgewidth": 0.8}
+GOAL |= {"markerfacecolor": "black", "markeredgecolor": "white"}
 BEACON_COLOUR, OTHER_BEACON_COLOUR = "#5A4000", "#555555"
 BEACON: dict[str, Any] = {"marker": "^", "markersize": 7, "color": BEACON_COLOUR}
 OTHER_BEACON: dict[str, Any] = {"marker": "s", "markersize": 5, "color": OTHER_BEACON_COLOUR}
-RANGE: dict[str, Any] = {"facecolor": ("#E69F00", 0.3), "edgecolor": BEACON_COLOUR, "linewidth": 0.8}
-OTHER_RANGE: dict[str, Any] = {
-    "facecolor": "none",
-    "edgecolor": OTHER_BEACON_COLOUR,
-    "linestyle": ":",
-    "linewidth": 0.9,
-}
+RANGE: dict[str, Any] = {"facecolor": ("#E69F00", 0.3), "edgecolor": BEACON_COLOUR}
+OTHER_RANGE: dict[str, Any] = {"facecolor": "none", "edgecolor": OTHER_BEACON_COLOUR, "linestyle": ":"}
 LIMIT: dict[str, Any] = {"color": "#B00020", "linestyle": (0, (5, 2)), "linewidth": 1.2, "zorder": 2}
 LEGEND_ABOVE: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "frameon": False, "fontsize": 8}
 _MAP_AREA = 30.0  # square inches
@@ -140,19 +125,12 @@ def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
     from matplotlib.legend_handler import HandlerPatch
     from matplotlib.patches import Ellipse
 
-    def small_ellipse(
-        legend: Any, orig_handle: Any, xdescent: float, ydescent: float, width: float, height: float, fontsize: float
-    ) -> Ellipse:
+    def small_ellipse(*, width: float, height: float, xdescent: float, ydescent: float, **_: Any) -> Ellipse:
         return Ellipse(((width - xdescent) / 2, (height - ydescent) / 2), width, 1.3 * height)
 
     labels = [str(handle.get_label()) for handle in handles]
     inches = 0.7 + 0.075 * max(map(len, labels))  # of a column, generously
-    figure.legend(
-        handles=list(handles),
-        labels=labels,
-        loc="outside lower center",
-        ncols=max(min(int(figure.get_figwidth() / inches), 4, len(labels)), 1),
-        frameon=False,
-        handlelength=3.2,
-        handler_map={Ellipse: HandlerPatch(patch_func=small_ellipse)},
-    )
+    columns = max(min(int(figure.get_figwidth() / inches), 4, len(labels)), 1)
+    look: dict[str, Any] = {"ncols": columns, "frameon": False, "handlelength": 3.2}
+    look["handler_map"] = {Ellipse: HandlerPatch(patch_func=small_ellipse)}
+    figure.legend(handles=list(handles), labels=labels, loc="outside lower center", **look)

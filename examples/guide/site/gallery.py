@@ -38,9 +38,8 @@ from driftplan import (
     read_truth,
 )
 from driftplan.report.commands.answer import figure_bytes
-from driftplan.report.figures.designs import plot_design
-from driftplan.report.figures.itinerary import plot_itinerary, plot_pareto
-from driftplan.report.figures.layouts import layouts_figure, tradeoff_figure
+from driftplan.report.figures.layouts import layouts_figure, plot_design, tradeoff_figure
+from driftplan.report.figures.routes import plot_itinerary, plot_pareto
 from driftplan.report.figures.style import ROUTE_STYLES
 
 GUIDE = Path(__file__).resolve().parents[1]
