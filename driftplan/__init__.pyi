@@ -72,6 +72,7 @@ from .planning.collision_chance import CollisionChance as CollisionChance
 from .planning.collision_chance import collision_chance as collision_chance
 from .planning.comparison import Comparison as Comparison
 from .planning.comparison import compare_routes as compare_routes
+from .planning.comparison import pareto_routes as pareto_routes
 from .planning.graph_routes import GraphRoute as GraphRoute
 from .planning.graph_routes import edge_metadata as edge_metadata
 from .planning.graph_routes import graph_routes as graph_routes
@@ -82,7 +83,6 @@ from .planning.ompl.objective import DriftObjective as DriftObjective
 from .planning.ompl.paths import predict_ompl_path as predict_ompl_path
 from .planning.ompl.polish import polish_ompl_path as polish_ompl_path
 from .planning.ompl.roadmap_planner import RoadmapPlanner as RoadmapPlanner
-from .planning.pareto import pareto_routes as pareto_routes
 from .planning.request import DriftLimit as DriftLimit
 from .planning.request import Planner as Planner
 from .planning.routes import Route as Route

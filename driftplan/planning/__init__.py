@@ -3,7 +3,7 @@
 routes, request, status         plan_route, Route; what is asked, checked once; why a search ended
 unaided                         paths for robots that read nothing on the way
 many_routes                     plan_routes, on a graph that is kept with the world
-comparison, pareto              compare_routes, pareto_routes
+comparison                      compare_routes, pareto_routes
 collision_chance                how likely the drifting robot touches a wall
 graph_routes                    the way of least drift on a route graph of nav2's
 cost, bounds                    the additive drift cost, its bracket; what no route can do better

@@ -14,8 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from driftplan.layouts.study.results import appending, read_rows
-from driftplan.layouts.study.run import planned_study
+from driftplan.layouts.study.run import appending, planned_study, read_rows
 from driftplan.layouts.study.work import Workshop
 
 ROWS = 10_000
@@ -46,10 +45,9 @@ def some_row(number: int) -> dict[str, Any]:
 
 
 def json_lines(folder: Path) -> Callable[[], int]:
-    with appending(folder / "rows.jsonl") as file:
-        assert file is not None
+    with appending(folder / "rows.jsonl") as append:
         for k in range(ROWS):
-            file.append(some_row(k))
+            append(some_row(k))
     return lambda: len(read_rows(folder / "rows.jsonl"))
 
 

@@ -21,10 +21,8 @@ from driftplan import DriftplanError, OdometryNoise, StudyError, run_study, save
 from driftplan.layouts.study.answers import answers_of
 from driftplan.layouts.study.executors import Deal
 from driftplan.layouts.study.inputs import Trips, digest
-from driftplan.layouts.study.results import appending, read_rows
-from driftplan.layouts.study.run import planned_study
-from driftplan.layouts.study.schema import study_schema
-from driftplan.layouts.study.study import Study
+from driftplan.layouts.study.run import appending, planned_study, read_rows
+from driftplan.layouts.study.study import Study, study_schema
 from driftplan.layouts.study.work import Workshop
 from driftplan.world.schema import Place, check
 
@@ -324,7 +322,7 @@ def test_the_answers_count_bend_and_weigh(limits):
 
 
 def test_what_a_parameter_explains_is_all_where_it_decides_alone_and_nothing_where_it_is_idle():
-    from driftplan.layouts.study.answers import _explained, knee
+    from driftplan.layouts.study.answers import Point, _explained, knee
 
     rng = np.random.default_rng(0)
     level = np.repeat(np.arange(5), 40)
@@ -332,8 +330,12 @@ def test_what_a_parameter_explains_is_all_where_it_decides_alone_and_nothing_whe
     assert _explained(rng.permutation(level).tolist(), level.tolist()) < 0.05
     numbers = rng.random(400)
     assert 0.9 < _explained(numbers.tolist(), numbers.tolist()) <= 1
-    assert knee([(0, 10), (1, 2), (2, 1), (3, 0)], [type("P", (), {"x": x}) for x in range(4)]) == 1
-    assert knee([(0, 3), (1, 2), (2, 1), (3, 0)], [type("P", (), {"x": x}) for x in range(4)]) is None
+    bent, straight = (
+        [Point(x, y, y, y, (), 0) for x, y in enumerate(falling)] for falling in ((9, 1, 0.5, 0), (3, 2, 1, 0))
+    )
+    nothing = Point(-1.0, None, None, None, (), 1)
+    assert knee([nothing, *bent]) == 2
+    assert knee(straight) is None
 
 
 def test_the_report_holds_everything_and_names_no_other_place(limits):

@@ -10,8 +10,7 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import KeywordError, PlannerError
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.comparison import compare_routes
-from driftplan.planning.pareto import knee, non_dominated
+from driftplan.planning.comparison import compare_routes, knee, non_dominated
 from driftplan.planning.request import DriftLimit, Planner
 from driftplan.world.world import World
 

@@ -10,7 +10,7 @@ from matplotlib.patches import Circle
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.pareto import knee, pareto_routes
+from driftplan.planning.comparison import knee, pareto_routes
 from driftplan.planning.request import Planner
 from driftplan.planning.routes import plan_route
 from driftplan.report.figures.maps import plot_beacons

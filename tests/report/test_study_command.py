@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from driftplan import load_beacons
-from driftplan.layouts.study.schema import study_schema
+from driftplan.layouts.study.study import study_schema
 
 STUDY = {
     "routes": [[[0, 0], [60, 0]], [[0, 5], [60, 5], [60, 20]]],

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from driftplan.arrays import is_number
 from driftplan.layouts.study.run import StudyResult
 from driftplan.layouts.study.study import Values
 from driftplan.layouts.study.work import DONE, FAILED, INFEASIBLE, OUT_OF_TIME, Row
@@ -71,7 +72,7 @@ def answers_of(result: StudyResult) -> Answers:
     limited = any("beacons" in row for row in done) and "limit_m" in {*result.study.scenario, *result.study.vary}
     measure = "beacons" if limited else "worst_drift_m"
     varied = {key: list(dict.fromkeys(row[key] for row in rows)) for key in result.study.vary}
-    numeric = [key for key, found in varied.items() if key != "seed" and len(found) > 1 and all(map(_is_number, found))]
+    numeric = [key for key, found in varied.items() if key != "seed" and len(found) > 1 and all(map(is_number, found))]
     along = "limit_m" if "limit_m" in numeric else next(iter(numeric), "")
     lines = [key for key, found in varied.items() if key not in (along, "seed") and len(found) <= _MOST_LINES_OF]
     groups: dict[tuple[Any, ...], list[Row]] = {}
@@ -92,15 +93,10 @@ def answers_of(result: StudyResult) -> Answers:
     )  # fmt: skip
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
-
-
 def _curve(values: Values, rows: Sequence[Row], along: str, measure: str) -> Curve:
     x = np.array([row[along] for row in rows], dtype=float)
-    place = (
-        np.unique(x, return_inverse=True)[1] if len(set(x.tolist())) <= _MOST_PLACES else _binned(x, _MOST_PLACES // 2)
-    )
+    few = len(set(x.tolist())) <= _MOST_PLACES
+    place = np.unique(x, return_inverse=True)[1] if few else _binned(x, _MOST_PLACES // 2)
     points = []
     for k in np.unique(place).tolist():
         here = [row for row, p in zip(rows, place.tolist(), strict=True) if p == k]
@@ -109,19 +105,18 @@ def _curve(values: Values, rows: Sequence[Row], along: str, measure: str) -> Cur
         infeasible = sum(row["outcome"] == INFEASIBLE for row in here)
         cells = tuple(row["cell"] for row in here)
         points.append(Point(float(x[place == k].mean()), low, middle, high, cells, infeasible))
-    return Curve(values, tuple(points), knee([(p.x, p.middle) for p in points if p.middle is not None], points))
+    return Curve(values, tuple(points), knee(points))
 
 
-def knee(places: Sequence[tuple[float, float]], points: Sequence[Point]) -> int | None:
-    """The position among ``points`` of the knee of a falling curve through ``places``."""
-    if len(places) < 3:
+def knee(points: Sequence[Point]) -> int | None:
+    """The position of the knee of a falling curve through the points that have a middle."""
+    places = [(k, p.x, p.middle) for k, p in enumerate(points) if p.middle is not None]
+    if len(places) < 3 or places[0][2] <= places[-1][2]:
         return None
-    x, y = np.array(places).T
-    if y[0] <= y[-1]:
-        return None
+    at, x, y = np.array(places).T
     below = (x[-1] - x) / (x[-1] - x[0]) - (y - y[-1]) / (y[0] - y[-1])
     best = int(np.argmax(below))
-    return [p.x for p in points].index(x[best]) if below[best] > _FLAT else None
+    return int(at[best]) if below[best] > _FLAT else None
 
 
 def _binned(values: np.ndarray[Any, Any], bins: int) -> np.ndarray[Any, Any]:
@@ -136,7 +131,7 @@ def _explained(levels: Sequence[Any], values: Sequence[float]) -> float:
     y = np.array(values, dtype=float)
     if len(y) < 2 or np.ptp(y) == 0:
         return 0.0
-    if len(set(levels)) > _BINS and all(map(_is_number, levels)):
+    if len(set(levels)) > _BINS and all(map(is_number, levels)):
         level = _binned(np.array(levels, dtype=float), _BINS)
     else:
         level = np.unique([str(one) for one in levels], return_inverse=True)[1]

@@ -18,7 +18,7 @@ from typing import IO, Any
 
 from driftplan.errors import DriftplanError
 from driftplan.layouts.study.inputs import CellTask, digest
-from driftplan.layouts.study.work import FAILED, Row, Workshop, routes_key, row_of
+from driftplan.layouts.study.work import FAILED, Row, Workshop, routes_key, row_of, work_until_closed
 
 Done = Iterator[tuple[CellTask, Row]]
 _PATIENCE, _GRACE_S = 2.0, 60.0  # times a cell's limit, and then so many seconds, before its worker is ended
@@ -123,7 +123,7 @@ class Child:
         paths = [str(Path(__file__).parents[3]), *filter(None, [os.environ.get("PYTHONPATH")])]
         one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "driftplan.layouts.study.worker", *map(str, descriptors)],
+            [sys.executable, "-c", f"from {work_until_closed.__module__} import *; work_until_closed{descriptors}"],
             pass_fds=descriptors,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache, partial
 from math import radians
 from pathlib import Path
@@ -29,9 +29,10 @@ from driftplan.world.noise_files import load_noise
 from driftplan.world.route_files import read_path
 from driftplan.world.route_graphs import load_graph
 
-_MAP = ("map", "robot_radius_m", "unknown_is_free", "cell_size_m", "level", "keepout", "zones")
-_TRIPS = ("routes", "trips", "graph")
-_SITES = ("beacon", "sites", "existing")
+_SECTIONS = (  # of a scenario: what is said of it, and its keys
+    ("map", ("map", "robot_radius_m", "unknown_is_free", "cell_size_m", "level", "keepout", "zones")),
+    ("noise", ("noise",)), ("trips", ("routes", "trips", "graph")), ("sites", ("beacon", "sites", "existing")),
+)  # fmt: skip
 _SHOWING = ("report", "page", "literature")  # parts of driftplan on which no row depends
 _SPREAD = ("heading_deg", "distance_m", "after_m", "heading_deg_per_full_turn")  # of `OdometryNoise.from_std`
 _PLAIN: Values = {  # keys whose values a task holds as they are, and what they are unless said
@@ -111,16 +112,14 @@ class Inputs:
         StudyError : if something named cannot be read or makes no sense
         """
         scenario = cell.scenario
-        parts = (
-            self._digest("map", _MAP, scenario, self._world),
-            self._digest("noise", ("noise",), scenario, self._noise),
-            self._digest("trips", _TRIPS, scenario, self._trips),
-            self._digest("sites", _SITES, scenario, self._sites),
-        )
+        makers = self._world, self._noise, self._trips, self._sites
+        parts = tuple(self._digest(*section, scenario, make) for section, make in zip(_SECTIONS, makers, strict=True))
         plain = {key: scenario.get(key, default) for key, default in _PLAIN.items()}
         self._check(scenario, plain)
         text = json.dumps([sources_digest(), parts, plain], sort_keys=True)
-        return CellTask(cell.number, hashlib.sha256(text.encode()).hexdigest()[:32], *parts, plain)
+        world, noise, trips, sites = parts
+        key = hashlib.sha256(text.encode()).hexdigest()[:32]
+        return CellTask(cell.number, key, world, noise, trips, sites, plain)
 
     def _digest(self, section: str, keys: tuple[str, ...], scenario: Values, make: Callable[[Values], Any]) -> str:
         part = {key: scenario[key] for key in keys if key in scenario}
@@ -128,9 +127,9 @@ class Inputs:
         if text not in self._known:
             try:
                 value = make(part)
+            except StudyError:
+                raise
             except (DriftplanError, ValueError, TypeError, OSError) as err:
-                if isinstance(err, StudyError):
-                    raise
                 self.study.place_of(next(iter(part), section)).refuse(str(err))
             self._known[text] = digest(value)
             self.shared[self._known[text]] = value
@@ -138,17 +137,16 @@ class Inputs:
 
     def _check(self, scenario: Values, plain: Values) -> None:
         """Combinations that would mean nothing."""
-        refuse = self.study.place_of
+        place = self.study.place_of
         wanted = [key for key in ("limit_m", "max_beacons", "budget") if plain[key] is not None]
         if wanted and "beacon" not in scenario and "file" not in scenario.get("sites", {}):
-            refuse(wanted[0]).refuse("expected the key beacon: what may be placed")
+            place(wanted[0]).refuse("expected the key beacon: what may be placed")
         for key in ("beacon", "sites"):
             if not wanted and key in scenario:
-                refuse(key).refuse("expected limit_m, max_beacons or budget too: without one nothing is placed")
+                place(key).refuse("expected limit_m, max_beacons or budget too: without one nothing is placed")
         if plain["estimator"] == "filter" and plain["confidence"] is not None:
-            refuse("confidence").refuse(
-                "expected confidence only for estimator reset: with a filter limits are on the rms"
-            )
+            why = "expected confidence only for estimator reset: with a filter limits are on the rms"
+            place("confidence").refuse(why)
         DriftLimit(plain["limit_m"], plain["redundancy"], plain["confidence"])
 
     # The sections
@@ -161,40 +159,32 @@ class Inputs:
             if scenario:
                 raise ValueError("expected the key map too")
             return None
-        name, own = scenario["map"], ("map", "robot_radius_m")
-        options = {key: value for key, value in scenario.items() if key not in own}
+        name = scenario["map"]
+        options: Values = {key: self._file(value) for key, value in scenario.items() if key in ("keepout", "zones")}
+        options = {**{key: value for key, value in scenario.items() if key != "map"}, **options}
         path = bundled_map(name) if name in bundled_maps() else self._file(name)
-        for key in ("keepout", "zones"):
-            if key in options:
-                options[key] = self._file(options[key])
-        return load_world(path, robot_radius=scenario.get("robot_radius_m", 0.3), **options)
+        return load_world(path, robot_radius=options.pop("robot_radius_m", 0.3), **options)
 
     def _noise(self, scenario: Values) -> OdometryNoise:
         held = scenario.get("noise")
         if held is None:
-            raise ValueError(
-                "expected the key noise: a file, a preset, or spreads such as {heading_deg: 2, after_m: 10}"
-            )
-        if isinstance(held, str):
-            held = {"from": held}
+            ways = "a file, a preset, or spreads such as {heading_deg: 2, after_m: 10}"
+            raise ValueError(f"expected the key noise: {ways}")
+        held = {"from": held} if isinstance(held, str) else held
         spread = {key: value for key, value in held.items() if key in _SPREAD}
         rates = {key: value for key, value in held.items() if key not in (*_SPREAD, "from")}
-        if "from" in held:
-            if spread:
-                raise ValueError(f"expected rates beside from, got {next(iter(spread))}")
-            kept = self._kept_noise(held["from"])
-            return OdometryNoise(**{**{f.name: getattr(kept, f.name) for f in fields(kept)}, **rates})
-        if not spread:
-            return OdometryNoise(**rates)
-        straight = OdometryNoise.from_std(**{"heading_deg": 0.0, "distance_m": 0.0, "after_m": 10.0, **spread})
-        return OdometryNoise(**{**{f.name: getattr(straight, f.name) for f in fields(straight)}, **rates})
-
-    def _kept_noise(self, name: str) -> OdometryNoise:
+        noise, name = OdometryNoise(), str(held.get("from", ""))
+        if name and spread:
+            raise ValueError(f"expected rates beside from, got {next(iter(spread))}")
         if name in PRESETS:
-            return PRESETS[name].noise
-        if not self._file(name).exists():
-            raise ValueError(f"expected a noise file or a preset, one of {', '.join(PRESETS)}; got {name!r}")
-        return load_noise(self._file(name))
+            noise = PRESETS[name].noise
+        elif name:
+            if not self._file(name).exists():
+                raise ValueError(f"expected a noise file or a preset, one of {', '.join(PRESETS)}; got {name!r}")
+            noise = load_noise(self._file(name))
+        elif spread:
+            noise = OdometryNoise.from_std(**{"heading_deg": 0.0, "distance_m": 0.0, "after_m": 10.0, **spread})
+        return replace(noise, **rates)
 
     def _trips(self, scenario: Values) -> Trips:
         routes, trips = scenario.get("routes", []), scenario.get("trips", [])
@@ -237,11 +227,9 @@ class Inputs:
 
 
 def _kind(kind: Values) -> BeaconKind:
-    options = {
-        key.removesuffix("_deg") if key.endswith("_std_deg") else key: radians(v) if key.endswith("_std_deg") else v
-        for key, v in kind.items()
-    }
-    made: BeaconKind = getattr(BeaconKind, str(options.pop("kind")))(**options)
+    stds = {key.removesuffix("_deg"): radians(v) for key, v in kind.items() if key.endswith("_std_deg")}
+    options = {key: v for key, v in kind.items() if key != "kind" and not key.endswith("_std_deg")} | stds
+    made: BeaconKind = getattr(BeaconKind, kind["kind"])(**options)
     return made
 
 

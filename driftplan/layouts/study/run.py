@@ -1,20 +1,28 @@
-"""run_study: the cells of a study that are not done yet, done anywhere; and the table of all of them."""
+"""run_study: the cells of a study that are not done yet, done anywhere; and the table of all of them.
+
+Its results are a file with a line of JSON per cell, appended as cells are done. A line that was being written when the
+process was killed is the last, has no end, and is cut off by who opens the file next.
+"""
 
 from __future__ import annotations
 
+import fcntl
+import json
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any, Literal
 
 from driftplan.arrays import whole
 from driftplan.beacons.beacon import Beacon
+from driftplan.errors import StudyError
 from driftplan.layouts.study.executors import Done, here, in_processes, on_cluster
 from driftplan.layouts.study.inputs import CellTask, Inputs
-from driftplan.layouts.study.results import appending, read_rows
 from driftplan.layouts.study.study import Cell, Study
 from driftplan.layouts.study.work import DONE, FAILED, OUT_OF_TIME, Row, Workshop
 from driftplan.tables import Tabular
@@ -121,15 +129,14 @@ def run_study(
     """
     asked = planned_study(study, results)
     path = results_file(asked.study, results)
-    with appending(path) as file:
+    with appending(path) as append:
         rows = read_rows(path) if path else {}
         again = (FAILED, OUT_OF_TIME) if retry else ()
         todo = {t.key: t for t in asked.tasks if t.key not in rows or rows[t.key]["outcome"] in again}
         done = _executed(executor, workers, asked.inputs.shared, list(todo.values()))
         began = time.monotonic()
         for count, (task, row) in enumerate(done, start=1):
-            if file is not None:
-                file.append(row)
+            append(row)
             rows[task.key] = row
             if progress is not None:
                 left = (time.monotonic() - began) / count * (len(todo) - count)
@@ -168,3 +175,62 @@ def _executed(executor: Any, workers: int | None, shared: Mapping[str, Any], tas
         return here(shared, tasks)
     count = os.cpu_count() or 1 if workers is None else whole("workers", workers, least=1)
     return in_processes(shared, tasks, min(count, len(tasks)))
+
+
+# The file of results
+
+
+def read_rows(path: Path) -> dict[str, Row]:
+    """The last row of every key; none without a file.
+
+    Raises
+    ------
+    StudyError : if a line but the last is no row: it names the line
+    """
+    if not path.exists():
+        return {}
+    rows: dict[str, Row] = {}
+    with path.open("rb") as file:
+        for number, line in enumerate(file, start=1):
+            if not line.endswith(b"\n"):  # being written, or cut off
+                break
+            try:
+                row = json.loads(line)
+                rows[row["key"]] = row
+            except (ValueError, KeyError, TypeError):
+                where = f"{path}, line {number}"
+                raise StudyError(f"{where}: expected a row of a study's results, got {line[:60]!r}") from None
+    return rows
+
+
+@contextmanager
+def appending(path: Path | None) -> Iterator[Callable[[Row], None]]:
+    """What appends rows to a file, if there is one, for one process at a time.
+
+    Raises
+    ------
+    StudyError : if another process is adding to it
+    """
+    if path is None:
+        yield lambda row: None
+        return
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise StudyError(f"{path}: another run is adding to these results: wait for it or end it") from None
+        if os.fstat(descriptor).st_size:
+            with mmap(descriptor, 0, access=ACCESS_READ) as content:
+                whole_lines = content.rfind(b"\n") + 1
+            os.ftruncate(descriptor, whole_lines)
+
+        def append(row: Row) -> None:
+            """In one write: once this returns, killing the process does not lose it."""
+            line = json.dumps(row, allow_nan=False, separators=(",", ":")).encode() + b"\n"
+            if os.write(descriptor, line) != len(line):
+                raise OSError("a row could not be written whole: is the disk full?")
+
+        yield append
+    finally:
+        os.close(descriptor)

@@ -1,4 +1,5 @@
-"""Study: a scenario, what of it is varied, and the cells that makes; from a YAML file or a mapping."""
+"""Study: a scenario, what of it is varied, and the cells that makes; from a YAML file or a mapping. What these may say
+is a JSON schema (`schema.yaml`): what editors are told is what `driftplan.world.schema` checks."""
 
 from __future__ import annotations
 
@@ -6,6 +7,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from math import prod
 from pathlib import Path
@@ -15,9 +17,8 @@ import numpy as np
 
 from driftplan.arrays import bounded
 from driftplan.errors import StudyError
-from driftplan.layouts.study.schema import study_schema
 from driftplan.world.plain_data import read_yaml
-from driftplan.world.schema import Place, check
+from driftplan.world.schema import Place, Schema, check, referred
 
 Values = dict[str, Any]
 _MAX_CELLS, _MAX_BYTES = 1_000_000, 1 << 20
@@ -214,3 +215,53 @@ def _label(value: Any, number: int) -> str:
             f"{key} {item:g}" if isinstance(item, float) else f"{key} {item}" for key, item in value.items()
         )
     return f"{number}"
+
+
+# The schema
+
+
+@cache
+def study_schema() -> Values:
+    """The schema of a study file."""
+    known = _file()["properties"]
+    varied = {path: _varied(kind) for path, kind in _paths(known) if path not in ("title", "design")}
+    return {**_file(), "properties": {**known, "vary": _keys("what differs from cell to cell", varied)}}
+
+
+@cache
+def _file() -> Values:
+    held: Values = read_yaml(Path(__file__).with_name("schema.yaml"), StudyError, max_bytes=_MAX_BYTES)
+    return held
+
+
+def _paths(known: Mapping[str, Schema]) -> Iterator[tuple[str, Schema]]:
+    """The keys of a scenario, ``noise.heading_deg`` for one inside another, and what they may be."""
+    for name, kind in known.items():
+        yield name, kind
+        for one in kind.get("anyOf", [kind]):
+            inside = referred(one, _file()["$defs"]).get("properties", {})
+            yield from ((f"{name}.{part}", inner) for part, inner in inside.items())
+
+
+def _varied(kind: Schema) -> Schema:
+    """The values of a key: a list, a range of numbers, or values by names of the user's own."""
+    ways: list[Schema] = [{"description": "these values", "type": "array", "items": kind, "minItems": 1}]
+    if kind.get("type") in ("number", "integer"):
+        numbers = {"from": "the first value", "to": "the last value"}
+        whole: Schema = {"type": "integer", "minimum": 2}
+        step: Schema = {"type": "number", "exclusiveMinimum": 0}
+        ends = {name: {**kind, "description": description} for name, description in numbers.items()}
+        how: dict[str, Schema] = {
+            "count": {"description": "how many values", **whole},
+            "step": {"description": "between values", **step},
+            "log": {"description": "equal ratios, not differences", "type": "boolean"},
+        }
+        ways.append({**_keys("a range", {**ends, **how}), "required": list(ends)})
+    else:
+        named = {"description": "values by names of your own", "type": "object", "properties": {}, "minProperties": 1}
+        ways.append({**named, "additionalProperties": kind})
+    return {"description": kind["description"], "anyOf": ways}
+
+
+def _keys(description: str, properties: Mapping[str, Schema]) -> Values:
+    return {"description": description, "type": "object", "properties": properties, "additionalProperties": False}

@@ -1,11 +1,17 @@
-"""A cell's work: from a task and what it shares with others to a row. Every worker keeps the routes it has planned."""
+"""A cell's work: from a task and what it shares with others to a row, in this process or in one that does only that.
+Every worker keeps the routes it has planned."""
 
 from __future__ import annotations
 
+import os
+import pickle
 import time
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from threading import Lock
+from mmap import ACCESS_READ, mmap
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
+from threading import Lock, Thread
 from typing import Any
 
 import numpy as np
@@ -207,3 +213,25 @@ def _simulated(scenario: Scenario, beacons: tuple[Beacon, ...], drives: int, see
         "z_route": worst,
         "ends": [[*pair, z] for pair, z in zip(rms, zs, strict=True)],
     }
+
+
+# In a process of its own
+
+
+def work_until_closed(descriptor: int, shared: int) -> None:
+    """Read the shared inputs from a file, and tasks from a pipe until its other end is closed; write rows into it."""
+    link, inbox = Connection(descriptor), SimpleQueue[Any]()
+
+    def listen() -> None:
+        """Take what comes; when the other end is gone so is the reason to go on, in the middle of a cell too."""
+        while True:
+            try:
+                inbox.put(link.recv())
+            except (EOFError, OSError):
+                os._exit(0)
+
+    Thread(target=listen, daemon=True).start()
+    with mmap(shared, 0, access=ACCESS_READ) as content:
+        workshop = Workshop(pickle.loads(content))
+    while True:
+        link.send(workshop.row(inbox.get()))

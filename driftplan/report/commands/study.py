@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> Answer:
     from driftplan.layouts.study.run import planned_study, run_study
 
     if args.action == "schema":
-        from driftplan.layouts.study.schema import study_schema
+        from driftplan.layouts.study.study import study_schema
 
         return Answer(payload=study_schema, text=lambda: json_text(study_schema()))
     if args.study is None:

@@ -188,7 +188,7 @@ def plot_pareto(world: World, routes: Sequence[Route], *, figure: Figure | None 
 
     Parameters
     ----------
-    routes : as `driftplan.planning.pareto.pareto_routes` returns them
+    routes : as `driftplan.planning.comparison.pareto_routes` returns them
 
     >>> from driftplan import OdometryNoise, World, plan_route
     >>> hall = World.from_polygons([], bounds=(0, 0, 30, 9), robot_radius=0.5)
@@ -196,7 +196,7 @@ def plot_pareto(world: World, routes: Sequence[Route], *, figure: Figure | None 
     >>> plot_pareto(hall, [route]).axes[1].get_xlabel()
     'length (m)'
     """
-    from driftplan.planning.pareto import knee
+    from driftplan.planning.comparison import knee
 
     best = knee(routes)
     figure, on_map, on_curve = style.map_and_curve(figure, world.bounds)
