@@ -22,8 +22,8 @@ from driftplan.world.building_map import building_marks
 from driftplan.world.dxf_map import read_dxf_marks
 from driftplan.world.formats import Format, Mark, format_of, own_options
 from driftplan.world.geojson_map import feature_collection, read_features
-from driftplan.world.lif import read_lif
 from driftplan.world.plain_data import MAX_YAML_BYTES, read_yaml
+from driftplan.world.route_graphs import lif_marks
 
 
 def tags_yaml(beacons: Sequence[Beacon], *, size_m: float, frame: str = "map") -> bytes:
@@ -217,7 +217,7 @@ def beacon_feature(beacon: Beacon, **more: Any) -> dict[str, Any]:
 
 FORMATS = (
     Format("Open-RMF", (".building.yaml",), building_marks, options=("level",)),
-    Format("LIF", (".lif", ".lif.json"), lambda path, **level: read_lif(path, **level).beacons, options=("level",)),
+    Format("LIF", (".lif", ".lif.json"), lif_marks, options=("level",)),
     Format("GeoJSON", (".geojson", ".json"), _read_geojson),
     Format("DXF", (".dxf",), read_dxf_marks),
     Format("apriltag_ros", (".yaml", ".yml"), read_tags_yaml),

@@ -15,8 +15,7 @@ from driftplan.files import write_files
 from driftplan.layouts.placement.drives import worst_drifts
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.drift import Drift
-from driftplan.page.document import page
-from driftplan.page.scene import scene_of
+from driftplan.page.scene import page, scene_of
 from driftplan.planning.status import Status
 from driftplan.tables import Rows, Tabular, decimals, digits, yes_no
 

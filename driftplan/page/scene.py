@@ -1,12 +1,19 @@
-"""A scene: a map, routes, odometry and beacons as JSON, which the page in the browser draws and computes with.
+"""A scene: a map, routes, odometry and beacons as JSON, which the page in the browser draws and computes with; and the
+page as one file that needs nothing else: it can be mailed, opened from a disk, and sends nothing anywhere.
 
 Lengths are metres, world frame; angles radians, but for names in ``_deg``. ``examples/guide/studio.md`` lists the keys.
 """
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import json
+import re
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
+from string import Template
 from typing import Any
 
 import shapely
@@ -20,6 +27,11 @@ from driftplan.world.world import World
 from driftplan.world.zones import Zone, noises_on
 
 Scene = dict[str, Any]
+_MODULES = (  # each after those that it imports
+    *("moments", "elements", "estimators", "passes", "drift", "calculator", "session", "files", "handover"),
+    *("colours", "dom", "map", "chart", "panel", "studio", "host"),
+)
+_IMPORT, _EXPORT = re.compile(r"^import [^;]*;\n", re.MULTILINE), re.compile(r"^export (?!default)", re.MULTILINE)
 _MAX_POSITIONS = 400_000  # of walls: 20 MB of JSON, and a second for a browser to draw
 
 
@@ -49,14 +61,13 @@ def scene_of(
     walls = [] if world is None else _polygons(world.opaque.area)
     if sum(len(ring) for rings in walls for ring in rings) > _MAX_POSITIONS:
         raise ValueError(f"expected walls of at most {_MAX_POSITIONS} positions on a page; simplify the map")
-    if world is None:
-        everything = shapely.multipoints([*(xy for path in routes for xy in path), *(b.xy for b in beacons)])
-        bounds = everything.buffer(1.0).bounds
-    else:
-        bounds = world.bounds
-    of_routes = zip(
-        routes, names or [f"route {k}" for k in range(len(routes))], limits or [None] * len(routes), strict=True
-    )
+    drawn = [*(xy for path in routes for xy in path), *(beacon.xy for beacon in beacons)]
+    bounds = shapely.multipoints(drawn).buffer(1.0).bounds if world is None else world.bounds
+    fix = start_fix and {k: getattr(start_fix, k) for k in ("position_cov", "heading_std", "detection_probability")}
+    if fix and fix["position_cov"] is not None:
+        fix["position_cov"] = fix["position_cov"].tolist()
+    named = names or [f"route {k}" for k in range(len(routes))]
+    of_routes = zip(routes, named, limits or [None] * len(routes), strict=True)
     return {
         "version": 1,
         "title": title,
@@ -68,7 +79,7 @@ def scene_of(
         "beacons": [*(beacon_said(one, existing=True) for one in existing), *map(beacon_said, beacons)],
         "sites": [],
         "estimator": estimator,
-        "start_fix": None if start_fix is None else _fix(start_fix),
+        "start_fix": fix,
         "notes": list(notes),
     }
 
@@ -102,7 +113,38 @@ def _rates(noise: OdometryNoise) -> dict[str, float]:
     return {key: value for key, value in asdict(noise).items() if value and isinstance(value, float)}
 
 
-def _fix(fix: Fix) -> dict[str, Any]:
-    cov = None if fix.position_cov is None else fix.position_cov.tolist()
-    chance = fix.detection_probability
-    return {"position_cov": cov, "heading_std": fix.heading_std, "detection_probability": chance}
+def script() -> str:
+    """The page's modules as one: their imports of each other are left out."""
+    return "\n".join(_EXPORT.sub("", _IMPORT.sub("", _file(f"{name}.js"))) for name in _MODULES)
+
+
+def style() -> str:
+    """The style sheet."""
+    return _file("studio.css")
+
+
+def page(scene: Scene, *, asks: bool = False, saves: bool = False) -> bytes:
+    """The page of a scene. It may ask nobody or, with ``asks``, the server that sent it, which may keep (``saves``)
+    what was edited.
+
+    Nothing of the scene is ever read as HTML: it stands there as JSON without a ``<``. The page's own rules
+    (Content-Security-Policy) let it run its own script only, and load nothing.
+    """
+    code = f"{script()}\nopen({json.dumps({'asks': asks, 'saves': saves})});\n"
+    filled = Template(_file("studio.html")).substitute(
+        script=code,
+        script_hash=_hash(code),
+        style=style(),
+        style_hash=_hash(style()),
+        connect="'self'" if asks else "'none'",
+        scene=json.dumps(scene, allow_nan=False).replace("<", "\\u003c"),
+    )
+    return filled.encode()
+
+
+def _file(name: str) -> str:
+    return Path(__file__).with_name(name).read_text(encoding="utf-8")
+
+
+def _hash(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

@@ -3,6 +3,10 @@
 In nav2's GeoJSON coordinates are metres of the map's frame, whatever ``crs`` the file names (nav2's own tools write
 EPSG:3857). An edge is straight from its start to its end node, as nav2 drives it, whatever its geometry says. A file is
 written back as it was read but for the metadata that were added to edges: ids, order, spaces and digits stay.
+
+LIF is the layout interchange format of VDMA (version 1.0.0, March 2024). What its JSON schema asks for is asked for
+here (`lif.yaml`), and nothing else. One layout is one level, named by its layoutId. Edges are taken as straight and for
+every type of vehicle; beacons are stations whose description begins with "beacon".
 """
 
 from __future__ import annotations
@@ -11,6 +15,8 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from math import degrees, pi, radians, remainder
 from pathlib import Path
 from reprlib import repr as short
 from typing import Any
@@ -24,11 +30,11 @@ from driftplan.files import VERSION, plain_numbers, read_bytes
 from driftplan.world.building_map import building_lanes
 from driftplan.world.formats import Format, Mark, format_of, own_options
 from driftplan.world.geojson_map import read_features
-from driftplan.world.lif import lif_bytes, read_lif
-from driftplan.world.plain_data import MAX_JSON_BYTES
+from driftplan.world.plain_data import MAX_JSON_BYTES, Place, check, read_json, read_yaml
 
 _SPACE = " \t\r\n"
 _LINES = ("LineString", "MultiLineString")
+_BEACON = "beacon"  # how descriptions of stations begin
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +131,47 @@ def _read_building(file: Path, level: str | None = None) -> RouteGraph:
     return RouteGraph.numbered(vertices, np.array(lanes))
 
 
+def _lif_layout(path: Path, level: str | None) -> dict[str, Any]:
+    """A layout, which must be named where there are several."""
+    held = read_json(path)
+    check(held, read_yaml(Path(__file__).with_name("lif.yaml"), MapError), Place(str(path), MapError))
+    version = held["metaInformation"]["lifVersion"]
+    if version.split(".")[0] not in ("0", "1"):
+        raise ValueError(f"expected lifVersion 1, got {short(version)}")
+    layouts: dict[str, dict[str, Any]] = {layout["layoutId"]: layout for layout in held["layouts"]}
+    if (level is None and len(layouts) != 1) or (level is not None and level not in layouts):
+        raise ValueError(f"expected level to be one of {', '.join(layouts)}, got {level!r}")
+    return layouts[next(iter(layouts)) if level is None else level]
+
+
 def _read_lif(file: Path, level: str | None = None) -> RouteGraph:
-    layout = read_lif(file, level)
-    return RouteGraph(layout.nodes, layout.xy, layout.edges, layout.ends, notes=layout.notes)
+    layout = _lif_layout(file, level)
+    index = {node["nodeId"]: k for k, node in enumerate(layout["nodes"])}
+    if len(index) < len(layout["nodes"]):
+        raise ValueError("expected every nodeId once, got one twice")
+    xy = finite("nodePosition", [[node["nodePosition"][axis] for axis in "xy"] for node in layout["nodes"]])
+    ends = [(edge["startNodeId"], edge["endNodeId"]) for edge in layout["edges"]]
+    inside = [edge for edge, pair in zip(layout["edges"], ends, strict=True) if index.keys() >= {*pair}]
+    kinds = {kind["vehicleTypeId"] for edge in inside for kind in edge["vehicleTypeEdgeProperties"]}
+    curved = sum(any(kind.get("trajectory") for kind in edge["vehicleTypeEdgeProperties"]) for edge in inside)
+    said = {
+        f"{len(ends) - len(inside)} edges lead to other layouts, or to no node: passed over": len(inside) < len(ends),
+        f"{curved} edges have trajectories: taken as straight": curved > 0,
+        f"edges of {len(kinds)} types of vehicles are taken together": len(kinds) > 1,
+    }
+    edges = np.array([(index[edge["startNodeId"]], index[edge["endNodeId"]]) for edge in inside], dtype=int)
+    edge_ids, notes = tuple(edge["edgeId"] for edge in inside), (f"{file}: {note}" for note in said if said[note])
+    return RouteGraph(tuple(index), xy.reshape(-1, 2), edge_ids, edges.reshape(-1, 2), notes=tuple(notes))
+
+
+def lif_marks(file: Path, level: str | None = None) -> list[Mark]:
+    """The stations of a layout in LIF that are beacons, as `graph_lif` writes them."""
+    with naming(file, MapError):
+        return [
+            Mark(station["stationId"], at["x"], at["y"], degrees(at["theta"]) if "theta" in at else None)
+            for station in _lif_layout(file, level).get("stations") or []
+            if station.get("stationDescription", "").startswith(_BEACON) and (at := station.get("stationPosition"))
+        ]
 
 
 def _read_nav2(file: Path) -> RouteGraph:
@@ -167,7 +211,40 @@ def graph_lif(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = (), marks:
     1
     """
     _one_each(graph, added)
-    return lif_bytes(graph.xy, graph.edges, graph.node_ids, graph.edge_ids, added, marks)
+    vehicle = {"vehicleTypeId": "any"}
+    names = [str(name) for name in graph.node_ids]
+    edges: Sequence[Any] = graph.edge_ids
+    if len({*edges}) < len(edges):  # nav2 allows that
+        edges = range(len(edges))
+    driven = vehicle | {"vehicleOrientation": 0.0, "orientationType": "TANGENTIAL", "rotationAllowed": True}
+    layout: dict[str, Any] = {
+        "layoutId": "map",
+        "layoutVersion": "1",
+        "nodes": [
+            {"nodeId": name, "mapId": "map", "nodePosition": {"x": x, "y": y}, "vehicleTypeNodeProperties": [vehicle]}
+            for name, (x, y) in zip(names, graph.xy.tolist(), strict=True)
+        ],
+        "edges": [
+            {"edgeId": str(edge), "startNodeId": names[a], "endNodeId": names[b]}
+            | ({"edgeDescription": ", ".join(f"{key} {value}" for key, value in added[k].items())} if added else {})
+            | {"vehicleTypeEdgeProperties": [driven]}
+            for k, (edge, (a, b)) in enumerate(zip(edges, graph.edges.tolist(), strict=True))
+        ],
+        "stations": [
+            {
+                "stationId": mark.name,
+                "interactionNodeIds": [names[graph.nearest((mark.x, mark.y))]],
+                "stationDescription": _BEACON,
+                "stationPosition": {"x": mark.x, "y": mark.y}
+                | ({} if mark.facing_deg is None else {"theta": remainder(radians(mark.facing_deg), 2 * pi)}),
+            }
+            for mark in marks
+        ],
+    }
+    now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    about = {"projectIdentification": "driftplan", "creator": "driftplan", "exportTimestamp": now}
+    held = {"metaInformation": about | {"lifVersion": "1.0.0"}, "layouts": [layout]}
+    return (json.dumps(plain_numbers(held), indent=1) + "\n").encode()
 
 
 def graph_geojson(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = ()) -> bytes:

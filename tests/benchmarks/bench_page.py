@@ -18,8 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from driftplan import Beacon, BeaconKind, OdometryNoise, World, bundled_map, load_world, plan_route
-from driftplan.page.document import page
-from driftplan.page.scene import scene_of
+from driftplan.page.scene import page, scene_of
 from driftplan.report.studio.answers import Answers
 from tests.page.browser import Browser, chromium
 

@@ -24,7 +24,7 @@ from driftplan.layouts.study.inputs import Trips, digest
 from driftplan.layouts.study.run import appending, planned_study, read_rows
 from driftplan.layouts.study.study import Study, study_schema
 from driftplan.layouts.study.work import Workshop
-from driftplan.world.schema import Place, check
+from driftplan.world.plain_data import Place, check
 
 SAMPLE = Path(__file__).resolve().parents[2] / "driftplan/layouts/study/sample.yaml"
 TAG = {"kind": "landmark", "range_m": 2.0, "position_std_m": 0.05, "heading_std_deg": 0.5}

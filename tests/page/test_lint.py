@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from driftplan.page.document import _MODULES, script
+from driftplan.page.scene import _MODULES, script
 
 PAGE = Path(__file__).resolve().parents[2] / "driftplan/page"
 FILES = sorted(PAGE.glob("*.js"))

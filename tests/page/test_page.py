@@ -15,8 +15,7 @@ from driftplan import Beacon, BeaconKind, OdometryNoise, drift_with_beacons, loa
 from driftplan.beacons.beacon_files import beacons_geojson, fiducial_map, static_transforms, tags_yaml
 from driftplan.layouts.layout_files import layout_csv
 from driftplan.model.worst import worst_rms
-from driftplan.page.document import page, script
-from driftplan.page.scene import beacon_of, scene_of, zones_of
+from driftplan.page.scene import beacon_of, page, scene_of, script, zones_of
 
 STUDIO = "document.getElementById('studio').studio"
 

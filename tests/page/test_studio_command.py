@@ -17,8 +17,7 @@ import pytest
 from driftplan import Beacon, BeaconKind, Fix, InfeasibleError, drift_with_beacons, load_beacons, place_beacons
 from driftplan.beacons.beacon_files import beacons_geojson, fiducial_map, tags_yaml
 from driftplan.layouts.layout_files import InstallerRow, layout_building, layout_csv, layout_lif
-from driftplan.page.document import script
-from driftplan.page.scene import beacon_said, scene_of
+from driftplan.page.scene import beacon_said, scene_of, script
 from driftplan.report.cli import main
 from driftplan.report.studio.answers import Answers
 from driftplan.report.studio.server import StudioServer

@@ -1,5 +1,5 @@
 """Study: a scenario, what of it is varied, and the cells that makes; from a YAML file or a mapping. What these may say
-is a JSON schema (`schema.yaml`): what editors are told is what `driftplan.world.schema` checks."""
+is a JSON schema (`schema.yaml`): what editors are told is what `driftplan.world.plain_data` checks."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ import numpy as np
 
 from driftplan.arrays import bounded
 from driftplan.errors import StudyError
-from driftplan.world.plain_data import read_yaml
-from driftplan.world.schema import Place, Schema, check, referred
+from driftplan.world.plain_data import Place, Schema, check, read_yaml, referred
 
 Values = dict[str, Any]
 _MAX_CELLS, _MAX_BYTES = 1_000_000, 1 << 20

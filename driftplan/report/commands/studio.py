@@ -14,8 +14,7 @@ from driftplan.report.commands.option import Command, Group, Idle, Option, geojs
 def run(args: argparse.Namespace) -> Answer:
     """Serve the page until Ctrl-C, or write it."""
     from driftplan import load_beacons, read_path
-    from driftplan.page.document import page
-    from driftplan.page.scene import scene_of
+    from driftplan.page.scene import page, scene_of
     from driftplan.report.studio.answers import Answers
     from driftplan.report.studio.server import StudioServer
 

@@ -1,7 +1,6 @@
 """What stands behind the page of `driftplan.page` while Python runs.
 
-answers     what the page cannot compute: the fewest beacons, routes
-exchange    files that it does not read and write itself
+answers     what the page cannot compute: the fewest beacons, routes; files that it does not read and write itself
 server      the page on the loopback address
 widget      the page in a notebook
 """

@@ -7,8 +7,7 @@ import secrets
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from driftplan.page.document import page
-from driftplan.page.scene import Scene
+from driftplan.page.scene import Scene, page
 from driftplan.report.studio.answers import Answers
 
 _MAX_BYTES = 64 << 20  # of a question
@@ -44,15 +43,13 @@ class _Requests(BaseHTTPRequestHandler):
         is_json = self.headers.get("Content-Type") == "application/json"  # a form of another site cannot send that
         size = self.headers.get("Content-Length", "")
         if not (self._is_ours(root) and is_json and size.isdecimal() and int(size) <= _MAX_BYTES):
-            self._send(404, "text/plain", b"nothing here")
-            return
+            return self._send(404, "text/plain", b"nothing here")
         try:
             question = json.loads(self.rfile.read(int(size)))
         except (ValueError, RecursionError):
-            self._send(400, "text/plain", b"expected JSON")
-            return
+            return self._send(400, "text/plain", b"expected JSON")
         self._send(200, "application/x-ndjson")
-        self._line(self.server.answers.answer(what, question, lambda news: self._line({"progress": news})))
+        return self._line(self.server.answers.answer(what, question, lambda news: self._line({"progress": news})))
 
     def _line(self, message: dict[str, Any]) -> None:
         self.wfile.write(json.dumps(message).encode() + b"\n")
@@ -65,11 +62,8 @@ class _Requests(BaseHTTPRequestHandler):
     def _send(self, status: int, kind: str, body: bytes = b"") -> None:
         """The answer, or the beginning of one that goes on until the connection ends (HTTP/1.0)."""
         self.send_response(status)
-        for name, value in (
-            ("Content-Type", kind),
-            ("Cache-Control", "no-store"),
-            ("X-Content-Type-Options", "nosniff"),
-        ):
+        headers = {"Content-Type": kind, "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
+        for name, value in headers.items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(body)

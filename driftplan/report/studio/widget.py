@@ -10,8 +10,7 @@ from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import waypoints_of
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator
-from driftplan.page.document import script, style
-from driftplan.page.scene import beacon_of, scene_of
+from driftplan.page.scene import beacon_of, scene_of, script, style
 from driftplan.report.studio.answers import Answers
 from driftplan.world.world import World
 
