@@ -148,12 +148,11 @@ def bracket(heading_std_end: ArrayLike) -> Floats:
     if not np.isfinite(std).all() or (std < 0).any():
         raise ValueError(f"expected heading_std_end >= 0 and finite, got {heading_std_end!r}")
     load = std**2 / 4
-    low, high = np.zeros_like(load), np.full_like(load, np.pi / 2)
-    for _ in range(60):  # bisection: x sin x - load cos x increases from 0 to π/2; 2⁻⁶⁰ is below the last digit
-        middle = 0.5 * (low + high)
-        above = middle * np.sin(middle) > load * np.cos(middle)
-        low, high = np.where(above, low, middle), np.where(above, middle, high)
-    return np.asarray(np.cos(low) ** 2)
+    x = np.sqrt(load / (1 + load * (4 / np.pi**2)))  # right where the load is small, and where it is large
+    for _ in range(6):  # Newton's method on x sin x - load cos x, which increases from 0 to π/2
+        rise = (1 + load) * np.sin(x) + x * np.cos(x)
+        x = np.clip(x - (x * np.sin(x) - load * np.cos(x)) / np.maximum(rise, 1e-300), 0.0, np.pi / 2)
+    return np.asarray(np.cos(x) ** 2)
 
 
 def _levers(

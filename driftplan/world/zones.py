@@ -128,6 +128,7 @@ class ZoneIndex:
     def __init__(self, zones: Sequence[Zone]) -> None:
         self.areas = tuple(PreparedArea(zone.polygon) for zone in zones)
         self._sides = np.concatenate([np.zeros((0, 2, 2)), *(zone.sides for zone in zones)])
+        self._side_m = np.abs(self._sides[:, 1] - self._sides[:, 0]).max(axis=1)
 
     @cached_property
     def boxes(self) -> ZoneBoxes:
@@ -137,6 +138,10 @@ class ZoneIndex:
     @cached_property
     def _tree(self) -> shapely.STRtree:
         return shapely.STRtree(shapely.linestrings(self._sides))
+
+    @cached_property
+    def _share_m(self) -> float:
+        return _SHARE_SIDES * float(np.median(self._side_m))
 
     def at(self, xy: Floats) -> Ints:
         """Index of the zone that holds at each of the points (..., 2): the last of those it is in; -1 outside all."""
@@ -179,10 +184,9 @@ class ZoneIndex:
             at, crossed = _crossing(a[:, None], along[:, None], begin, side)
             which, k = np.nonzero(crossed)
             return which, at[which, k]
-        near = _PAST_CORNER * float(np.abs(side).max())
+        near = _PAST_CORNER * float(self._side_m.max())
         # The box of a long segment meets many sides far from it; those of its shares do not.
-        share_m = _SHARE_SIDES * float(np.median(np.abs(side).max(axis=1)))
-        shares = np.ceil(np.abs(along).max(axis=1) / share_m).clip(1, _MOST_SHARES).astype(int)
+        shares = np.ceil(np.abs(along).max(axis=1) / self._share_m).clip(1, _MOST_SHARES).astype(int)
         whole = np.repeat(np.arange(len(a)), shares)
         step = (along / shares[:, None])[whole]
         begun = a[whole] + (np.arange(len(whole)) - np.repeat(np.cumsum(shares) - shares, shares))[:, None] * step

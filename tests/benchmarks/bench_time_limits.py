@@ -1,17 +1,19 @@
-"""How well `plan_route` keeps its time limit: on every map at hand, in the first call on a world and in a later one.
+"""How well `plan_route` keeps its time limit: on every map at hand, in the first call of a process and in a later one.
 
-Its clock is replaced by the processor time of this process, so that other load counts little. What is printed is the
-greatest overrun of any trip, in seconds; a limit is kept where that is at most 20 % of it and 0.1 s.
+Its clock is replaced by the processor time of the process. Other load adds to that too, so each trip is made in three
+processes, of which the best counts. What is printed is the greatest overrun of any trip, in seconds; a limit is kept
+where that is at most 20 % of it and 0.1 s.
 
     python -m tests.benchmarks time_limits
 """
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -40,6 +42,8 @@ OUTSIDE = {
 }
 LIMITS_S = tuple(map(float, os.environ.get("BENCH_LIMITS", "0.05 0.3 1 3").split()))
 TRIPS = 3  # one only where the limit is a second or more
+TRIED = 3
+PROCESSES = multiprocessing.get_context("fork")
 ASKED: dict[str, dict[str, Any]] = {
     "roadmap": {},
     "roadmap, max_detour": {"max_detour": 1.1},
@@ -74,32 +78,47 @@ def trips_on(world: World, count: int, seed: int = 0) -> np.ndarray:
 
 
 def overruns(world: World, asked: dict[str, Any], limit_s: float) -> tuple[float, float]:
-    """Greatest overrun, seconds: of the first call on a world, and of a later one."""
-    first, later = [], []
-    for k, trip in enumerate(trips_on(world, TRIPS if limit_s < 1 else 1)):
-        fresh = replace(world)  # derives everything again
-        for spent, (start, goal) in ((first, trip), (later, trip[::-1])):
+    """Greatest overrun of any trip, seconds: of the first call in a process and on a world, and of a later one."""
+    trips = enumerate(trips_on(world, TRIPS if limit_s < 1 else 1))
+    tried = [[in_a_process(overrun, world, asked, limit_s, trip, k) for _ in range(TRIED)] for k, trip in trips]
+    first, later = np.min(tried, axis=1).max(axis=0)
+    return float(first), float(later)
+
+
+def overrun(world: World, asked: dict[str, Any], limit_s: float, trip: np.ndarray, seed: int) -> tuple[float, float]:
+    """Of the way there, which derives all of the world again, and of the way back."""
+    fresh, spent = replace(world), []
+    with patch.object(time, "monotonic", time.process_time), patch.object(time, "perf_counter", time.process_time):
+        for start, goal in (trip, trip[::-1]):
             began = time.process_time()
             with suppress(NoPathError):  # of OMPL's planners, within so little time
-                plan_route(fresh, start, goal, NOISE, time_limit=limit_s, seed=k, **asked)
+                plan_route(fresh, start, goal, NOISE, time_limit=limit_s, seed=seed, **asked)
             spent.append(time.process_time() - began - limit_s)
-    return max(first), max(later)
+    return spent[0], spent[1]
+
+
+def in_a_process(function: Callable[..., Any], *args: Any) -> Any:
+    """The value of a function called in a process of its own, in which nothing has been planned yet."""
+    receive, send = PROCESSES.Pipe(duplex=False)
+    process = PROCESSES.Process(target=lambda: send.send(function(*args)))
+    process.start()
+    value = receive.recv()
+    process.join()
+    return value
 
 
 def main() -> None:
-    with patch.object(time, "monotonic", time.process_time), patch.object(time, "perf_counter", time.process_time):
-        for planner, asked in ASKED.items():
-            plan_route(zoned(1), (2, 2), (8, 2), NOISE, time_limit=1.0, **asked)  # imports
-            for name, world in (*maps(), ("1000 zones", zoned(1000)), ("5000 x 5000", bench_trips.load())):
-                said = []
-                for limit in LIMITS_S:
-                    worst = overruns(world, asked, limit)
-                    allowed = 0.2 * limit + 0.1
-                    said.append(
-                        f"{limit:g} s: " + " / ".join(f"{over:+.2f}{'' if over <= allowed else ' !'}" for over in worst)
-                    )
-                print(f"{planner:20} {name:12} " + "   ".join(said))
-                sys.stdout.flush()
+    for planner in os.environ.get("BENCH_PLANNERS", ",".join(ASKED)).split(","):
+        for name, world in (*maps(), ("1000 zones", zoned(1000)), ("5000 x 5000", bench_trips.load())):
+            said = []
+            for limit in LIMITS_S:
+                worst = overruns(world, ASKED[planner], limit)
+                allowed = 0.2 * limit + 0.1
+                said.append(
+                    f"{limit:g} s: " + " / ".join(f"{over:+.2f}{'' if over <= allowed else ' !'}" for over in worst)
+                )
+            print(f"{planner:20} {name:12} " + "   ".join(said))
+            sys.stdout.flush()
 
 
 if __name__ == "__main__":

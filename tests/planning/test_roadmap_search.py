@@ -78,6 +78,14 @@ def test_more_batches_never_cost_more(minimise):
     assert costs == sorted(costs, reverse=True)
 
 
+def test_when_it_is_late_a_search_that_has_a_path_begins_nothing():
+    search = searched(ROOM, ACROSS, NOISE, batches=1)
+    nodes, path = search.roadmap.xy, search.path
+    search.grow(lambda: True)
+    assert search.roadmap.xy is nodes
+    assert search.path is path
+
+
 def test_the_same_seed_gives_the_same_path_and_another_seed_one_as_good():
     one, again, other = (searched(ROOM, ACROSS, NOISE, batches=2, seed=s) for s in (1, 1, 2))
     np.testing.assert_array_equal(one.path, again.path)

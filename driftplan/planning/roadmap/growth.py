@@ -71,6 +71,8 @@ class RoadmapSearch:
     def grow(self, stop: Callable[[], bool] = lambda: False) -> None:
         """Add a batch of nodes, search, polish. ``stop`` cuts it short; what has been added by then is searched only
         while there is no path: so a longer search comes by all that a shorter one does, in the same order."""
+        if stop() and self.path is not None:
+            return
         if len(self.roadmap.xy) > _MOST_NODES:
             self._renew()
         roadmap = self.roadmap
