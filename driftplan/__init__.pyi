@@ -37,11 +37,11 @@ from .layouts.layout_files import layout_html as layout_html
 from .layouts.layout_files import layout_lif as layout_lif
 from .layouts.place import beacon_tradeoff as beacon_tradeoff
 from .layouts.place import place_beacons as place_beacons
-from .layouts.sites import SiteGroup as SiteGroup
-from .layouts.sites import Sites as Sites
-from .layouts.sites import grid_sites as grid_sites
-from .layouts.sites import route_sites as route_sites
-from .layouts.sites import wall_sites as wall_sites
+from .layouts.scenario import SiteGroup as SiteGroup
+from .layouts.scenario import Sites as Sites
+from .layouts.scenario import grid_sites as grid_sites
+from .layouts.scenario import route_sites as route_sites
+from .layouts.scenario import wall_sites as wall_sites
 from .layouts.study.run import StudyResult as StudyResult
 from .layouts.study.run import run_study as run_study
 from .model.calibration.fit import NoiseFit as NoiseFit
@@ -80,8 +80,8 @@ from .planning.many_routes import plan_routes as plan_routes
 from .planning.ompl.collision import use_world as use_world
 from .planning.ompl.convergence import CostConvergence as CostConvergence
 from .planning.ompl.objective import DriftObjective as DriftObjective
+from .planning.ompl.paths import polish_ompl_path as polish_ompl_path
 from .planning.ompl.paths import predict_ompl_path as predict_ompl_path
-from .planning.ompl.polish import polish_ompl_path as polish_ompl_path
 from .planning.ompl.roadmap_planner import RoadmapPlanner as RoadmapPlanner
 from .planning.request import DriftLimit as DriftLimit
 from .planning.request import Planner as Planner

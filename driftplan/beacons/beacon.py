@@ -150,8 +150,6 @@ class Beacon:
     facing_deg: float | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.kind, BeaconKind):
-            raise ValueError(f"expected kind to be a BeaconKind, got {self.kind!r}")
         if self.facing_deg is not None:
             object.__setattr__(self, "facing_deg", number("facing_deg", self.facing_deg))
         elif self.kind.view_angle_deg < 360:

@@ -146,10 +146,7 @@ class BeaconColumns(NamedTuple):
 
     @classmethod
     def of(cls, beacons: Sequence[Beacon]) -> BeaconColumns:
-        """The columns of beacons; other things are refused."""
-        for beacon in beacons:
-            if not isinstance(beacon, Beacon):
-                raise ValueError(f"expected beacons to be Beacon objects, got {beacon!r}")
+        """The columns of beacons."""
         measures = [f.name for f in fields(BeaconKind) if f.name != "name"]
         column = {name: np.array([getattr(b.kind, name) for b in beacons], dtype=float) for name in measures}
         accuracy = np.stack([-np.nan_to_num(column[name], nan=inf) for name in ("position_std_m", "heading_std")])

@@ -5,5 +5,5 @@ co_design                       beacons and routes chosen together
 place                           place_beacons, beacon_tradeoff: the search for the fewest
 layout, layout_files            Layout: what placing answers, and side by side; in files
 placement                       what a limit demands of a layout, and the cheapest cover of that
-scenario, sites                 what is asked: routes and limit; where beacons may go
+scenario                        what is asked: routes and limit; where beacons may go
 """

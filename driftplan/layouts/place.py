@@ -17,8 +17,7 @@ from driftplan.layouts.placement.covering import Progress
 from driftplan.layouts.placement.drives import worst_of_failures
 from driftplan.layouts.placement.placement_diagnosis import infeasible
 from driftplan.layouts.placement.problem import LimitSearch, PlacementProblem, Stations, placement_problem
-from driftplan.layouts.scenario import Scenario
-from driftplan.layouts.sites import Sites
+from driftplan.layouts.scenario import Scenario, Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator, Fix
 from driftplan.planning.request import DriftLimit

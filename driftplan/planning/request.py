@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from driftplan.arrays import Floats, choice, finite, instance, number, point_of, positive, whole
 from driftplan.beacons.beacon import Beacon
-from driftplan.beacons.readings import BeaconColumns
 from driftplan.errors import GoalError, NoPathError, PlannerError, StartError
 from driftplan.model.noise import OdometryNoise, check_continuous
 from driftplan.model.readings import NEEDS_FILTER, Estimator, Fix
@@ -141,7 +140,6 @@ class Reliance:
         return cls(tuple(beacons), metres, max_detour, asked.redundancy, sure, start_fix, None, estimator)
 
     def __post_init__(self) -> None:
-        BeaconColumns.of(self.beacons)
         choice("estimator", self.estimator, Estimator)
         if self.estimator == "reset" and (beacons := [b for b in self.beacons if b.kind.needs_filter]):
             raise ValueError(f"{NEEDS_FILTER}: expected estimator='filter' for beacons of kind {beacons[0].kind.name}")

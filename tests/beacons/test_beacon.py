@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.special import ndtr
 
+import driftplan
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import beacon_fixes, beacon_passes, detection_chances, drift_with_beacons
 from driftplan.model.drift import predict_drift
@@ -285,7 +286,7 @@ def test_an_earlier_fix_makes_a_later_capture_likelier():
         (lambda: BeaconKind.rfid(1.0, 0.1, detection_probability=1.5), r"detection_probability in \(0, 1\], got 1.5"),
         (lambda: BeaconKind.rfid(1.0, 0.1, detection_probability=0.0), "detection_probability > 0"),
         (lambda: BeaconKind.rfid("1", 0.1), "expected range_m to be a number, got '1'"),
-        (lambda: Beacon("rfid", 0.0, 0.0), "expected kind to be a BeaconKind, got 'rfid'"),
+        (lambda: driftplan.Beacon("rfid", 0.0, 0.0), "expected kind to be a BeaconKind, got 'rfid'"),
         (lambda: Beacon(TAG, float("nan"), 0.0), "expected x finite, got nan"),
         (
             lambda: beacon_passes([(0, 0)], Beacon(TAG, 0.0, 0.0)),
@@ -294,7 +295,7 @@ def test_an_earlier_fix_makes_a_later_capture_likelier():
         (lambda: beacon_passes([(0, 0), (1, float("nan"))], Beacon(TAG, 0.0, 0.0)), "finite coordinates"),
         (lambda: beacon_passes("abc", Beacon(TAG, 0.0, 0.0)), "expected a path of numbers"),
         (
-            lambda: drift_with_beacons([(0, 0), (1, 0)], NOISE, ["A7"]),
+            lambda: driftplan.drift_with_beacons([(0, 0), (1, 0)], NOISE, ["A7"]),
             "expected beacons to be Beacon objects, got 'A7'",
         ),
     ],

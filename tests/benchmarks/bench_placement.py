@@ -19,8 +19,7 @@ from driftplan.beacons.beacon import BeaconKind
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.placement.problem import LimitSearch, placement_problem
 from driftplan.layouts.placement.requirements import DriftRequirements
-from driftplan.layouts.scenario import Scenario
-from driftplan.layouts.sites import Sites, grid_sites
+from driftplan.layouts.scenario import Scenario, Sites, grid_sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.request import DriftLimit
 from driftplan.world.world import World

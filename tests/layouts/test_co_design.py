@@ -15,7 +15,7 @@ from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
 from driftplan.layouts.co_design.co_design import co_design
 from driftplan.layouts.co_design.design import Trip
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.sites import SiteGroup, Sites
+from driftplan.layouts.scenario import SiteGroup, Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift

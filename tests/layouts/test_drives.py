@@ -7,12 +7,10 @@ from hypothesis import strategies as st
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import drift_with_beacons
-from driftplan.layouts.placement.drives import HOLDS, drives_of, first_breach, worst_squares
-from driftplan.layouts.placement.fresh_fixes import Limit
-from driftplan.layouts.placement.interval_moments import IntervalMoments
+from driftplan.layouts.placement.drives import HOLDS, Limit, drives_of, first_breach, worst_squares
 from driftplan.layouts.placement.problem import LimitSearch, placement_problem
-from driftplan.layouts.scenario import Scenario
-from driftplan.layouts.sites import Sites
+from driftplan.layouts.placement.route_table import IntervalMoments
+from driftplan.layouts.scenario import Scenario, Sites
 from driftplan.model.drift import predict_drift
 from driftplan.model.moments import Moments, compose
 from driftplan.model.noise import OdometryNoise

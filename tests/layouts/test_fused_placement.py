@@ -13,8 +13,7 @@ from driftplan.errors import InfeasibleError
 from driftplan.layouts.place import beacon_tradeoff, place_beacons
 from driftplan.layouts.placement.fused_requirements import FusedRequirements
 from driftplan.layouts.placement.fused_routes import NEVER, fused_routes
-from driftplan.layouts.scenario import Scenario
-from driftplan.layouts.sites import Sites
+from driftplan.layouts.scenario import Scenario, Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift

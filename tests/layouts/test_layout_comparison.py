@@ -9,7 +9,7 @@ import pytest
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.layouts.layout import compare_layouts
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.sites import Sites
+from driftplan.layouts.scenario import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.request import DriftLimit
 

@@ -25,7 +25,7 @@ from driftplan.layouts.layout_files import (
     layout_lif,
 )
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.sites import Sites
+from driftplan.layouts.scenario import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.report.figures.sheet import layout_pdf, layout_sheet
 from driftplan.world.world import World

@@ -11,8 +11,7 @@ from driftplan import Beacon, BeaconKind, Fix, InfeasibleError, OdometryNoise, S
 from driftplan.beacons.readings import beacon_fixes, detection_chances, drift_with_beacons
 from driftplan.layouts.placement.drives import drives_of, worst_squares
 from driftplan.layouts.placement.fused_routes import fused_routes
-from driftplan.layouts.placement.interval_moments import IntervalMoments
-from driftplan.layouts.placement.route_table import route_table
+from driftplan.layouts.placement.route_table import IntervalMoments, route_table
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.drift import predict_drift
 from driftplan.model.filter_state import Row

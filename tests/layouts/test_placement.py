@@ -14,7 +14,7 @@ from driftplan.errors import InfeasibleError
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.placement import covering
 from driftplan.layouts.placement.relaxation import Solution
-from driftplan.layouts.sites import SiteGroup, Sites
+from driftplan.layouts.scenario import SiteGroup, Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift

@@ -10,7 +10,7 @@ import shapely
 from driftplan.beacons.beacon import BeaconKind
 from driftplan.beacons.readings import beacon_fixes, drift_with_beacons
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.sites import Sites
+from driftplan.layouts.scenario import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
 from driftplan.model.worst import worst_rms

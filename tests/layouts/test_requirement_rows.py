@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from driftplan.beacons.beacon import Beacon
-from driftplan.layouts.placement.drives import ReadingSets, _driven, drives_of
-from driftplan.layouts.placement.fresh_fixes import Limit
-from driftplan.layouts.placement.interval_moments import IntervalMoments
+from driftplan.layouts.placement.drives import Limit, ReadingSets, _driven, drives_of
 from driftplan.layouts.placement.requirements import DriftRequirements
-from driftplan.layouts.placement.route_table import route_table
+from driftplan.layouts.placement.route_table import IntervalMoments, route_table
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix

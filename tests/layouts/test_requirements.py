@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from driftplan.layouts.placement.problem import LimitSearch, placement_problem
-from driftplan.layouts.scenario import Scenario
-from driftplan.layouts.sites import Sites
+from driftplan.layouts.scenario import Scenario, Sites
 from driftplan.planning.request import DriftLimit
 
 NAMES = ["tags", "perfect", "coarse", "two full", "mixed", "with compass", "unsure", "everything"]

@@ -363,7 +363,6 @@ def test_no_route_that_keeps_the_limit_is_shorter_than_the_bound():
         ({"max_nodes": 3}, "nodes a whole number"),
         ({"seed": -1}, "seed a whole number"),
         ({"time_limit": 0}, "time_limit > 0"),
-        ({"beacons": ["A"]}, "Beacon objects"),
         ({"noise": OdometryNoise.per_step(heading_std=0.1, distance_std=0.1, step_m=1.0)}, "continuous kind"),
     ],
 )

@@ -13,7 +13,7 @@ from driftplan.beacons.beacon_files import load_beacons
 from driftplan.errors import TrajectoryError
 from driftplan.layouts.co_design.co_design import co_design
 from driftplan.layouts.co_design.design import Trip, load_trips
-from driftplan.layouts.sites import Sites
+from driftplan.layouts.scenario import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.planning.request import DriftLimit

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.layouts.place import beacon_tradeoff, place_beacons
-from driftplan.layouts.sites import Sites
+from driftplan.layouts.scenario import Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.request import DriftLimit
 from driftplan.report.commands.answer import figure_bytes

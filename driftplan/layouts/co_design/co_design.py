@@ -30,7 +30,7 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.co_design.design import CoDesign, Design, Trip, trips_of
 from driftplan.layouts.co_design.design_problem import DesignProblem
-from driftplan.layouts.sites import Sites
+from driftplan.layouts.scenario import Sites
 from driftplan.model.noise import OdometryNoise, check_continuous
 from driftplan.model.readings import Estimator, Fix
 from driftplan.planning.request import DEFAULT_DETOUR, DriftLimit, Reliance

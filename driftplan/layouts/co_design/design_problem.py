@@ -15,8 +15,7 @@ from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
 from driftplan.layouts.co_design.design import Design, Trip
 from driftplan.layouts.layout import Layout
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.scenario import beacons_in_range
-from driftplan.layouts.sites import ListedSites, Sites
+from driftplan.layouts.scenario import ListedSites, Sites, beacons_in_range
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator
 from driftplan.planning.request import DriftLimit, Reliance, check_connected, checked_ends

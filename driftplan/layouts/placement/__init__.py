@@ -5,8 +5,8 @@ problem                         sites, costs, demands and caps, as the core want
 placement_diagnosis             why there is no layout, in words
 
 How the search goes: `route_table` turns routes into arrays of segments and possible readings; `requirements` says what
-a limit demands of a layout, with `exclusions` (sets of sites that will not do), `fresh_fixes` and `interval_moments`
-(how far one gets from reading to reading) and `drives` (where given layouts break the limit, also with beacons dead).
+a limit demands of a layout, with `exclusions` (sets of sites that will not do) and `drives` (how far one gets from
+reading to reading, and where given layouts break the limit, also with beacons dead).
 For a robot that fuses its readings `fused_routes`, `fused_requirements` and `weighted_cuts` take the place of all
 these. `covering` finds the cheapest cover of what is demanded, on plain arrays: `cut_pool` holds the cuts, `relaxation`
 bounds the cost, `local_search` looks for cheaper layouts.

@@ -13,14 +13,12 @@ from driftplan.arrays import Bools, Floats, Ints, not_negative, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.layouts.placement.covering import Cover, Progress, cheapest_cover
 from driftplan.layouts.placement.cut_pool import Cut
-from driftplan.layouts.placement.drives import worst_of_failures
-from driftplan.layouts.placement.fresh_fixes import Limit
+from driftplan.layouts.placement.drives import Limit, worst_of_failures
 from driftplan.layouts.placement.fused_requirements import FusedRequirements
 from driftplan.layouts.placement.fused_routes import FusedRoute, fused_routes
 from driftplan.layouts.placement.requirements import DriftRequirements
 from driftplan.layouts.placement.route_table import RouteTable, route_table
-from driftplan.layouts.scenario import Scenario
-from driftplan.layouts.sites import SiteGroup, Sites
+from driftplan.layouts.scenario import Scenario, SiteGroup, Sites
 from driftplan.planning.status import Status
 
 _MIN_LIMIT_SHARE = 0.02  # without a limit, perfect beacons: segments are cut for this share of the drift without any

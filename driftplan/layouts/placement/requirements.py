@@ -2,7 +2,7 @@
 
 A slot (see `route_table`) is judged by its *last reading*, the last position reading at or before it. Where every
 reading is sure to succeed, the drift in slot j after the last reading e grows from a fresh position error, so j holds
-only if j is within the reach of e (`fresh_fixes.last_slots`). With R_j the sites whose own last reading before j
+only if j is within the reach of e (`drives.last_slots`). With R_j the sites whose own last reading before j
 reaches j, and k the redundancy (the limit must survive any k - 1 dead beacons), the following hold for every
 acceptable layout y:
 
@@ -29,11 +29,17 @@ import numpy as np
 
 from driftplan.arrays import Bools, Floats, Ints
 from driftplan.layouts.placement.cut_pool import Cut
-from driftplan.layouts.placement.drives import HOLDS, ReadingSets, drives_of, first_breach
+from driftplan.layouts.placement.drives import (
+    HOLDS,
+    FreshFixes,
+    Limit,
+    ReadingSets,
+    drives_of,
+    first_breach,
+    last_slots,
+)
 from driftplan.layouts.placement.exclusions import Chances, Pairs, chance_exclusion, order_exclusion, pair_exclusions
-from driftplan.layouts.placement.fresh_fixes import FreshFixes, Limit, last_slots
-from driftplan.layouts.placement.interval_moments import IntervalMoments
-from driftplan.layouts.placement.route_table import RouteTable
+from driftplan.layouts.placement.route_table import IntervalMoments, RouteTable
 from driftplan.model.moments import Moments
 
 _ROUNDING = 1e-8  # relative, of E|e|² from sums along a whole route

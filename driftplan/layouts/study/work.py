@@ -24,8 +24,7 @@ from driftplan.errors import DriftplanError, InfeasibleError
 from driftplan.layouts.layout import Layout
 from driftplan.layouts.place import place_at
 from driftplan.layouts.placement.problem import Stations
-from driftplan.layouts.scenario import Scenario
-from driftplan.layouts.sites import Sites, route_sites, wall_sites
+from driftplan.layouts.scenario import Scenario, Sites, route_sites, wall_sites
 from driftplan.layouts.study.inputs import CellTask, SitesAsked, Trips, start_fix
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift

@@ -1,31 +1,37 @@
-"""predict_ompl_path: the exact drift along a path that an OMPL planner found, in any space that can be priced."""
+"""OMPL's paths, in any space that can be priced: predict_ompl_path, the exact drift along one that a planner found;
+polish_ompl_path, what OMPL's simplifySolution does for length, done for drift."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
-from math import atan2, hypot, pi, remainder, tau
+from math import atan2, hypot, inf, pi, remainder, tau
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from ompl import base as ob
 from ompl import control as oc
 from ompl import geometric as og
 
+from driftplan.arrays import Floats
 from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Runs
 from driftplan.model.spatial.drift import SpatialDrift, predict_flight_drift
+from driftplan.planning.ompl.collision import CurveMotionValidator, StraightMotionValidator
 from driftplan.planning.ompl.curves import after_arc
 from driftplan.planning.ompl.motion_prices import attitude_step
+from driftplan.planning.ompl.roadmap_problem import ClippedWorld, box_of, target_of
 from driftplan.planning.ompl.spaces import CurveFinder, SpaceKind, check_world_of, position_reader, space_kind
 from driftplan.planning.ompl.zone_lookup import ZoneLookup
+from driftplan.planning.roadmap.polish import polished
+from driftplan.planning.roadmap.prices import AdditiveCost
 from driftplan.world.box_world import BoxWorld
 from driftplan.world.world import World
 
 _SILENT = OdometryNoise()
+_STATES = 40  # of a path's, between which shortcuts are tried
 
 
 class _Leg(NamedTuple):
@@ -106,7 +112,7 @@ def predict_ompl_path(
     return predict_drift(Runs(start, np.asarray(heading), turns, lengths, curvatures), [leg.noise for leg in legs])
 
 
-def _flight(positions: NDArray[np.float64], turns: NDArray[np.float64] | None, noise: OdometryNoise) -> SpatialDrift:
+def _flight(positions: Floats, turns: Floats | None, noise: OdometryNoise) -> SpatialDrift:
     """Straight runs in space, on which the attitude turns by ``turns`` (rad, one per run)."""
     if noise.is_systematic or noise.step_m is not None or noise.heading_distance_corr != 0:
         raise ValueError(
@@ -132,7 +138,7 @@ def _flight(positions: NDArray[np.float64], turns: NDArray[np.float64] | None, n
 
 
 def _straight_legs(
-    positions: NDArray[np.float64], yaws: list[float] | None, lookup: ZoneLookup[OdometryNoise], course: float
+    positions: Floats, yaws: list[float] | None, lookup: ZoneLookup[OdometryNoise], course: float
 ) -> Iterator[_Leg]:
     """Legs of a path of straight motions; with ``yaws`` the heading turns along them, and the course is free."""
     yaw_steps = [remainder(b - a, tau) for a, b in pairwise(yaws)] if yaws else [0.0] * (len(positions) - 1)
@@ -184,7 +190,89 @@ def _curved_legs(space: Any, states: Any, lookup: ZoneLookup[OdometryNoise]) -> 
             x, y, yaw = after_arc(x, y, yaw, length, curvature)
 
 
-def _first_course(positions: NDArray[np.float64]) -> float:
+def _first_course(positions: Floats) -> float:
     steps = np.diff(positions, axis=0)
     moving = steps[(steps != 0).any(axis=1)]
     return float(np.arctan2(moving[0, 1], moving[0, 0])) if len(moving) else 0.0
+
+
+def polish_ompl_path(path: og.PathGeometric, objective: ob.OptimizationObjective, world: World) -> Any:
+    """An OMPL path between the same two states that costs no more, and mostly less, than the one given.
+
+    OMPL's own ``SimpleSetup.simplifySolution()`` makes paths short whatever the objective says: where a part of the
+    floor is bad it can make the drift much larger. Here a path changes only where its cost falls. In R^2 its waypoints
+    are moved and left out; in SE(2), Dubins and Reeds-Shepp spaces it takes the cheapest shortcuts between its states.
+
+    Parameters
+    ----------
+    path : ompl.geometric.PathGeometric, in the plane; it is not changed
+    objective : DriftObjective, PathLengthOptimizationObjective, or MultiOptimizationObjective of these
+        Over the path's space.
+    world : the polished path is free of collisions there if the path is
+
+    Returns
+    -------
+    ompl.geometric.PathGeometric
+
+    Raises
+    ------
+    PlannerError : for other objectives, and a world whose zones are not those of the objective
+    ValueError : for a path of fewer than 2 states, and a space that is not of the plane
+
+    >>> from ompl import base as ob
+    >>> from driftplan import DriftObjective, OdometryNoise
+    >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
+    >>> space = ob.RealVectorStateSpace(2)
+    >>> space.setBounds(0, 10)
+    >>> si = ob.SpaceInformation(space)
+    >>> path, state = og.PathGeometric(si), si.allocState()
+    >>> for state[0], state[1] in [(2.0, 2.0), (1.0, 8.0), (4.0, 9.0), (9.0, 9.0), (8.0, 2.0)]:
+    ...     path.append(state)
+    >>> objective = DriftObjective(si, OdometryNoise(heading_var_per_m=1e-3), (8.0, 2.0), world)
+    >>> better = polish_ompl_path(path, objective, world)
+    >>> better.cost(objective).value() < 0.7 * path.cost(objective).value()
+    True
+    """
+    si = objective.getSpaceInformation()
+    kind = space_kind(si.getStateSpace())
+    if path.getStateCount() < 2:
+        raise ValueError(f"expected a path of at least 2 states, got {path.getStateCount()}")
+    target = target_of(objective)
+    zones = target.zones(world)
+    if kind is not SpaceKind.PLANE:
+        better = _with_shortcuts(path, objective, world, kind)
+    else:
+        xy = np.array([(state[0], state[1]) for state in path.getStates()])
+        xy = xy[np.concatenate([[True], (np.diff(xy, axis=0) != 0).any(axis=1)])]
+        if len(xy) < 3:
+            return og.PathGeometric(path)
+        goal = xy[-1] if target.goal is None else np.array(target.goal)
+        space = ClippedWorld(world, box_of(si.getStateSpace()), zones)
+        better, state = og.PathGeometric(si), si.allocState()
+        for state[0], state[1] in polished(AdditiveCost(space, goal, target.noise, target.minimise), xy).tolist():
+            better.append(state)
+    return better if better.cost(objective).value() < path.cost(objective).value() else og.PathGeometric(path)
+
+
+def _with_shortcuts(path: Any, objective: Any, world: World, kind: SpaceKind) -> Any:
+    """The cheapest path over some of the path's states, and states between them: Dijkstra's method along the path."""
+    si = objective.getSpaceInformation()
+    motions = (CurveMotionValidator if kind.is_curved else StraightMotionValidator)(si, world)
+    fine = og.PathGeometric(path)
+    fine.interpolate(max(_STATES, path.getStateCount()))
+    states = list(fine.getStates())
+    cost, came_from = [0.0] + [inf] * (len(states) - 1), [0] * len(states)
+    for end in range(1, len(states)):
+        cost[end] = cost[end - 1] + objective.motionCost(states[end - 1], states[end]).value()
+        came_from[end] = end - 1
+        for begin in range(end - 1):
+            through = cost[begin] + objective.motionCost(states[begin], states[end]).value()
+            if through < cost[end] and motions.checkMotion(states[begin], states[end]):
+                cost[end], came_from[end] = through, begin
+    kept = [len(states) - 1]
+    while kept[-1] > 0:
+        kept.append(came_from[kept[-1]])
+    shorter = og.PathGeometric(si)
+    for k in reversed(kept):
+        shorter.append(states[k])
+    return shorter

@@ -24,8 +24,7 @@ from driftplan.files import write_files
 from driftplan.layouts.layout import Layout
 from driftplan.layouts.layout_files import InstallerRow, layout_building, layout_dxf, layout_html, layout_lif
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.scenario import Scenario
-from driftplan.layouts.sites import Sites
+from driftplan.layouts.scenario import Scenario, Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.page.scene import Scene, beacon_of, beacon_said, zones_of
