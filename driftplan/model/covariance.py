@@ -164,38 +164,25 @@ def legs(
     headings, turns, lengths, curvatures, index = np.broadcast_arrays(
         headings, turns, lengths, curvatures, np.zeros((), int) if which is None else which
     )
-    size = 3 + len(spread.names)
+    names, size = spread.names, 3 + len(spread.names)
     A = np.tile(np.eye(size), (*lengths.shape, 1, 1))
     C, shift = np.zeros(A.shape), np.zeros(A.shape[:-1])
     for k, noise in enumerate(noises):
         here = index == k
-        part = _of_one_noise(headings[here], turns[here], lengths[here], curvatures[here], noise, spread)
-        A[here], C[here], shift[here] = part.A, part.C, part.shift
-    return Legs(A, C, shift)
-
-
-def _of_one_noise(
-    headings: Floats, turns: Floats, lengths: Floats, curvatures: Floats, noise: OdometryNoise, spread: SystematicSpread
-) -> Legs:
-    facing, names = np.exp(1j * headings), spread.names
-    size = 3 + len(names)
-    small = _leg_moments(turns, lengths, curvatures, noise.corrected().scaled(SMALL_NOISE_FACTOR))
-    A = np.tile(np.eye(size), (*lengths.shape, 1, 1))
-    C, shift = np.zeros(A.shape), np.zeros(A.shape[:-1])
-    A[..., :2, 2] = as_plane(1j * facing * small.p)
-    with_heading = as_plane(facing * (small.b - small.a) / 2j)  # E[e θ]: δ = jθ in this limit
-    C[..., :2, :2] = as_covariance(np.zeros(()), small.N, small.e2, facing)
-    C[..., :2, 2] = C[..., 2, :2] = with_heading
-    C[..., 2, 2] = small.D
-    C /= SMALL_NOISE_FACTOR**2
-    for name in SYSTEMATIC:
-        value = getattr(noise, name)
-        if name in names or value:
-            per_unit = _sensitivity(facing, turns, lengths, curvatures, noise.step_m, name)
-            shift[..., :3] += value * per_unit
-            if name in names:
-                A[..., :3, 3 + names.index(name)] = per_unit
-    return Legs(A, C, shift)
+        facing, driven = np.exp(1j * headings[here]), (turns[here], lengths[here], curvatures[here])
+        small = _leg_moments(*driven, noise.corrected().scaled(SMALL_NOISE_FACTOR))
+        A[here, :2, 2] = as_plane(1j * facing * small.p)
+        C[here, :2, :2] = as_covariance(np.zeros(()), small.N, small.e2, facing)
+        C[here, :2, 2] = C[here, 2, :2] = as_plane(facing * (small.b - small.a) / 2j)  # E[e θ]: δ = jθ in this limit
+        C[here, 2, 2] = small.D
+        for name in SYSTEMATIC:
+            value = getattr(noise, name)
+            if name in names or value:
+                per_unit = _sensitivity(facing, *driven, noise.step_m, name)
+                shift[here, :3] += value * per_unit
+                if name in names:
+                    A[here, :3, 3 + names.index(name)] = per_unit
+    return Legs(A, C / SMALL_NOISE_FACTOR**2, shift)
 
 
 def _leg_moments(turns: Floats, lengths: Floats, curvatures: Floats, noise: OdometryNoise) -> Moments:

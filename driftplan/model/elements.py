@@ -50,75 +50,29 @@ def run_moments(length_m: Array, curvature_per_m: Array, noise: OdometryNoise) -
     33.370917
     """
     length, curvature = np.broadcast_arrays(np.asarray(length_m, dtype=float), np.asarray(curvature_per_m, dtype=float))
-    bend = np.abs(curvature)
-    heading_rate = noise.heading_var_per_m + noise.heading_var_per_rad * bend
-    distance_rate = noise.distance_var_per_m + noise.distance_var_per_rad * bend
-    bias_rate = noise.heading_bias_per_m + noise.heading_bias_per_rad * curvature
     if noise.step_m is None:
-        return _stretch(
-            length,
-            curvature,
-            heading_rate,
-            bias_rate,
-            distance_rate,
-            np.full(np.shape(length), noise.lateral_var_per_m),
-            speed=1.0,
-            scale_error=noise.distance_scale_error,
-            correlation=noise.heading_distance_corr,
-        )
+        return _stretch(length, curvature, noise, speed=1.0)
     steps = steps_in(length, noise.step_m)
     step_m = length / np.maximum(steps, 1)
-    step = _step(
-        noise,
-        true_turn=curvature * step_m,
-        true_move=step_m * _phi(1j * curvature * step_m) if bend.any() else step_m,
-        heading_var=noise.heading_var_per_step + heading_rate * step_m,
-        heading_mean=bias_rate * step_m,
-        distance_var=noise.distance_var_per_step + distance_rate * step_m,
-        lateral_var=noise.lateral_var_per_step + noise.lateral_var_per_m * step_m,
-        distance_mean=noise.distance_scale_error * step_m,
-    )
-    return power(step, steps)
+    return power(_step(curvature * step_m, step_m, noise, speed=1.0), steps)
 
 
 def turn_moments(turn_rad: Array, noise: OdometryNoise) -> Moments:
     """Moments of turns on the spot by ``turn_rad`` (rad, positive to the left), shape (...)."""
     turn = np.asarray(turn_rad, dtype=float)
-    angle = np.abs(turn)
-    heading_var = noise.heading_var_per_rad * angle
-    distance_var = noise.distance_var_per_rad * angle
-    if noise.distance_var_per_rad == 0 or (noise.step_m is None and noise.heading_distance_corr == 0):
-        mean = noise.heading_bias_per_rad * turn
-        law = law_moments(noise.heading_law, heading_var)
-        d1, d2 = shifted(law.d1, law.d2, mean)
-        zero = np.zeros(turn.shape)
-        e2 = zero
-        if noise.distance_var_per_rad > 0:  # it points wherever the robot faces while it turns
-            e2 = distance_var * _phi(2j * (turn + mean) - 2 * heading_var)
-        return Moments(np.exp(1j * turn), zero, d1, d2, -2 * d1.real, zero, distance_var, e2, zero, zero)
-    if noise.step_m is None:
-        side = np.sign(turn)
-        return _stretch(
-            angle,
-            side,
-            np.full(turn.shape, noise.heading_var_per_rad),
-            noise.heading_bias_per_rad * side,
-            np.full(turn.shape, noise.distance_var_per_rad),
-            np.zeros(turn.shape),
-            speed=0.0,
-            scale_error=0.0,
-            correlation=noise.heading_distance_corr,
-        )
-    return _step(
-        noise,
-        true_turn=turn,
-        true_move=np.zeros(turn.shape),
-        heading_var=heading_var,
-        heading_mean=noise.heading_bias_per_rad * turn,
-        distance_var=distance_var,
-        lateral_var=np.zeros(turn.shape),
-        distance_mean=np.zeros(turn.shape),
-    )
+    zero = np.zeros(turn.shape)
+    if noise.distance_var_per_rad > 0 and noise.step_m is not None:
+        return _step(turn, zero, noise, speed=0.0)
+    if noise.distance_var_per_rad > 0 and noise.heading_distance_corr != 0:
+        return _stretch(np.abs(turn), np.sign(turn), noise, speed=0.0)
+    heading_var, distance_var = noise.heading_var_per_rad * np.abs(turn), noise.distance_var_per_rad * np.abs(turn)
+    mean = noise.heading_bias_per_rad * turn
+    law = law_moments(noise.heading_law, heading_var)
+    d1, d2 = shifted(law.d1, law.d2, mean)
+    e2 = zero
+    if noise.distance_var_per_rad > 0:  # it points wherever the robot faces while it turns
+        e2 = distance_var * _phi(2j * (turn + mean) - 2 * heading_var)
+    return Moments(np.exp(1j * turn), zero, d1, d2, -2 * d1.real, zero, distance_var, e2, zero, zero)
 
 
 def of_legs(turns: Array, lengths: Array, curvatures: Array, which: Array, noises: Sequence[OdometryNoise]) -> Moments:
@@ -154,49 +108,34 @@ def _legs(turns: Array, lengths: Array, curvatures: Array, noise: OdometryNoise)
     return compose(turn_moments(turns, noise), runs) if noise.turns_matter else runs.rotated(np.exp(1j * turns))
 
 
-def _stretch(
-    length: Array,
-    curvature: Array,
-    heading_rate: Array,
-    bias_rate: Array,
-    distance_rate: Array,
-    lateral_rate: Array,
-    *,
-    speed: float,
-    scale_error: float,
-    correlation: float,
-) -> Moments:
-    """The differential equation of the module's docstring, driven at ``speed`` (1 for runs, 0 on the spot)."""
-    columns = (length, curvature, heading_rate, bias_rate, distance_rate, lateral_rate)
+def _stretch(length: Array, curvature: Array, noise: OdometryNoise, *, speed: float) -> Moments:
+    """The differential equation of the module's docstring, driven at ``speed``: 1 for runs; 0 for turns on the spot,
+    whose lengths are angles."""
     if length.size > _BLOCK:  # a dense log: the dozens of Taylor coefficients of each piece must fit the cache
-        flat = [np.broadcast_to(x, length.shape).reshape(-1) for x in columns]
-        blocks = (tuple(x[k : k + _BLOCK] for x in flat) for k in range(0, length.size, _BLOCK))
-        parts = [_stretch(*block, speed=speed, scale_error=scale_error, correlation=correlation) for block in blocks]
+        cuts = range(_BLOCK, length.size, _BLOCK)
+        blocks = zip(*(np.array_split(x.reshape(-1), cuts) for x in (length, curvature)), strict=True)
+        parts = [_stretch(some, bends, noise, speed=speed) for some, bends in blocks]
         return Moments(*(x.reshape(length.shape) for x in Moments.concatenate(parts).arrays()))
-    fastest = np.maximum(np.maximum(np.abs(curvature), heading_rate), np.abs(bias_rate))
+    bent = np.abs(curvature)
+    heading_rate = speed * noise.heading_var_per_m + noise.heading_var_per_rad * bent
+    distance_rate = speed * noise.distance_var_per_m + noise.distance_var_per_rad * bent
+    lateral_rate = speed * noise.lateral_var_per_m
+    bias_rate = speed * noise.heading_bias_per_m + noise.heading_bias_per_rad * curvature
+    fastest = np.maximum(np.maximum(bent, heading_rate), np.abs(bias_rate))
     with np.errstate(divide="ignore"):
         halvings = np.maximum(0, np.ceil(np.log2(fastest * length / _PIECE_RAD))).astype(int)
     h = length / 2.0**halvings
-    turning = bool(curvature.any())
-    covariance = correlation * np.sqrt(heading_rate * distance_rate)
-    mu: Array = -heading_rate / 2
-    double_mu: Array = -2 * heading_rate
-    gamma: Array = np.asarray(speed * scale_error)
-    cross: Array | None = None
-    if bias_rate.any():
-        mu, double_mu = mu + 1j * bias_rate, double_mu + 2j * bias_rate
-    if covariance.any():
-        gamma, cross = gamma + 0.5j * covariance, 1j * covariance
+    covariance = noise.heading_distance_corr * np.sqrt(heading_rate * distance_rate)
+    turning, biased, correlated = bool(bent.any()), bias_rate.any(), covariance.any()
     along, across = distance_rate + lateral_rate, distance_rate - lateral_rate
-
-    plain = speed == 1.0 and not (turning or bias_rate.any() or cross is not None or scale_error)
-    if plain:
+    if speed == 1.0 and not (turning or biased or correlated or noise.distance_scale_error):
         piece = _straight(h, heading_rate, along, across)
     else:
+        mu: Array = -heading_rate / 2 + (1j * bias_rate if biased else 0.0)
+        gamma: Array = np.asarray(speed * noise.distance_scale_error + (0.5j * covariance if correlated else 0.0))
         bend = np.asarray(1j * curvature * h) if turning else np.zeros(())
-        sums = (_sum(c) for c in _taylor(h, bend, speed, mu, double_mu, gamma, cross, along, across))
-        move = speed * h * _phi(bend) if turning else speed * h
-        piece = Moments(np.exp(bend), move, *sums)
+        sums = (_sum(c) for c in _taylor(h, bend, speed, mu, gamma, along, across))
+        piece = Moments(np.exp(bend), speed * h * _phi(bend) if turning else speed * h, *sums)
     whole = doubled(piece, halvings)
     if not turning:
         return replace(whole, u=np.ones(length.shape), p=speed * length)
@@ -211,18 +150,8 @@ def _straight(h: Array, heading_rate: Array, along: Array, across: Array) -> Mom
     e1, N, e2, a, b = (_horner(coefficients, x) for coefficients in _straight_coefficients())
     hx = h * x
     spread = h * (1 + _horner(_PHI_COEFFICIENTS, -2 * x))  # ∫ E[r²] ds
-    return Moments(
-        np.ones(np.shape(h)),
-        h,
-        d1,
-        np.expm1(-2 * x) - 2 * d1,
-        -2 * d1,
-        hx * e1,
-        h * hx * N + along * h,
-        h * hx * e2 + across * spread,
-        hx * a,
-        hx * b,
-    )
+    d2, N, e2 = np.expm1(-2 * x) - 2 * d1, h * hx * N + along * h, h * hx * e2 + across * spread
+    return Moments(np.ones(np.shape(h)), h, d1, d2, -2 * d1, hx * e1, N, e2, hx * a, hx * b)
 
 
 _PHI_COEFFICIENTS = (0.0, *(1 / factorial(k + 1) for k in range(1, _ORDER)))  # of (exp(z) - 1)/z - 1
@@ -232,24 +161,18 @@ _PHI_COEFFICIENTS = (0.0, *(1 / factorial(k + 1) for k in range(1, _ORDER)))  # 
 def _straight_coefficients() -> tuple[tuple[float, ...], ...]:
     """Coefficients in x of e1/(h x), N/(h² x), e2/(h² x), a/(h x), b/(h x) for a straight run, no distance noise."""
     one, none = np.ones(()), np.zeros(())
-    series = _taylor(one, none, 1.0, -one / 2, -2 * one, none, None, none, none)
+    series = _taylor(one, none, 1.0, -one / 2, none, none, none)
     first = (2, 3, 3, 2, 2)  # the order in s at which each begins
     return tuple(tuple(float(c) for c in x[k:]) for k, x in zip(first, series[3:], strict=True))
 
 
 def _taylor(
-    h: Array,
-    bend: Array,
-    speed: float,
-    mu: Array,
-    double_mu: Array,
-    gamma: Array,
-    cross: Array | None,
-    along: Array,
-    across: Array,
+    h: Array, bend: Array, speed: float, mu: Array, gamma: Array, along: Array, across: Array
 ) -> tuple[list[Array], ...]:
     """Taylor coefficients in s/h of d1, d2, D, e1, N, e2, a, b: the differential equation, order by order."""
     turning = bool(bend.any())
+    double_mu = 2 * (mu + mu.real)
+    cross = 2j * gamma.imag if np.iscomplexobj(gamma) else 0.0
     U = [bend**k / factorial(k) for k in range(_ORDER + 1)]
     UU = [(2 * bend) ** k / factorial(k) for k in range(_ORDER + 1)]
     conj_U = [np.conj(c) for c in U]
@@ -270,8 +193,8 @@ def _taylor(
         in_e1.append(speed * d1[k] + gamma * r)
         in_N.append(speed * a[k] + np.conj(gamma) * (e1[k] + a[k]))
         in_e2.append(speed * b[k] + gamma * (e1[k] + b[k]))
-        in_a.append(speed * D[k] + gamma * (np.conj(d1[k]) + D[k]) - (0 if cross is None else cross * one))
-        in_b.append(speed * d2[k] + gamma * (d1[k] + d2[k]) + (0 if cross is None else cross * m2[k]))
+        in_a.append(speed * D[k] + gamma * (np.conj(d1[k]) + D[k]) - cross * one)
+        in_b.append(speed * d2[k] + gamma * (d1[k] + d2[k]) + cross * m2[k])
         step = h / (k + 1)
         d1.append(step * mu * r)
         d2.append(step * (double_mu * m2[k] - 2 * mu * r))
@@ -284,29 +207,29 @@ def _taylor(
     return d1, d2, D, e1, N, e2, a, b
 
 
-def _step(
-    noise: OdometryNoise,
-    *,
-    true_turn: Array,
-    true_move: Array,
-    heading_var: Array,
-    heading_mean: Array,
-    distance_var: Array,
-    lateral_var: Array,
-    distance_mean: Array,
-) -> Moments:
-    """One step: the heading error is drawn first and turns the whole step, then its translation error is added.
+def _step(turn: Array, length: Array, noise: OdometryNoise, *, speed: float) -> Moments:
+    """One step, of a run at ``speed`` 1, or a turn on the spot at 0: the heading error is drawn first and turns the
+    whole step, then its translation error is added.
 
     With r = exp(jθ) for the heading error θ, τ the translation error along (real) and across (imaginary) the step and
     s = rτ, the position error is e = δ p + s·(direction of p).
     """
+    angle = np.abs(turn)
+    heading_var, distance_var, lateral_var = (
+        speed * per_step + per_m * length + per_rad * angle
+        for per_step, per_m, per_rad in (
+            (noise.heading_var_per_step, noise.heading_var_per_m, noise.heading_var_per_rad),
+            (noise.distance_var_per_step, noise.distance_var_per_m, noise.distance_var_per_rad),
+            (noise.lateral_var_per_step, noise.lateral_var_per_m, 0.0),
+        )
+    )
+    heading_mean = noise.heading_bias_per_m * length + noise.heading_bias_per_rad * turn
+    distance_mean = noise.distance_scale_error * length
     law = law_moments(noise.heading_law, heading_var)
     d1, d2 = shifted(law.d1, law.d2, heading_mean)
     w = np.exp(1j * heading_mean) if np.any(heading_mean) else np.ones(())
     share = noise.heading_distance_corr  # τ = mean + slope θ + independent rest
-    slope = (
-        share * np.sqrt(distance_var / np.maximum(heading_var, 1e-300)) if share else np.zeros(np.shape(heading_var))
-    )
+    slope = share * np.sqrt(distance_var / np.maximum(heading_var, 1e-300)) if share else np.zeros(())
     rest_var = distance_var - slope**2 * heading_var
     theta_r = 1j * law.theta_r * w if share else 0.0
     theta_r2 = 1j * law.theta_r2 * w * w if share else 0.0
@@ -318,23 +241,15 @@ def _step(
     s_conj_d = -distance_mean * d1 - slope * theta_r
     s_d = distance_mean * (d1 + d2) + slope * (theta_r2 - theta_r)
 
-    u = np.exp(1j * true_turn) if np.any(true_turn) else np.ones(np.shape(true_turn))
-    p = true_move
+    turning = turn.any()
+    u = np.exp(1j * turn) if turning else np.ones(turn.shape)
+    p = length * _phi(1j * turn) if turning and speed else length
     reach = np.abs(p)
     along = np.where(reach > 0, p / np.where(reach > 0, reach, 1.0), u)  # on the spot: where the turn leaves it facing
     D = -2 * d1.real
-    return Moments(
-        u,
-        p,
-        d1,
-        d2,
-        D,
-        p * d1 + along * s1,
-        reach**2 * D + ss + 2 * (np.conj(p) * along * s_conj_d).real,
-        p * p * d2 + 2 * p * along * s_d + along**2 * s2,
-        p * D + along * s_conj_d,
-        p * d2 + along * s_d,
-    )
+    N = reach**2 * D + ss + 2 * (np.conj(p) * along * s_conj_d).real
+    e2 = p * p * d2 + 2 * p * along * s_d + along**2 * s2
+    return Moments(u, p, d1, d2, D, p * d1 + along * s1, N, e2, p * D + along * s_conj_d, p * d2 + along * s_d)
 
 
 def _phi(z: Array) -> Array:

@@ -14,7 +14,7 @@ are those of *errors*, never differences of large estimates, so nothing cancels 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -79,18 +79,7 @@ class Moments:
 
     def rotated(self, u: Array | complex) -> Moments:
         """The same pieces after an error-free turn by the unit complex ``u``: cheaper than composing with one."""
-        return Moments(
-            u * self.u,
-            u * self.p,
-            self.d1,
-            self.d2,
-            self.D,
-            u * self.e1,
-            self.N,
-            u * u * self.e2,
-            u * self.a,
-            u * self.b,
-        )
+        return replace(self, u=u * self.u, p=u * self.p, e1=u * self.e1, e2=u * u * self.e2, a=u * self.a, b=u * self.b)
 
 
 def _fields(X: Moments) -> tuple[Array, ...]:
@@ -138,11 +127,9 @@ def power(X: Moments, count: Array | int | float) -> Moments:
     count = np.asarray(count)
     X = _broadcast(X, count.shape)
     if 0 < np.size(X.N) <= _FEW:
-        flat = zip(
-            *(x.ravel().tolist() for x in X.arrays()), np.broadcast_to(count, X.shape).ravel().tolist(), strict=True
-        )
-        powers = [_scalar_power(Moments(*numbers), int(n)) for *numbers, n in flat]
-        return Moments(*(np.array(column).reshape(X.shape) for column in zip(*map(_fields, powers), strict=True)))
+        counts = np.broadcast_to(count, X.shape).ravel().tolist()
+        powers = Moments.stack(_scalar_power(x, int(n)) for x, n in zip(X.numbers(), counts, strict=True))
+        return Moments(*(x.reshape(X.shape) for x in powers.arrays()))
     nothing = identity(X.shape)
     result: Moments | None = None
     while True:
@@ -197,11 +184,9 @@ def scan(pieces: Moments, start: Moments) -> Moments:
 
     Returns moments (..., m + 1).
     """
-    m = pieces.shape[-1]
     done = [Moments(*(x[..., None] for x in _broadcast(start, pieces.shape[:-1]).arrays()))]
     for lo, hi in _chunks(pieces):
         done.append(_scan_chunk(pieces[..., lo:hi], done[-1][..., -1])[..., 1:])
-    assert sum(part.shape[-1] for part in done) == m + 1
     return done[0] if len(done) == 1 else Moments.concatenate(done)
 
 
@@ -226,12 +211,8 @@ def _scan_chunk(B: Moments, start: Moments) -> Moments:
     gain_b = e1A * d1B + uA * (B.b + d1A * (B.e1 + B.b) + d2A * (q1 + lam) + d1A * lam)
     a = np.conj(coherence.recur(np.conj(gain_a), np.conj(start.a)))
     b = coherence.recur(gain_b, start.b)
-    gain_N = (
-        B.N
-        + _re2(np.conj(d1A) * epsilon)
-        + DA * Q
-        + _re2(np.conj(uA) * (e1A * np.conj(B.e1) + a[..., :-1] * np.conj(q1)))
-    )
+    cross = np.conj(uA) * (e1A * np.conj(B.e1) + a[..., :-1] * np.conj(q1))
+    gain_N = B.N + _re2(np.conj(d1A) * epsilon + cross) + DA * Q
     gain_e2 = uA * (uA * (B.e2 + 2 * d1A * eta + d2A * q2) + 2 * (e1A * B.e1 + b[..., :-1] * q1))
     N = _cumulative(np.add, gain_N, start.N)
     e2 = _cumulative(np.add, gain_e2, start.e2)
@@ -271,8 +252,7 @@ def _chunks(pieces: Moments) -> list[tuple[int, int]]:
     weakest = np.minimum(np.abs(1 + pieces.d1), np.abs(1 + 2 * pieces.d1 + pieces.d2))
     loss = -np.log(np.clip(weakest, _SMALLEST_COHERENCE, 1.0))
     chunk = np.cumsum(loss.reshape(-1, m).max(axis=0)) // _CHUNK_LOG
-    edges = [0, *(np.flatnonzero(np.diff(chunk)) + 1).tolist(), m]
-    return list(pairwise(edges))
+    return list(pairwise([0, *(np.flatnonzero(np.diff(chunk)) + 1).tolist(), m]))
 
 
 def _cumulative(operation: np.ufunc, x: Array, first: Array) -> Array:

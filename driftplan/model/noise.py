@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from itertools import product
 from math import prod, radians, tau
 from typing import Any, Literal, NamedTuple
@@ -20,30 +21,16 @@ from driftplan.arrays import choice, not_negative, number, positive, shaped
 
 HeadingLaw = Literal["gaussian", "laplace", "von_mises", "uniform"]
 
-_VARIANCES = (
-    "heading_var_per_m",
-    "distance_var_per_m",
-    "lateral_var_per_m",
-    "heading_var_per_rad",
-    "distance_var_per_rad",
-    "heading_var_per_step",
-    "distance_var_per_step",
-    "lateral_var_per_step",
-)
+_PER_STEP = ("heading_var_per_step", "distance_var_per_step", "lateral_var_per_step")
+_PER_M = ("heading_var_per_m", "distance_var_per_m", "lateral_var_per_m")
+_VARIANCES = (*_PER_M, "heading_var_per_rad", "distance_var_per_rad", *_PER_STEP)
 SYSTEMATIC = ("heading_bias_per_m", "heading_bias_per_rad", "distance_scale_error")
 BETWEEN_DRIVES = {
     "heading_bias_per_m": "heading_bias_std_per_m",
     "heading_bias_per_rad": "heading_bias_std_per_rad",
     "distance_scale_error": "distance_scale_std",
 }
-_NODES = (  # of a standard normal variable: the moments of a mixture over 5 (3) are exact to the 9th (5th) power of it
-    (
-        (-2.8569700138728056, -1.355626179974266, 0.0, 1.355626179974266, 2.8569700138728056),
-        (0.011257411327720691, 0.2220759220056126, 0.5333333333333333, 0.2220759220056126, 0.011257411327720691),
-    ),
-    ((-1.7320508075688772, 0.0, 1.7320508075688772), (1 / 6, 2 / 3, 1 / 6)),
-    ((-1.7320508075688772, 0.0, 1.7320508075688772), (1 / 6, 2 / 3, 1 / 6)),
-)
+_DRIVES_AVERAGED = (5, 3, 3)  # values of each deviation: a mixture's moments are exact to the 9th (5th) power of it
 
 
 class SystematicSpread(NamedTuple):
@@ -94,8 +81,7 @@ class OdometryNoise:
     heading_law : {"gaussian", "laplace", "von_mises", "uniform"}
         Distribution of one step's heading error, entering by its exact characteristic function. The von Mises
         concentration is the reciprocal of the step's heading variance, and it takes no ``heading_distance_corr``.
-        Laws other than the Gaussian need ``step_m``:
-        a continuous white error is Gaussian.
+        Laws other than the Gaussian need ``step_m``: a continuous white error is Gaussian.
     heading_distance_corr : correlation, in [-1, 1], of the heading and distance errors of the same step or stretch. In
         the continuous model it acts half before and half after (Stratonovich), the limit of ever finer odometry.
     heading_bias_per_m : systematic heading error per metre, rad/m; positive when the estimate turns left of the truth
@@ -133,11 +119,10 @@ class OdometryNoise:
     distance_scale_std: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in (*_VARIANCES, *SYSTEMATIC, *BETWEEN_DRIVES.values(), "heading_distance_corr"):
+        for name in (*SYSTEMATIC, "heading_distance_corr"):
             object.__setattr__(self, name, number(name, getattr(self, name)))
         for name in (*_VARIANCES, *BETWEEN_DRIVES.values()):
-            if getattr(self, name) < 0:
-                raise ValueError(f"expected {name} >= 0, got {getattr(self, name)!r}")
+            object.__setattr__(self, name, not_negative(name, getattr(self, name)))
         if not -1 <= self.heading_distance_corr <= 1:
             raise ValueError(f"expected heading_distance_corr in [-1, 1], got {self.heading_distance_corr!r}")
         if self.distance_scale_error <= -1:
@@ -150,7 +135,7 @@ class OdometryNoise:
         if self.step_m is not None:
             object.__setattr__(self, "step_m", positive("step_m", self.step_m))
             return
-        for name in _VARIANCES[5:]:
+        for name in _PER_STEP:
             if getattr(self, name) > 0:
                 raise ValueError(f"{name}={getattr(self, name)!r} needs step_m, the length of a step in metres")
         if self.heading_law != "gaussian":
@@ -178,12 +163,8 @@ class OdometryNoise:
         (3.0462e-05, 0.00025)
         """
         after_m = positive("after_m", after_m)
-        spreads = {
-            "heading_deg": heading_deg,
-            "distance_m": distance_m,
-            "heading_deg_per_full_turn": heading_deg_per_full_turn,
-        }
-        heading, distance, turn = (not_negative(name, value) for name, value in spreads.items())
+        heading, distance = not_negative("heading_deg", heading_deg), not_negative("distance_m", distance_m)
+        turn = not_negative("heading_deg_per_full_turn", heading_deg_per_full_turn)
         return cls(
             heading_var_per_m=radians(heading) ** 2 / after_m,
             distance_var_per_m=distance**2 / after_m,
@@ -327,10 +308,15 @@ def drives_to_average(noises: Sequence[OdometryNoise]) -> list[tuple[float, tupl
     """Weights and deviations (`OdometryNoise.on_drive`) of a few drives whose average is that over all drives of a
     robot with these noises, on whatever floor; one drive where nothing differs."""
     varies = np.any([noise.spread for noise in noises], axis=0)
-    axes = [
-        zip(*(nodes if some else ((0.0,), (1.0,))), strict=True) for nodes, some in zip(_NODES, varies, strict=True)
-    ]
+    axes = [_normal(count if some else 1) for count, some in zip(_DRIVES_AVERAGED, varies, strict=True)]
     return [(prod(weight for _, weight in drive), tuple(z for z, _ in drive)) for drive in product(*axes)]
+
+
+@cache
+def _normal(count: int) -> list[tuple[float, float]]:
+    """A few values of a standard normal variable, and their weights."""
+    values, weights = np.polynomial.hermite_e.hermegauss(count)
+    return list(zip(values.tolist(), (weights / weights.sum()).tolist(), strict=True))
 
 
 def spread_of(noises: Sequence[OdometryNoise]) -> tuple[tuple[OdometryNoise, ...], SystematicSpread]:

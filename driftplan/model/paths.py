@@ -154,7 +154,8 @@ def read_path(path: Any, start_heading: float | ArrayLike | None = None) -> Runs
 
     Raises ValueError for fewer than 2 waypoints, wrong shapes, values that are not finite, negative lengths.
     """
-    driven = path if isinstance(path, Runs) else _from_runs(path) if _is_sequence_of(path, Run) else None
+    of_runs = isinstance(path, Sequence) and len(path) > 0 and all(isinstance(item, Run) for item in path)
+    driven = path if isinstance(path, Runs) else _from_runs(path) if of_runs else None
     runs = _from_array(_as_array(path)) if driven is None else driven
     if start_heading is None:
         return runs
@@ -219,24 +220,17 @@ def _from_runs(runs: Sequence[Run]) -> Runs:
 
 
 def _as_array(path: Any) -> Floats:
-    if not isinstance(path, np.ndarray) and isinstance(path, Sequence) and len(path) and _is_ragged(path):
-        path = _padded([_waypoints(p) for p in path])
-    return _waypoints(path)
-
-
-def _is_ragged(paths: Sequence[Any]) -> bool:
+    """Waypoints; of paths of different lengths the shorter ones stand still at their last."""
     try:
-        shapes = {np.shape(p) for p in paths}
+        shapes = {np.shape(p) for p in path} if isinstance(path, Sequence) else set()
     except ValueError:  # one of them is not an array at all: said where it is converted
-        return False
-    return len(shapes) > 1 and all(len(shape) == 2 for shape in shapes)
-
-
-def _padded(paths: list[Floats]) -> Floats:
-    """Paths of one width, the shorter ones standing still at their last waypoint."""
+        shapes = set()
+    if len(shapes) < 2 or any(len(shape) != 2 for shape in shapes):
+        return _waypoints(path)
+    paths = [_waypoints(p) for p in path]
     if len({p.shape[1] for p in paths}) > 1:
         raise ValueError("expected all paths of a batch to be (n, 2), or all (n, 3), got both")
-    longest = max(len(p) for p in paths)
+    longest = max(map(len, paths))
     return np.stack([np.concatenate([p, np.repeat(p[-1:], longest - len(p), axis=0)]) for p in paths])
 
 
@@ -250,7 +244,3 @@ def _waypoints(path: Any) -> Floats:
     if (np.abs(array) > _FARTHEST_M).any():
         raise ValueError(f"expected waypoints within {_FARTHEST_M:g} m of the origin, got {np.abs(array).max():g}")
     return array
-
-
-def _is_sequence_of(path: Any, kind: type) -> bool:
-    return isinstance(path, Sequence) and len(path) > 0 and all(isinstance(item, kind) for item in path)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Complexes, Floats, bounded, choice, generator, positive, whole
+from driftplan.arrays import Complexes, Floats, as_plane, bounded, choice, generator, positive, whole
 from driftplan.model.noise import BETWEEN_DRIVES, SYSTEMATIC, Noises, OdometryNoise, noise_of_legs, spread_of, steps_in
 from driftplan.model.paths import Runs, read_path
 from driftplan.model.readings import Estimator, Fix
@@ -102,50 +102,36 @@ class _Drives:
             if border > 0:
                 k = border - 1
                 self.noise = self.noises[k]
-                self._turn(float(self.legs.turns[k]))
-                self._run(float(self.legs.lengths[k]), float(self.legs.curvatures[k]))
+                self._leg(*(float(x[k]) for x in (self.legs.turns, self.legs.lengths, self.legs.curvatures)))
             here = due.get(border, ())
             for fix in sorted(here, key=lambda fix: fix.anchor is not None) if border == 0 else here:
                 (self._fix if border > 0 or fix.anchor is not None else self._start)(fix)
-            e = self.p_hat - self.p
-            out[:, border] = np.stack([e.real, e.imag], axis=-1)
+            out[:, border] = as_plane(self.p_hat - self.p)
         return out
 
-    def _turn(self, turn: float) -> None:
-        noise = self.noise
-        if turn == 0:
-            return
-        pieces = 1
-        if noise.step_m is None and noise.distance_var_per_rad > 0:
-            pieces = int(np.ceil(abs(turn) / 0.02))  # the distance errors point where the robot then faces
-        piece = turn / pieces
-        for _ in range(pieces):
-            self._move(
-                piece,
-                0.0,
-                _Variances(noise.heading_var_per_rad * abs(piece), noise.distance_var_per_rad * abs(piece), 0.0),
-            )
+    def _leg(self, turn: float, length: float, curvature: float) -> None:
+        """A turn on the spot, in pieces if its distance errors point where the robot then faces, and a run."""
+        swings = self.noise.step_m is None and self.noise.distance_var_per_rad > 0
+        self._drive(turn, 0.0, int(np.ceil(abs(turn) / 0.02)) if swings else 1)
+        step_m = self.substep_m if self.noise.step_m is None else self.noise.step_m
+        self._drive(curvature * length, length, int(steps_in(length, step_m)))
 
-    def _run(self, length: float, curvature: float) -> None:
-        noise = self.noise
-        if length == 0:
+    def _drive(self, turn: float, length: float, pieces: int) -> None:
+        if turn == length == 0:
             return
-        steps = int(steps_in(length, noise.step_m if noise.step_m is not None else self.substep_m))
-        d = length / steps
-        bend = abs(curvature)
-        per_step = noise.step_m is not None
-        for _ in range(steps):
-            self._move(
-                curvature * d,
-                d,
-                _Variances(
-                    noise.heading_var_per_step * per_step
-                    + (noise.heading_var_per_m + noise.heading_var_per_rad * bend) * d,
-                    noise.distance_var_per_step * per_step
-                    + (noise.distance_var_per_m + noise.distance_var_per_rad * bend) * d,
-                    noise.lateral_var_per_step * per_step + noise.lateral_var_per_m * d,
-                ),
-            )
+        noise, turn, length = self.noise, turn / pieces, length / pieces
+        per_step = float(noise.step_m is not None and length > 0)
+        variances = _Variances(
+            noise.heading_var_per_step * per_step
+            + noise.heading_var_per_m * length
+            + noise.heading_var_per_rad * abs(turn),
+            noise.distance_var_per_step * per_step
+            + noise.distance_var_per_m * length
+            + noise.distance_var_per_rad * abs(turn),
+            noise.lateral_var_per_step * per_step + noise.lateral_var_per_m * length,
+        )
+        for _ in range(pieces):
+            self._move(turn, length, variances)
 
     def _move(self, turn: float, length: float, variances: _Variances) -> None:
         """One true arc and its estimates: all of a step's heading error first (step model), or half of it."""
@@ -227,18 +213,17 @@ class _FusingDrives(_Drives):
     def _moved(self, turn: float, length: float, estimate: Complexes, facing: Complexes, variances: _Variances) -> None:
         """P ← F P Fᵀ + G Q Gᵀ: ``estimate`` is the displacement the robot believes in, ``facing`` its direction."""
         share = 0.5 if self.noise.step_m is None else 1.0  # of the step's heading error that turns the step itself
-        swung = np.stack([-estimate.imag, estimate.real], axis=-1)
+        swung = as_plane(1j * estimate)
         F = np.tile(np.eye(self.size), (self.count, 1, 1))
         F[:, :2, 2] = swung
         for k, name in enumerate(self.spread.names, start=3):  # what is learnt is taken off what odometry reports
             if name == "distance_scale_error":
-                F[:, :2, k] = -np.stack([estimate.real, estimate.imag], axis=-1)
+                F[:, :2, k] = -as_plane(estimate)
             else:
                 heading = length if name == "heading_bias_per_m" else turn
                 F[:, 2, k], F[:, :2, k] = -heading, -share * heading * swung
         G = np.zeros((self.count, self.size, 3))
-        G[:, 0, 0], G[:, 1, 0] = facing.real, facing.imag
-        G[:, 0, 1], G[:, 1, 1] = -facing.imag, facing.real
+        G[:, :2, 0], G[:, :2, 1] = as_plane(facing), as_plane(1j * facing)
         G[:, :2, 2], G[:, 2, 2] = share * swung, 1.0
         Q = np.diag([variances.distance, variances.lateral, variances.heading])
         Q[0, 2] = Q[2, 0] = self.noise.heading_distance_corr * np.sqrt(variances.distance * variances.heading)
@@ -268,36 +253,25 @@ class _FusingDrives(_Drives):
 
     def _measured(self, fix: Fix) -> tuple[Floats, Floats, Floats]:
         """Innovations (count, k), their Jacobian in the state (count, k, size) and the covariance of the readings."""
-        innovations, jacobians, variances = [], [], []
+        from scipy.linalg import block_diag
+
+        readings: list[tuple[Floats, Floats, Floats]] = []  # how far off, Jacobian, covariance
         if fix.position_cov is not None:
-            error = self.rng.multivariate_normal(np.zeros(2), fix.position_cov, self.count)
-            off = self.p - self.p_hat
-            innovations += [off.real + error[:, 0], off.imag + error[:, 1]]
-            jacobians += [np.eye(self.size)[k] + np.zeros((self.count, 1)) for k in (0, 1)]
-            variances.append(np.asarray(fix.position_cov))
+            readings.append((as_plane(self.p - self.p_hat), np.eye(self.size)[None, :2], fix.position_cov))
         if fix.heading_std is not None:
-            innovations.append(self.rng.normal(0.0, fix.heading_std, self.count) - self.theta)
-            jacobians.append(np.eye(self.size)[2] + np.zeros((self.count, 1)))
-            variances.append(np.array([[fix.heading_std**2]]))
+            readings.append((-self.theta[:, None], np.eye(self.size)[None, 2:3], np.array([[fix.heading_std**2]])))
         if fix.anchor is not None:
-            anchor = complex(*fix.anchor)
-            seen, believed = anchor - self.p, anchor - self.p_hat
-            distance = np.abs(believed)
-            away = np.stack([-believed.real, -believed.imag], axis=-1) / distance[:, None]
-            none = np.zeros((self.count, self.size - 2))
+            seen, believed = (complex(*fix.anchor) - p for p in (self.p, self.p_hat))
+            distance = np.abs(believed)[:, None]
+            towards = np.zeros((2, self.count, 1, self.size))
+            towards[0, :, 0, :2] = as_plane(-believed) / distance
+            towards[1, :, 0, :2], towards[1, :, 0, 2] = as_plane(-1j * believed) / distance**2, -1.0
             if fix.range_std_m is not None:
-                innovations.append(abs(seen) + self.rng.normal(0.0, fix.range_std_m, self.count) - distance)
-                jacobians.append(np.concatenate([away, none], axis=1))
-                variances.append(np.array([[fix.range_std_m**2]]))
+                readings.append((abs(seen) - distance, towards[0], np.array([[fix.range_std_m**2]])))
             if fix.bearing_std is not None:
-                misfit = np.angle(seen / believed * np.exp(1j * self.theta))
-                innovations.append(misfit + self.rng.normal(0.0, fix.bearing_std, self.count))
-                none[:, 0] = -1.0
-                across = np.stack([-away[:, 1], away[:, 0]], axis=-1) / distance[:, None]
-                jacobians.append(np.concatenate([across, none], axis=1))
-                variances.append(np.array([[fix.bearing_std**2]]))
-        sizes = np.cumsum([0, *map(len, variances)])
-        R = np.zeros((sizes[-1], sizes[-1]))
-        for k, block in zip(sizes.tolist(), variances, strict=False):
-            R[k : k + len(block), k : k + len(block)] = block
-        return np.stack(innovations, axis=-1), np.stack(jacobians, axis=1), R
+                misfit = np.angle(seen / believed * np.exp(1j * self.theta))[:, None]
+                readings.append((misfit, towards[1], np.array([[fix.bearing_std**2]])))
+        off, rows, covs = zip(*readings, strict=True)
+        errors = [self.rng.multivariate_normal(np.zeros(len(cov)), cov, self.count) for cov in covs]
+        H = np.concatenate([np.broadcast_to(x, (self.count, *x.shape[1:])) for x in rows], axis=1)
+        return np.concatenate(off, axis=1) + np.concatenate(errors, axis=1), H, block_diag(*covs)
