@@ -9,13 +9,14 @@ from functools import cache
 import numpy as np
 import pytest
 
+from driftplan import Sites
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import beacon_fixes, drift_with_beacons
 from driftplan.errors import GoalError, InfeasibleError, NoPathError, StartError
 from driftplan.layouts.co_design.co_design import co_design
 from driftplan.layouts.co_design.design import Trip
 from driftplan.layouts.place import place_beacons
-from driftplan.layouts.scenario import SiteGroup, Sites
+from driftplan.layouts.scenario import SiteGroup
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.model.simulation import simulate_drift
