@@ -152,7 +152,3 @@ def _failed(words: Sequence[str], name: str, error: BaseException, message: str,
         print(json_text({"command": name, "error": {"kind": type(error).__name__, "message": message, "code": code}}))
     print(message if isinstance(error, UsageError) else f"driftplan {name}: {message}", file=sys.stderr)
     return code
-
-
-if __name__ == "__main__":
-    sys.exit(main())

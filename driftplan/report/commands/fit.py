@@ -25,58 +25,40 @@ def run(args: argparse.Namespace) -> Answer:
     """The noise of the drives that the arguments name."""
     from driftplan.model.calibration.fit import PARAMETERS, fit_noise
     from driftplan.report.figures.fits import plot_fit
-    from driftplan.world.noise_files import noise_yaml
+    from driftplan.world.noise_files import noise_yaml, ros_covariances
 
     drives = list(_recorded(args, args.files).values())
     checked = {label: [drive] for label, drive in _recorded(args, args.check).items()}
     if args.check_from is not None:
         drives, rest = _split(drives, args.check_from)
         checked = {"the rest of the drives": rest, **checked}
-    options: dict[str, Any] = {
-        "use_heading": False if args.positions_only else None,
-        "time_offset_s": args.time_offset_s,
-        "heading_offset": None if args.heading_offset_deg is None else radians(args.heading_offset_deg),
-        "max_gap_s": args.max_gap_s,
-    }
+    offset = None if args.heading_offset_deg is None else radians(args.heading_offset_deg)
+    options: dict[str, Any] = {name: getattr(args, name) for name in ("lengths_m", "time_offset_s", "max_gap_s")}
+    options |= {"heading_offset": offset, "use_heading": False if args.positions_only else None}
     talk(f"fitting {counted(len(drives), 'drive')}")
-    found = fit_noise(
-        [odometry for odometry, _ in drives],
-        [truth for _, truth in drives],
-        parameters=PARAMETERS if args.parameters is None else args.parameters,
-        lengths_m=args.lengths_m,
-        confidence=args.confidence,
-        seed=args.seed,
-        **options,
-    )
+    asked = {"parameters": args.parameters or PARAMETERS, "confidence": args.confidence, "seed": args.seed}
+    found = fit_noise(*_columns(drives), **options | asked)
     if found.faults and not args.accept_faults:
         raise ValueError(" ".join([*found.faults, "To have the numbers all the same: --accept-faults."]))
     if not found.check.has_heading:
         options["use_heading"] = False
-    checks = {
-        label: found.check_on(
-            [odometry for odometry, _ in some], [truth for _, truth in some], lengths_m=args.lengths_m, **options
-        )
-        for label, some in checked.items()
-    }
+    checks = {label: found.check_on(*_columns(some), **options) for label, some in checked.items()}
     checked_on = [[f"\nchecked on {label}:", str(check), check.trust, *check.notes] for label, check in checks.items()]
+
+    def messages() -> bytes:
+        if args.speed is None:
+            raise ValueError("expected --speed, the robot's in m/s, with --ros: its twist's covariance grows with it")
+        return ros_covariances(found.noise, rate_hz=args.message_rate_hz, speed_m_per_s=args.speed).encode()
+
     return Answer(
         payload=lambda: _as_json(found, checks),
         text=lambda: "\n".join([str(found), *chain(*checked_on)]),
-        files={
-            "yaml": lambda: noise_yaml(found),
-            "ros": lambda: _messages(found, args).encode(),
-            "picture": lambda: plot_fit(found, checks),
-        },
+        files={"yaml": lambda: noise_yaml(found), "ros": messages, "picture": lambda: plot_fit(found, checks)},
     )
 
 
-def _messages(found: NoiseFit, args: argparse.Namespace) -> str:
-    """Covariances of the robot's odometry messages."""
-    from driftplan import ros_covariances
-
-    if args.speed is None:
-        raise ValueError("expected --speed, the robot's in m/s, with --ros: the covariance of its twist grows with it")
-    return ros_covariances(found.noise, rate_hz=args.message_rate_hz, speed_m_per_s=args.speed)
+def _columns(drives: list[Drive]) -> tuple[list[OdometryLog], list[Trajectory]]:
+    return [odometry for odometry, _ in drives], [truth for _, truth in drives]
 
 
 def _recorded(args: argparse.Namespace, files: list[str]) -> dict[str, Drive]:
@@ -87,19 +69,14 @@ def _recorded(args: argparse.Namespace, files: list[str]) -> dict[str, Drive]:
         raise ValueError(f"expected files in pairs, ODOM TRUTH ODOM TRUTH ..., got {len(files)}: {' '.join(files)}")
     short = [Path(odometry).name for odometry in files[::2]]
     names = short if len(set(short)) == len(short) else files[::2]
+    driven, true = (
+        {"columns": getattr(args, f"{which}_columns"), "variable": getattr(args, f"{which}_variable")}
+        for which in ("odometry", "truth")
+    )
+    driven |= {"kind": args.odometry_kind, "track_width_m": args.track_width_m, "metres_per_tick": args.metres_per_tick}
+    at = {"rate_hz": args.rate_hz}
     return {
-        name: (
-            read_odometry(
-                odometry,
-                kind=args.odometry_kind,
-                columns=args.odometry_columns,
-                variable=args.odometry_variable,
-                rate_hz=args.rate_hz,
-                track_width_m=args.track_width_m,
-                metres_per_tick=args.metres_per_tick,
-            ),
-            read_truth(truth, columns=args.truth_columns, variable=args.truth_variable, rate_hz=args.rate_hz),
-        )
+        name: (read_odometry(odometry, **at, **driven), read_truth(truth, **at, **true))
         for name, odometry, truth in zip(names, files[::2], files[1::2], strict=True)
     }
 
@@ -137,37 +114,19 @@ _DRIVES = (
            how={"nargs": "+"}),
     Option("check_from", "SHARE", "fit the drives up to this share of their time (0 to 1), check on the rest"),
 )
-_READING = Group(
-    "what the files hold",
-    (
-        Option(
-            "odometry_kind",
-            "",
-            "increments: time, distance, turn; velocities: time, forward speed, turn rate; poses (default: as the "
-            "columns' names or number say)",
-            str,
-            choices=("increments", "velocities", "poses"),
-        ),
-        *(
-            option
-            for which in ("odometry", "truth")
-            for option in (
-                Option(
-                    f"{which}_columns",
-                    "NAME,NAME,...",
-                    f"columns of the {which}: time, distance, turn, speed, turn_rate, x, y, heading, qx, qy, qz, qw, "
-                    "left_speed, right_speed, left_ticks, right_ticks; any other name is skipped; units as in time[ns] "
-                    "or heading[deg]",
-                    names,
-                ),
-                Option(f"{which}_variable", "NAME", f"MATLAB variable or ROS topic with the {which}", str),
-            )
-        ),
-        Option("rate_hz", "HZ", "poses per second of KITTI files", default=10.0),
-        Option("track_width_m", "M", "distance between the wheels, metres, of wheel speeds or ticks", float),
-        Option("metres_per_tick", "M", "what a tick of a wheel is worth, metres", float),
-    ),
-)
+_READING = Group("what the files hold", (
+    Option("odometry_kind", "", "increments: time, distance, turn; velocities: time, forward speed, turn rate; poses "
+           "(default: as the columns' names or number say)", str, choices=("increments", "velocities", "poses")),
+    *(option for which in ("odometry", "truth") for option in (
+        Option(f"{which}_columns", "NAME,NAME,...", f"columns of the {which}: time, distance, turn, speed, turn_rate, "
+               "x, y, heading, qx, qy, qz, qw, left_speed, right_speed, left_ticks, right_ticks; any other name is "
+               "skipped; units as in time[ns] or heading[deg]", names),
+        Option(f"{which}_variable", "NAME", f"MATLAB variable or ROS topic with the {which}", str),
+    )),
+    Option("rate_hz", "HZ", "poses per second of KITTI files", default=10.0),
+    Option("track_width_m", "M", "distance between the wheels, metres, of wheel speeds or ticks"),
+    Option("metres_per_tick", "M", "what a tick of a wheel is worth, metres"),
+))
 _FITTING = Group("fitting", (
     Option("lengths_m", "M,M,...", "lengths of the segments compared, metres (default: five)", metres),
     Option("positions_only", "", "do not use the truth's headings (default: if they are measured)"),
@@ -182,7 +141,7 @@ _FITTING = Group("fitting", (
     Option("seed", "N", "seed of the bootstrap", int, 0),
 ))
 _MESSAGES = Group("messages of ROS, with --ros", (
-    Option("speed", "M/S", "usual speed of the robot, metres per second", float),
+    Option("speed", "M/S", "usual speed of the robot, metres per second"),
     Option("message_rate_hz", "HZ", "odometry messages per second", default=30.0),
 ))
 COMMAND = Command(

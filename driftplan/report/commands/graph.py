@@ -97,7 +97,7 @@ def ways_on_graph(
         payload=payload,
         text=text,
         files={
-            **shared.route_files(lambda: ways["lowest drift"].drift),
+            **shared.route_files(ways["lowest drift"].drift),
             "picture": lambda: plot_comparison(world, {name: way.drift for name, way in ways.items()}),
         },
     )

@@ -12,7 +12,7 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
@@ -44,8 +44,8 @@ class Option(NamedTuple):
 
     def add_to(self, parser: argparse._ActionsContainer, *, positional: bool = False) -> None:
         """Tell argparse."""
-        known = self.default is not None and "default" not in self.help
-        help_text = self.help + (f" (default: {_shown(self.default)})" if known else "")
+        shown = f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
+        help_text = self.help + f" (default: {shown})" * (self.default is not None and "default" not in self.help)
         if positional:
             parser.add_argument(self.name, metavar=self.unit, type=self.type, help=help_text, **self.how)
         elif not self.unit and not self.choices:
@@ -95,13 +95,11 @@ class Command:
     def add_to(self, subparsers: argparse._SubParsersAction[Any]) -> None:
         """Add the subcommand's parser."""
         examples = "".join(f"\n  driftplan {self.name} {words}" for words in self.examples)
-        parser = subparsers.add_parser(
-            self.name,
-            help=self.summary,
-            description=self.description,
-            usage=" ".join(["%(prog)s", *(self._usage()), "[options]"]),
-            epilog=f"Examples:{examples}",
-        )
+        words = [f"{option.unit} ..." if option.how.get("nargs") == "+" else option.unit for option in self.arguments]
+        words += [f"{option.flag} {option.unit}" for option in self.options if option.how.get("required")]
+        about: dict[str, Any] = {"help": self.summary, "description": self.description}
+        about |= {"usage": " ".join(["%(prog)s", *words, "[options]"]), "epilog": f"Examples:{examples}"}
+        parser = subparsers.add_parser(self.name, **about)
         for argument in self.arguments:
             argument.add_to(parser, positional=True)
         files = tuple(
@@ -119,10 +117,6 @@ class Command:
         if parser.folded:
             parser.add_argument("--help-noise", action=HelpNoise, nargs=0, help="list the options of odometry noise")
         parser.add_argument("--json", action="store_true", help="print JSON, every key with its unit; errors too")
-
-    def _usage(self) -> list[str]:
-        words = [f"{option.unit} ..." if option.how.get("nargs") == "+" else option.unit for option in self.arguments]
-        return words + [f"{option.flag} {option.unit}" for option in self.options if option.how.get("required")]
 
     def check(self, args: argparse.Namespace, given: set[str]) -> None:
         """Refuse options that would be without effect."""
@@ -146,24 +140,20 @@ class Parser(argparse.ArgumentParser):
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
             known = list(map(str, action.choices))
-            near = [f"did you mean {name}?" for name in get_close_matches(str(value), known, 1)]
-            hint = near[0] if near else f"expected one of {', '.join(known)}"
+            near = get_close_matches(str(value), known, 1)
+            hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(known)}"
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}; {hint}")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        if self._subparsers is None:  # before anything is missed that was only misspelt
-            self._refuse_unknown([word for word in args if re.match(r"--[a-z]", word)])
+        flags = self._option_string_actions
+        for word in args if self._subparsers is None else ():  # before anything is missed that was only misspelt
+            if re.match(r"--[a-z]", word) and word.partition("=")[0] not in flags:
+                near = get_close_matches(word.partition("=")[0], flags, 1)
+                self.error(f"unrecognized arguments: {word}" + (f"; did you mean {near[0]}?" if near else ""))
         known, unknown = super().parse_known_args(args, namespace)
         if unknown:
             self.error(f"unrecognized arguments: {unknown[0]}")
         return known, unknown
-
-    def _refuse_unknown(self, words: Sequence[str]) -> None:
-        flags = self._option_string_actions
-        for word in words:
-            if word.partition("=")[0] not in flags:
-                near = get_close_matches(word.partition("=")[0], flags, 1)
-                self.error(f"unrecognized arguments: {word}" + (f"; did you mean {near[0]}?" if near else ""))
 
     def format_help(self, *, folded: bool = False) -> str:
         """The help: what is folded away, or all the rest."""
@@ -265,7 +255,3 @@ def picture_file(text: str) -> Path:
 STANDARD_INPUT = "standard input"
 PICTURES = (".png", ".svg", ".pdf")
 PICTURE = Option("picture", "FILE", "", picture_file, also="--png")
-
-
-def _shown(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> Answer:
         },
         text=text,
         files={
-            **shared.route_files(lambda: route.drift),
+            **shared.route_files(route.drift),
             "geojson": lambda: drift_geojson(route.drift, {"noise": shared.noise_as_json(noise), **summary()}),
             "picture": picture,
         },

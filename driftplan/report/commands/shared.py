@@ -117,6 +117,7 @@ KIND = Group("the beacons", (
 ))
 
 
+
 def _is_of(kind: str, args: argparse.Namespace) -> bool:
     return bool(args.kind == kind)
 
@@ -269,18 +270,14 @@ def layout_files(args: argparse.Namespace, layout: Layout) -> dict[str | Path, C
     }
 
 
-def route_files(drift: Callable[[], Drift]) -> dict[str | Path, Callable[[], Any]]:
+def route_files(drift: Drift) -> dict[str | Path, Callable[[], Any]]:
     """What `ROUTE_FILES` names."""
     from driftplan.report.records import path_csv
     from driftplan.world.route_files import poses_csv, poses_yaml, ros_path_yaml, waypoints_yaml
 
     written = {"csv": path_csv, "poses": poses_csv, "ros_poses": poses_yaml}
     written |= {"ros_path": ros_path_yaml, "waypoints": waypoints_yaml}
-    return {name: partial(_of, write, drift) for name, write in written.items()}
-
-
-def _of(write: Callable[[Any], bytes], drift: Callable[[], Drift]) -> bytes:
-    return write(drift())
+    return {name: partial(write, drift) for name, write in written.items()}
 
 
 def start_heading_from(args: argparse.Namespace) -> float | None:

@@ -7,6 +7,7 @@ import csv
 import io
 import time
 from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -112,11 +113,9 @@ def _shown(args: argparse.Namespace, result: StudyResult) -> Answer:
         raise ValueError("expected cell and geojson together: the beacons of that cell, and where to write them")
     if args.cell is not None and not 0 <= args.cell < len(result.cells):
         raise ValueError(f"expected cell in [0, {len(result.cells)}), got {args.cell}")
-    answers = answers_of(result)
+    answers, title = answers_of(result), result.study.title
     return Answer(
-        payload=lambda: {
-            "study": {"title": result.study.title, "answers": _as_json(answers), "rows": result.to_dicts()}
-        },
+        payload=lambda: {"study": {"title": title, "answers": asdict(answers), "rows": result.to_dicts()}},
         text=lambda: _text(result, answers),
         files={
             "html": lambda: study_html(result),
@@ -124,12 +123,6 @@ def _shown(args: argparse.Namespace, result: StudyResult) -> Answer:
             "geojson": lambda: beacons_geojson(result.beacons(args.cell)),
         },
     )
-
-
-def _as_json(answers: Answers) -> dict[str, Any]:
-    from dataclasses import asdict
-
-    return asdict(answers)
 
 
 def _text(result: StudyResult, answers: Answers) -> str:

@@ -306,7 +306,7 @@ def draw_design(world: World, design: Design, *, ax: Axes) -> list[Line2D]:
     """
     plot_world(world, ax=ax)
     beacons = plot_beacons(design.layout.everyone, ax=ax, used=design.beacons, labels=_BEACON_LABELS)
-    lines = list[Line2D]()
+    lines: list[Line2D] = []
     for k, (path, own) in enumerate(zip(design.paths, cycle(style.ROUTE_STYLES), strict=False)):
         look: dict[str, Any] = {"linewidth": 1.8, "label": f"trip {k}", **own, "markersize": 3.5, "zorder": 2.5}
         lines += ax.plot(*path.T, **look)
