@@ -37,7 +37,7 @@ def plan(space: Any, world: BoxWorld, planner_type: Any, seconds: float) -> tupl
         else:
             state[0], state[1], state[2] = position
     problem.setStartAndGoalStates(first, last)
-    problem.setOptimizationObjective(DriftObjective(si, noise, GOAL, world))
+    problem.setOptimizationObjective(DriftObjective(si, noise, problem, world))
     planner = planner_type(si)
     planner.setProblemDefinition(problem)
     planner.setup()

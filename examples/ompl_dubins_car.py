@@ -27,7 +27,7 @@ def plan(space: ob.SE2StateSpace, seconds: float) -> tuple[float, float]:
         state.setXY(x, y)
         state.setYaw(yaw)
     problem.setStartAndGoalStates(first, last)
-    problem.setOptimizationObjective(DriftObjective(si, noise, (25.0, 36.0)))
+    problem.setOptimizationObjective(DriftObjective(si, noise, problem))
     planner = og.RRTstar(si)
     planner.setProblemDefinition(problem)
     planner.setup()

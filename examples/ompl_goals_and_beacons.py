@@ -85,7 +85,7 @@ def main(seconds: float = 2.0) -> None:
     # SE(2): the robot turns on the spot at the start, at waypoints and at the goal, and turning costs heading.
     setup = setup_for(world, ob.SE2StateSpace())
     setup.setStartAndGoalStates(state_at(setup, START, 1.57), state_at(setup, GOAL, 3.14))
-    objective = DriftObjective(setup.getSpaceInformation(), NOISE, GOAL, world)
+    objective = DriftObjective(setup.getSpaceInformation(), NOISE, setup, world)
     setup.setOptimizationObjective(objective)
     report("SE(2)", setup, RoadmapPlanner(setup.getSpaceInformation(), objective, world), world, seconds)
 
@@ -93,7 +93,7 @@ def main(seconds: float = 2.0) -> None:
     setup = setup_for(world, ob.RealVectorStateSpace(2))
     si = setup.getSpaceInformation()
     mix = ob.MultiOptimizationObjective(si)
-    mix.addObjective(DriftObjective(si, NOISE, GOAL, world), 1.0)
+    mix.addObjective(DriftObjective(si, NOISE, setup, world), 1.0)
     mix.addObjective(ob.PathLengthOptimizationObjective(si), 0.5)
     setup.setOptimizationObjective(mix)
     report("mix with length", setup, RoadmapPlanner(si, mix, world), world, seconds)
@@ -122,7 +122,7 @@ def main(seconds: float = 2.0) -> None:
     si = setup.getSpaceInformation()
     sign = BeaconKind.landmark(range_m=3.0, position_std_m=0.05, heading_std=0.01)
     beacons = [Beacon(sign, *place) for place in ((50.0, 24.0), (46.0, 10.0), (35.0, 9.5), (24.0, 9.5))]
-    objective = DriftObjective(si, NOISE, GOAL, world)
+    objective = DriftObjective(si, NOISE, setup, world)
     setup.setOptimizationObjective(objective)
     asked = {"beacons": beacons, "max_drift": 1.5, "minimise": "length", "max_nodes": 300}
     report("beacons", setup, RoadmapPlanner(si, objective, world, **asked), world, 10 * seconds)

@@ -67,13 +67,13 @@ def main(seconds: float = 4.0) -> None:
 
     setup = setup_for(world)
     si = setup.getSpaceInformation()
-    setup.setOptimizationObjective(DriftObjective(si, NOISE, GOAL, world=world))
+    setup.setOptimizationObjective(DriftObjective(si, NOISE, setup, world=world))
     setup.setPlanner(og.BITstar(si))
     report("BIT*, least drift", setup, world, seconds)
 
     setup = setup_for(world)
     si = setup.getSpaceInformation()
-    objective = DriftObjective(si, NOISE, GOAL, world=world)
+    objective = DriftObjective(si, NOISE, setup, world=world)
     objective.set_error_threshold(1.6)  # metres: good enough, stop there
     setup.setOptimizationObjective(objective)
     setup.setPlanner(RoadmapPlanner(si, objective, world=world))

@@ -42,6 +42,29 @@ def motion_cost_of(
     return (_plane if kind is SpaceKind.PLANE else _pose)(goal, rates)
 
 
+def following(goal: Callable[[], Point], prices: Callable[[Point], tuple[Price, Price]]) -> tuple[Price, Price]:
+    """Prices that are made anew whenever the goal is at another place than when the last one was asked for."""
+    at = goal()
+    cost, bound = prices(at)
+
+    def motion(a: Any, b: Any) -> Any:
+        if goal() != at:
+            renew()
+        return cost(a, b)
+
+    def heuristic(a: Any, b: Any) -> Any:
+        if goal() != at:
+            renew()
+        return bound(a, b)
+
+    def renew() -> None:
+        nonlocal at, cost, bound
+        at = goal()
+        cost, bound = prices(at)
+
+    return motion, heuristic
+
+
 # Straight motions
 
 

@@ -6,9 +6,12 @@ of `driftplan.planning.cost`, which bounds it from above and ranks paths almost 
 
 from __future__ import annotations
 
+import atexit
 from dataclasses import replace
+from functools import partial
 from math import isfinite
 from typing import Any
+from weakref import WeakSet
 
 from ompl import base as ob
 
@@ -16,13 +19,22 @@ from driftplan.arrays import instance
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.cost import CostRates
-from driftplan.planning.ompl.motion_prices import heuristic_of, motion_cost_of
-from driftplan.planning.ompl.spaces import check_world_of, goal_points, goal_position, space_kind
+from driftplan.planning.ompl.motion_prices import Point, Price, following, heuristic_of, motion_cost_of
+from driftplan.planning.ompl.spaces import check_world_of, followed_goal, goal_points, goal_position, space_kind
 from driftplan.planning.ompl.zone_lookup import ZoneLookup
 from driftplan.world.box_world import BoxWorld
 from driftplan.world.world import World
 
 _SAME_PLACE_M = 1e-6
+# A problem and the objective that follows it hold each other, out of sight of Python's collector; nanobind says so when
+# the program ends.
+_FOLLOWING: WeakSet[DriftObjective] = WeakSet()
+
+
+@atexit.register
+def _let_go() -> None:
+    for objective in list(_FOLLOWING):
+        objective.__dict__.clear()
 
 
 class DriftObjective(ob.OptimizationObjective):
@@ -42,17 +54,20 @@ class DriftObjective(ob.OptimizationObjective):
     si : ompl.base.SpaceInformation; only its state space is looked at; it is not kept
     noise : in R^3 and SE(3) isotropic: ``heading_var_per_m`` is the variance of each component of the attitude error,
         ``lateral_var_per_m`` that in each of two directions
-    goal : (x, y), (x, y, z), State, GoalState or GoalStates
-        The place where accuracy is wanted, metres: drift is weighed by the distance to it. Several goal states must
-        share it and differ in heading only. A path may also end elsewhere, where the problem's goal is a region or has
-        a threshold; the cost then bounds the squared error of the place, seen from the robot when it has arrived.
+    goal : ProblemDefinition, SimpleSetup, GoalState, GoalStates, State, (x, y) or (x, y, z)
+        The place where accuracy is wanted, metres: drift is weighed by the distance to it. A problem's goal, or one in
+        OMPL's form, is followed: a planner that is cleared and given another goal weighs drift there. (A problem whose
+        own objective follows it is kept until the program ends.) A place or a state stays: then `check_goal` says
+        whether a problem's goal is another. Several goal states must share a place and differ in heading only. A path
+        may also end elsewhere, where the problem's goal is a region or has a threshold; the cost then bounds the
+        squared error of the place, seen from the robot when it has arrived.
     world : its zones have noise of their own (plane only). Motions, arcs included, are cut exactly where the zone
         changes.
     length_weight : m² per metre, >= 0, added to the cost: prefers shorter ways among similar ones
 
     Attributes
     ----------
-    goal : where drift is weighed, metres
+    is_following : whether that is where the problem's goal is, or OMPL's goal that was given
 
     Raises
     ------
@@ -87,7 +102,9 @@ class DriftObjective(ob.OptimizationObjective):
         check_world_of(world, kind)
         zones = world.zones if isinstance(world, World) else ()
         self._kind = kind
-        self.goal = goal_position(goal, kind)
+        follow = followed_goal(goal, kind)
+        self.is_following = follow is not None
+        self._goal = follow or partial(tuple, goal_position(goal, kind))
         self.noise = noise
         self.length_weight = float(length_weight)
         self.zone_noises = tuple(zone.noise for zone in zones)
@@ -97,13 +114,23 @@ class DriftObjective(ob.OptimizationObjective):
         )
         lookup = ZoneLookup(zones, inside, elsewhere) if zones else None
         least = CostRates(*(min(getattr(r, name) for r in (elsewhere, *inside)) for name in ("heading", "position")))
-        self._motion_cost = motion_cost_of(space, kind, self.goal, elsewhere, lookup)
-        self._heuristic = heuristic_of(space, kind, self.goal, least)
+
+        def prices(place: Point) -> tuple[Price, Price]:
+            return motion_cost_of(space, kind, place, elsewhere, lookup), heuristic_of(space, kind, place, least)
+
+        self._motion_cost, self._heuristic = prices(self.goal) if follow is None else following(follow, prices)
+        if follow is not None:
+            _FOLLOWING.add(self)
         # As attributes OMPL's calls reach them without detour. A subclass that prices in its own way keeps its methods.
         if type(self).motionCost is DriftObjective.motionCost:
             self.motionCost = self._motion_cost  # type: ignore[method-assign, assignment]
         if type(self).motionCostHeuristic is DriftObjective.motionCostHeuristic:
             self.motionCostHeuristic = self._heuristic  # type: ignore[method-assign, assignment]
+
+    @property
+    def goal(self) -> Point:
+        """Where drift is weighed, metres."""
+        return self._goal()
 
     def motionCost(self, a: Any, b: Any) -> Any:
         """Cost of the motion from state ``a`` to state ``b``, as ompl.base.Cost."""
@@ -121,8 +148,8 @@ class DriftObjective(ob.OptimizationObjective):
     def check_goal(self, goal: Any) -> None:
         """Raise `PlannerError` unless an OMPL goal is where this objective weighs drift.
 
-        OMPL does not tell an objective which problem it is used for: a planner that is cleared and given another goal
-        goes on weighing drift at the old one. Make an objective per goal, or ask here; `RoadmapPlanner` does.
+        OMPL does not tell an objective which problem it is used for: made for a place, it goes on weighing drift there
+        when its planner is cleared and given another goal. Make it for the problem, or ask here; `RoadmapPlanner` does.
 
         Parameters
         ----------

@@ -262,7 +262,7 @@ class RoadmapPlanner(ob.Planner):
         if target.goal is None:
             raise PlannerError(
                 f"expected goal states for the shortest path, got a {type(region).__name__}: the roadmap needs to know "
-                "where it is to lead"
+                "where it is to lead; a DriftObjective made for a place says so"
             )
         state = si.allocState()
         if self._has_headings:

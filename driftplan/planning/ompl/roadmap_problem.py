@@ -22,7 +22,7 @@ class Target(NamedTuple):
 
     minimise: Score
     noise: OdometryNoise
-    goal: tuple[float, ...] | None  # where drift is weighed, metres
+    goal: tuple[float, ...] | None  # where drift is weighed, metres; None: where the path ends
     zone_noises: tuple[OdometryNoise, ...]
     scale: float = 1.0  # what the objective's cost is in times of the additive cost
 
@@ -44,7 +44,7 @@ def target_of(objective: Any) -> Target:
         return Target("length", OdometryNoise(), None, (), length_weight)
     weight = drift.length_weight + length_weight / times
     noises = [_with_length(noise, weight) for noise in (drift.noise, *drift.zone_noises)]
-    return Target("drift", noises[0], tuple(drift.goal), tuple(noises[1:]), times)
+    return Target("drift", noises[0], None if drift.is_following else drift.goal, tuple(noises[1:]), times)
 
 
 def _parts(objective: Any) -> tuple[DriftObjective | None, float, float]:
