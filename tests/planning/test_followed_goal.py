@@ -181,3 +181,16 @@ def test_a_problem_and_the_objective_that_follows_it_leave_nothing_at_exit():
         [sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, timeout=120, check=False
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "True\n" * 3, "")
+
+
+def test_a_goal_that_is_set_over_and_over_is_never_read_where_it_was():
+    """OMPL frees a goal's state when it is given another one."""
+    si = information()
+    goal = ob.GoalState(si)
+    goal.setState(at(si, START))
+    objective, kept = DriftObjective(si, NOISE, goal), []
+    for k in range(500):
+        place = (1.0 + 0.01 * k, 2.0)
+        goal.setState(at(si, place))
+        kept.append(si.allocState())  # which may take the place of the one that was freed
+        assert objective.goal == place

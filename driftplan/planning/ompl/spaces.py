@@ -159,7 +159,7 @@ def goal_position(goal: Any, kind: SpaceKind) -> tuple[float, ...]:
 def followed_goal(goal: Any, kind: SpaceKind) -> Callable[[], tuple[float, ...]] | None:
     """What reads the place of an OMPL goal, or of the goal that a problem has by then; None for what stays as it is.
 
-    Reading the state of one goal again takes 0.2 µs.
+    Reading the state of one goal again takes 0.4 µs. It is never kept: setState() frees the one that was there.
     """
     if isinstance(goal, og.SimpleSetup):
         goal = goal.getProblemDefinition()
@@ -167,15 +167,15 @@ def followed_goal(goal: Any, kind: SpaceKind) -> Callable[[], tuple[float, ...]]
     if not problem and not isinstance(goal, ob.Goal):
         return None
     position = position_reader(kind)
-    seen, state = None, None
+    seen: Any = None
+    is_one_state = False
 
     def read() -> tuple[float, ...]:
-        nonlocal seen, state
+        nonlocal seen, is_one_state
         now = problem[0].getGoal() if problem else goal
         if now is not seen:
-            seen, state = now, now.getState() if isinstance(now, ob.GoalState) else None
-            return goal_position(now, kind)
-        return goal_position(now, kind) if state is None else position(state)
+            seen, is_one_state = now, isinstance(now, ob.GoalState)
+        return position(now.getState()) if is_one_state else goal_position(now, kind)
 
     return read
 
