@@ -85,25 +85,20 @@ def passes_of(
     steps = np.diff(path, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     begins = np.concatenate([[0.0], np.cumsum(lengths)])
-    chords = _chords(path, steps, lengths, xy, range_m)
-    if views is not None:
-        along = np.arctan2(steps[:, 1], steps[:, 0])
-        chords = _in_cone(chords, path, steps, xy, views.facing[chords.beacon], views.half_angle[chords.beacon])
-        behind, half_angle = along[chords.leg] + np.pi, views.sensor_half_angle[chords.beacon]
-        moving = (half_angle >= np.pi) | (lengths[chords.leg] > 0)  # standing still looks nowhere new
-        chords = chords.some(moving)
-        chords = _in_cone(chords, path, steps, xy, behind[moving], half_angle[moving])
-    if world is not None and must_see.any():
-        chords = _in_sight(chords, path, steps, lengths, xy, must_see, world)
-    return _merged(chords.beacon, begins[chords.leg] + chords.start, begins[chords.leg] + chords.end, begins[-1])
-
-
-def _chords(path: Floats, steps: Floats, lengths: Floats, xy: Floats, range_m: Floats) -> _Chords:
-    """Every leg's part within every beacon's range."""
     along = steps / np.where(lengths > 0, lengths, 1.0)[:, None]
     start, end, inside = chords_in_discs(xy[:, None, :] - path[None, :-1, :], along, lengths, range_m[:, None])
     beacon, leg = np.nonzero(inside)
-    return _Chords(beacon, leg, start[beacon, leg], end[beacon, leg])
+    chords = _Chords(beacon, leg, start[beacon, leg], end[beacon, leg])
+    if views is not None:
+        chords = _in_cone(chords, path, along, xy, views.facing[chords.beacon], views.half_angle[chords.beacon])
+        half_angle = views.sensor_half_angle[chords.beacon]
+        moving = (half_angle >= np.pi) | (lengths[chords.leg] > 0)  # standing still looks nowhere new
+        chords, half_angle = chords.some(moving), half_angle[moving]
+        behind = np.arctan2(-steps[chords.leg, 1], -steps[chords.leg, 0])
+        chords = _in_cone(chords, path, along, xy, behind, half_angle)
+    if world is not None and must_see.any():
+        chords = _in_sight(chords, path, along, xy, must_see, world)
+    return _merged(chords.beacon, begins[chords.leg] + chords.start, begins[chords.leg] + chords.end, begins[-1])
 
 
 def chords_in_discs(
@@ -134,19 +129,17 @@ def _proper(start: Floats, end: Floats) -> tuple[Floats, Floats, NDArray[np.bool
     return np.where(touch, middle, start), np.where(touch, middle, end), start <= end + _TOUCH
 
 
-def _in_cone(chords: _Chords, path: Floats, steps: Floats, xy: Floats, axis: Floats, half_angle: Floats) -> _Chords:
+def _in_cone(chords: _Chords, path: Floats, along: Floats, xy: Floats, axis: Floats, half_angle: Floats) -> _Chords:
     """The parts of chords within ``half_angle`` of the direction ``axis`` (k,) from their beacons.
 
     A cone narrower than half a turn is where two half-planes meet, a wider one all that is in either of them.
     """
     everywhere = half_angle >= np.pi
-    leg = steps[chords.leg] @ _PLANE
-    along = leg / np.maximum(np.abs(leg), 1e-300)
-    origin = path[chords.leg] @ _PLANE - xy[chords.beacon] @ _PLANE
+    driving, origin = along[chords.leg] @ _PLANE, (path[chords.leg] - xy[chords.beacon]) @ _PLANE
     intervals = []
     for side in (1.0, -1.0):
         edge = np.exp(1j * (axis + side * half_angle))
-        inside, rate = -side * (np.conj(edge) * origin).imag, -side * (np.conj(edge) * along).imag
+        inside, rate = -side * (np.conj(edge) * origin).imag, -side * (np.conj(edge) * driving).imag
         with np.errstate(divide="ignore", invalid="ignore"):
             border = np.where(np.abs(rate) > _ANGLE, -inside / rate, np.where(inside >= -_FLAT, -np.inf, np.inf))
         ahead = rate >= -_ANGLE
@@ -179,20 +172,17 @@ def _merged(beacon: Ints, enter: Floats, leave: Floats, length: float) -> Passes
 
 
 def _in_sight(
-    chords: _Chords, path: Floats, steps: Floats, lengths: Floats, xy: Floats, must_see: NDArray[np.bool_], world: World
+    chords: _Chords, path: Floats, along: Floats, xy: Floats, must_see: NDArray[np.bool_], world: World
 ) -> _Chords:
     """The parts of chords from which the beacon is seen."""
-    along = steps / np.where(lengths > 0, lengths, 1.0)[:, None]
     eye, unit, origin = xy[chords.beacon], along[chords.leg], path[chords.leg]
     a, b = origin + chords.start[:, None] * unit, origin + chords.end[:, None] * unit
     asked = must_see[chords.beacon]
     point = chords.end - chords.start < _FLAT
-    keep = ~asked
-    keep[asked & point] = world.line_of_sight(a[asked & point], eye[asked & point])
-    stretch = asked & ~point
     between = shapely.convex_hull(shapely.multipoints(np.stack([eye, a, b], axis=-2)))  # a triangle or a line
-    blocked = stretch & shapely.intersects(world.opaque.prepared, between)
-    keep |= stretch & ~blocked
+    blocked = asked & ~point & shapely.intersects(world.opaque.prepared, between)
+    keep = ~blocked
+    keep[asked & point] = world.line_of_sight(a[asked & point], eye[asked & point])
     walls = shapely.get_parts(world.opaque.area)
     tree = shapely.STRtree(walls)
     seen: list[tuple[int, float, float]] = []

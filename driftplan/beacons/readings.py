@@ -104,19 +104,21 @@ def drift_with_beacons(
     return predict_drift(xy, noises, fixes=readings, estimator=estimator, start_heading=start_heading)
 
 
-def waypoints_of(path: Any) -> Floats:
-    """The waypoints (n, 2) of a route (its ``path``) or of a plain array, checked."""
+def waypoints_of(path: Any, where: str = "") -> Floats:
+    """The waypoints (n, 2) of a route (its ``path``) or of a plain array, checked; ``where`` begins what is said."""
     raw = getattr(path, "path", path)
     try:
         if np.iscomplexobj(raw):
             raise TypeError("complex numbers are none")
         xy = np.asarray(raw, dtype=float)
     except (TypeError, ValueError, OverflowError) as err:
-        raise ValueError(f"expected a path of numbers (n, 2), got {type(raw).__name__}: {err}") from None
+        raise ValueError(f"{where}expected a path of numbers (n, 2), got {type(raw).__name__}: {err}") from None
     if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) < 2:
-        raise ValueError(f"expected a path (n, 2) of at least 2 waypoints in metres, got an array of shape {xy.shape}")
+        wanted = "a path (n, 2) of at least 2 waypoints in metres"
+        raise ValueError(f"{where}expected {wanted}, got an array of shape {xy.shape}")
     if not np.isfinite(xy).all():
-        raise ValueError(f"expected a path of finite coordinates, got {xy[~np.isfinite(xy).all(axis=1)][0].tolist()}")
+        bad = xy[~np.isfinite(xy).all(axis=1)][0].tolist()
+        raise ValueError(f"{where}expected a path of finite coordinates, got {bad}")
     return xy
 
 

@@ -129,11 +129,9 @@ def place_at(
 
     limits = None if asked.max_drift is None else asked.per_route(len(scenario.routes))
     if limits is None and max_beacons is None and budget is None:
-        raise ValueError(
-            "expected a limit: max_drift, or max_beacons or budget for the least drift within them, got none"
-        )
-    least_m = None if limits is None else min(limits)
-    search = LimitSearch.of(problem, least_m, _deadline(began, time_limit, scenario), tell)
+        wanted = "max_drift, or max_beacons or budget for the least drift within them"
+        raise ValueError(f"expected a limit: {wanted}, got none")
+    search = LimitSearch.of(problem, min(limits) if limits else None, _deadline(began, time_limit, scenario), tell)
     return _least_drift(search, drift_tolerance, began) if limits is None else _cheapest(search, limits, began)
 
 
@@ -269,11 +267,9 @@ def _checked_layout(
     over = worst / np.array(limits)
     r = int(np.argmax(over))
     if over[r] > 1 + rounding:
-        raise RuntimeError(
-            f"the search accepted a layout whose drift on route {r} is {worst[r]:.9g} m, above {limits[r]:.9g} m, "
-            f"with {scenario.redundancy - 1} of {[b.id for b in everyone]} dead: a bug in driftplan, please report "
-            "it"
-        )
+        dead = f"with {scenario.redundancy - 1} of {[b.id for b in everyone]} dead"
+        what = f"a layout whose drift on route {r} is {worst[r]:.9g} m, above {limits[r]:.9g} m, {dead}"
+        raise RuntimeError(f"the search accepted {what}: a bug in driftplan, please report it")
     return Layout(
         beacons=problem.chosen(chosen),
         existing=problem.existing,

@@ -54,10 +54,8 @@ class Scenario:
         if limit.min_capture is not None:
             raise ValueError(f"expected no min_capture where routes are given: every reading counts, got {limit}")
         if estimator == "filter" and limit.confidence is not None:
-            raise ValueError(
-                f"expected confidence only for estimator='reset', got {limit.confidence:g}: with a filter limits are "
-                "on the rms"
-            )
+            got = f"got {limit.confidence:g}: with a filter limits are on the rms"
+            raise ValueError(f"expected confidence only for estimator='reset', {got}")
         if start_fix is not None and not (isinstance(start_fix, Fix) and start_fix.s_m == 0):
             raise ValueError(f"expected start_fix to be a Fix at s_m=0, got {start_fix!r}")
         check_continuous(noises_on(world, noise))
@@ -93,29 +91,21 @@ class Scenario:
 
 
 def beacons_in_range(world: World | None, path: Floats, beacons: Sequence[Beacon]) -> list[int]:
-    """Positions of the beacons that a path comes within range of, and in sight where they must be seen."""
+    """The same of a path."""
     found: list[int] = np.unique(BeaconColumns.of(beacons).passes(path, world).beacon).tolist()
     return found
 
 
 def _routes_of(routes: Any) -> tuple[Floats, ...]:
-    if hasattr(routes, "path"):
-        return (waypoints_of(routes),)
     try:
         array = np.asarray(routes)
     except (TypeError, ValueError):
         array = np.zeros(0)  # several of different lengths
-    if array.ndim == 2 and array.dtype.kind in "iuf":
-        return (waypoints_of(array),)
+    if hasattr(routes, "path") or (array.ndim == 2 and array.dtype.kind in "iuf"):
+        return (waypoints_of(routes),)
     if array.ndim == 0 or isinstance(routes, (str, bytes)) or not hasattr(routes, "__len__") or not len(routes):
         raise ValueError(f"expected routes to be one path (n, 2) or a sequence of them, got {routes!r}")
-    found = []
-    for k, route in enumerate(routes):
-        try:
-            found.append(waypoints_of(route))
-        except ValueError as err:
-            raise ValueError(f"route {k}: {err}") from None
-    return tuple(found)
+    return tuple(waypoints_of(route, f"route {k}: ") for k, route in enumerate(routes))
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,14 +248,11 @@ class ListedSites:
 def _members(name: str, group: SiteGroup, beacons: Sequence[Beacon], kept: Ints) -> Ints:
     """The members of a group that are off forbidden areas, by their position among all of those."""
     position = {b.id: k for k, b in enumerate(beacons)}
-    column = {k: c for c, k in enumerate(kept.tolist())}
-    found = set()
-    for member in group.members:
-        k = position.get(member, -1) if isinstance(member, str) else int(member)
+    chosen = [position.get(member, -1) if isinstance(member, str) else int(member) for member in group.members]
+    for member, k in zip(group.members, chosen, strict=True):
         if not 0 <= k < len(beacons):
             raise ValueError(f"{name}: expected members to be sites, got {member!r}")
-        found |= {column[k]} if k in column else set()
-    return np.array(sorted(found), dtype=np.intp)
+    return np.flatnonzero(np.isin(kept, chosen))
 
 
 def _named(beacons: Sequence[Beacon], letter: str, taken: set[str]) -> list[Beacon]:
@@ -307,10 +294,9 @@ def wall_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ())
     >>> wall_sites(world, 1.0).shape
     (10, 2)
     """
-    found = [np.zeros((0, 2))]
-    for ring in shapely.get_rings(shapely.get_parts(world.obstacles)):
-        found.append(_along(ring, positive("spacing_m", spacing_m))[:-1])
-    return allowed(np.concatenate(found), forbidden)
+    rings = shapely.get_rings(shapely.get_parts(world.obstacles))
+    outlines = [_along(ring, positive("spacing_m", spacing_m))[:-1] for ring in rings]
+    return allowed(np.concatenate([np.zeros((0, 2)), *outlines]), forbidden)
 
 
 def route_sites(routes: Sequence[Any], spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:

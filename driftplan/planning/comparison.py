@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import InfeasibleError
 from driftplan.model.drift import Drift
@@ -63,8 +62,8 @@ class Comparison(Rows):
         if all("collision_free" in row for row in rows):
             columns["collision-free"] = yes_no(row["collision_free"] for row in rows)
         if all("collision_probability" in row for row in rows):
-            columns["touches a wall %"] = [_percent(row["collision_probability"]) for row in rows]
-            columns["at most %"] = [_percent(row["collision_bound"]) for row in rows]
+            columns["touches a wall %"] = decimals([100 * row["collision_probability"] for row in rows], 1)
+            columns["at most %"] = decimals([100 * row["collision_bound"] for row in rows], 1)
         return columns
 
 
@@ -127,10 +126,6 @@ def _row(route: Route | Drift, name: str | None, world: World | None, collisions
         chance = collision_chance(drift, collisions)
         row |= {f"collision_{key}": getattr(chance, key) for key in ("probability", "low", "high", "bound")}
     return row
-
-
-def _percent(probability: float) -> str:
-    return f"{100 * probability:.1f}"
 
 
 def pareto_routes(
@@ -208,7 +203,7 @@ def pareto_routes(
 
 def non_dominated(routes: Sequence[Route]) -> list[Route]:
     """Those that no other beats in length, worst drift and end drift at once; by length. Of equals the first."""
-    scores = np.array([_scores(route) for route in routes])
+    scores = np.array([(route.length, route.worst_guaranteed, route.rms) for route in routes])
     keep = []
     for k, mine in enumerate(scores):
         better = (scores <= mine).all(axis=1) & ((scores < mine).any(axis=1) | (np.arange(len(scores)) < k))
@@ -234,16 +229,13 @@ def knee(routes: Sequence[Route]) -> int:
     return int(np.argmin(scaled.sum(axis=1)))
 
 
-def _scores(route: Route) -> Floats:
-    return np.array([route.length, route.worst_guaranteed, route.rms])
-
-
 def _thinned(routes: list[Route], difference: float, max_routes: int) -> tuple[Route, ...]:
     """Without those that are nearly the same as a shorter one; the steadiest always stays."""
     kept: list[Route] = []
     steadiest = min(routes, key=lambda route: route.worst_guaranteed)
+    score = {route: np.array([route.length, route.worst_guaranteed, route.rms]) for route in routes}
     for route in routes:
-        ratio = [np.abs(np.log(_scores(route) / np.maximum(_scores(other), 1e-300))).max() for other in kept]
+        ratio = [np.abs(np.log(score[route] / np.maximum(score[other], 1e-300))).max() for other in kept]
         if route is steadiest or min(ratio, default=inf) >= difference:
             kept.append(route)
     while len(kept) > max_routes:  # the two most alike in worst drift become one

@@ -120,9 +120,9 @@ def edge_metadata(
     [{'penalty': 0.204029, 'rms_m': 0.204029}]
     """
     routes = graph.routes()
-    rms = [float(predict_drift(route, noise).end.rms) for route in routes]
+    rms = [round(float(predict_drift(route, noise).end.rms), 6) for route in routes]
     if not beacons:
-        return [{"penalty": _rounded(value), "rms_m": _rounded(value)} for value in rms]
+        return [{"penalty": value, "rms_m": value} for value in rms]
     tail, head = graph.edges.T
     length = np.maximum(np.hypot(*(graph.xy[head] - graph.xy[tail]).T), 1e-300)
     network = csr_array((length, (tail, head)), shape=(len(graph.xy),) * 2)
@@ -138,13 +138,8 @@ def edge_metadata(
             while previous[way[-1]] >= 0:
                 way.append(int(previous[way[-1]]))
             drift = drift_with_beacons(graph.xy[way[::-1]], noise, beacons, world)
-            since = {"drift_since_beacon_m": _rounded(float(drift.end.rms))}
+            since = {"drift_since_beacon_m": round(float(drift.end.rms), 6)}
         nearest = beacons[int(np.argmin(away[end]))]
-        told = {"nearest_beacon": nearest.id, "nearest_beacon_m": _rounded(hypot(*(nearest.xy - graph.xy[end])))}
-        alone = _rounded(rms[k])
-        found.append({"penalty": since.get("drift_since_beacon_m", alone), "rms_m": alone, **since, **told})
+        told = {"nearest_beacon": nearest.id, "nearest_beacon_m": round(hypot(*(nearest.xy - graph.xy[end])), 6)}
+        found.append({"penalty": since.get("drift_since_beacon_m", rms[k]), "rms_m": rms[k], **since, **told})
     return found
-
-
-def _rounded(value: float) -> float:
-    return round(value, 6)

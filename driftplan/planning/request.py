@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from driftplan.arrays import Floats, choice, finite, instance, number, point_of, positive, whole
 from driftplan.beacons.beacon import Beacon
+from driftplan.beacons.readings import waypoints_of
 from driftplan.errors import GoalError, NoPathError, PlannerError, StartError
 from driftplan.model.noise import OdometryNoise, check_continuous
 from driftplan.model.readings import NEEDS_FILTER, Estimator, Fix
@@ -148,9 +149,8 @@ class Reliance:
         if self.max_detour is not None and not (math.isfinite(self.max_detour) and self.max_detour >= 1):
             raise ValueError(f"expected max_detour >= 1, got {self.max_detour!r}")
         if self.redundancy not in (1, 2):
-            raise ValueError(
-                f"expected redundancy 1 (all beacons live) or 2 (any one may be dead), got {self.redundancy!r}"
-            )
+            wanted = "1 (all beacons live) or 2 (any one may be dead)"
+            raise ValueError(f"expected redundancy {wanted}, got {self.redundancy!r}")
         if self.start_fix is not None and not (isinstance(self.start_fix, Fix) and self.start_fix.s_m == 0):
             raise ValueError(f"expected start_fix a Fix at s_m=0, got {self.start_fix!r}")
 
@@ -204,9 +204,8 @@ class PlanRequest:
         if self.needs_labels:
             check_continuous(noises_on(self.world, self.noise))
             if self.planner.name != ROADMAP:
-                raise PlannerError(
-                    f"expected planner={ROADMAP!r} for routes with beacons or max_drift, got {self.planner.name!r}"
-                )
+                what = "for routes with beacons or max_drift"
+                raise PlannerError(f"expected planner={ROADMAP!r} {what}, got {self.planner.name!r}")
         start, goal = self.ends
         if finite("start", start, "(x, y) or (x, y, heading)").shape == (3,):
             *start, heading = (number("a number of start", value) for value in start)
@@ -244,12 +243,11 @@ def check_connected(world: World, ends: Floats) -> None:
     """Refuse, with a NoPathError, ends (2, 2) in different parts of the free space."""
     start_part, goal_part = world.free_part(ends)
     if start_part != goal_part:
-        part = world.free_parts[start_part]
+        part, (start, goal) = world.free_parts[start_part], map(format_point, ends)
         xmin, ymin, xmax, ymax = part.bounds
         raise NoPathError(
-            f"no path from {format_point(ends[0])} to {format_point(ends[1])}: a robot of radius "
-            f"{world.robot_radius:g} m that starts there reaches only {part.area:.4g} m², x {xmin:.2f}..{xmax:.2f}, "
-            f"y {ymin:.2f}..{ymax:.2f} m"
+            f"no path from {start} to {goal}: a robot of radius {world.robot_radius:g} m that starts there reaches "
+            f"only {part.area:.4g} m², x {xmin:.2f}..{xmax:.2f}, y {ymin:.2f}..{ymax:.2f} m"
         )
 
 
@@ -266,12 +264,21 @@ def checked_ends(world: World, start: ArrayLike, goal: ArrayLike) -> Floats:
 
 
 def blocked_end(world: World, name: str, point: Floats) -> tuple[str, Floats]:
-    """What is wrong with a start or goal that is not free, in words, and the free point nearest to it."""
+    """What is wrong with a start or goal that is not free, in words, and the free point nearest to it: one that is
+    still free when written to the millimetre, if there is any near."""
     xmin, ymin, xmax, ymax = world.bounds
     wrong = "is not free"
     if not (xmin <= point[0] <= xmax and ymin <= point[1] <= ymax):
         wrong = f"is off the map, which spans x {xmin:g} to {xmax:g} and y {ymin:g} to {ymax:g} m"
-    return f"{name} {format_point(point)} {wrong}", _nearest_writable(world, point)
+    nearest = world.nearest_free(point)
+    way = nearest - point
+    inward = way / max(float(np.linalg.norm(way)), 1e-12)
+    for step in (0.0, 0.001, 0.002, 0.005, 0.02, 0.1):  # a little farther in, it is still free when written
+        rounded = np.round(nearest + step * inward, 3)
+        if world.is_free(rounded):
+            nearest = rounded
+            break
+    return f"{name} {format_point(point)} {wrong}", nearest
 
 
 def format_point(point: Floats) -> str:
@@ -291,36 +298,15 @@ def format_least(metres: float) -> str:
     return f"{Context(prec=3, rounding=ROUND_CEILING).create_decimal(repr(float(metres))):g} m"
 
 
-def _nearest_writable(world: World, point: Floats) -> Floats:
-    """The nearest free point, or one a little farther in that is still free when written to the millimetre."""
-    nearest = world.nearest_free(point)
-    way = nearest - point
-    inward = way / max(float(np.linalg.norm(way)), 1e-12)
-    for step in (0.0, 0.001, 0.002, 0.005, 0.02, 0.1):
-        rounded = np.round(nearest + step * inward, 3)
-        if world.is_free(rounded):
-            return rounded
-    return nearest
-
-
 def _checked_path(world: World, ends: Floats, path: ArrayLike) -> Floats:
     """A path of the caller's, after it has been looked at."""
-    points = np.asarray(path, dtype=float)
-    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
-        raise ValueError(
-            f"expected initial_paths of at least 2 finite waypoints, shape (n, 2), got shape {points.shape}"
-        )
-    if not (np.allclose(points[0], ends[0]) and np.allclose(points[-1], ends[1])):
-        raise ValueError(
-            f"expected initial_paths from {format_point(ends[0])} to {format_point(ends[1])}, got one from "
-            f"{format_point(points[0])} to {format_point(points[-1])}"
-        )
+    points = waypoints_of(path, "initial_paths: ")
+    if not np.allclose(points[[0, -1]], ends):
+        wanted, got = (f"from {format_point(a)} to {format_point(b)}" for a, b in (ends, points[[0, -1]]))
+        raise ValueError(f"expected initial_paths {wanted}, got one {got}")
     points = np.concatenate([ends[:1], points[1:-1], ends[1:]])  # to the last digit
     free = world.segments_free(points[:-1], points[1:])
     if not free.all():
-        leg = int(np.argmin(free))
-        raise ValueError(
-            f"expected initial_paths free of collisions, got one that collides between {format_point(points[leg])} and "
-            f"{format_point(points[leg + 1])}"
-        )
+        a, b = map(format_point, points[np.argmin(free) :][:2])
+        raise ValueError(f"expected initial_paths free of collisions, got one that collides between {a} and {b}")
     return points

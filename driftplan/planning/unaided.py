@@ -22,7 +22,6 @@ from driftplan.planning.roadmap.prices import AdditiveCost, Score, exact_drift, 
 from driftplan.planning.status import Status
 from driftplan.planning.taut_strings import LeastRoute, first_margin_m, taut_route, tight_least_route
 from driftplan.world.world import World
-from driftplan.world.zones import Zone
 
 _SEARCH_SHARE = 0.85  # of the time limit; the rest is for the bound
 _SHORTEST_SHARE = 0.2  # of it, for OMPL's planner to find the shortest route, whose polished form is a candidate too
@@ -69,17 +68,15 @@ def best_unaided(request: PlanRequest) -> Unaided:
     best = shortest = min(pool, key=length_of)
     if request.minimise == "drift":
         longest = math.inf if detour is None else detour * length_of(shortest) * (1 + 1e-9)
-        best = min((path for path in pool if length_of(path) <= longest), key=lambda path: _mean_square(request, path))
+        given = request.noise, request.reliance.start_heading
+        fitting = [path for path in pool if length_of(path) <= longest]
+        best = min(fitting, key=lambda path: float(exact_drift(request.world, path, *given).end.rms))
     return Unaided(best, shortest, status, search.least or _least(request, best))
 
 
 def _least(request: PlanRequest, path: Floats) -> LeastRoute:
     noise = _PER_METRE if request.minimise == "length" else request.noise
     return tight_least_route(request.world, path, noise, _GAP, left_s=request.left_s)
-
-
-def _mean_square(request: PlanRequest, path: Floats) -> float:
-    return float(exact_drift(request.world, path, request.noise, request.reliance.start_heading).end.rms) ** 2
 
 
 def _within_detour(search: _RoadmapPaths | _OmplPaths, longest: float) -> list[Floats]:
@@ -229,11 +226,8 @@ class _OmplPaths:
         brief = self._solve("length", _SHORTEST_SHARE)
         found = self._solve("drift", 1 / searches)
         cost = AdditiveCost(request.world, request.ends[1], request.noise, "drift")
-        self.paths = [
-            *found,
-            *brief,
-            *(polished(cost, path, request.reliance.start_heading, self._late) for path in brief),
-        ]
+        better = (polished(cost, path, request.reliance.start_heading, self._late) for path in brief)
+        self.paths = [*found, *brief, *better]
 
     def grow(self, _: int | None = None) -> Status:
         return self._status
@@ -275,11 +269,9 @@ class _OmplPaths:
 
 def _dearer_by(world: World, noise: OdometryNoise, price_per_m: float) -> tuple[World, OdometryNoise]:
     """World and noise with a variance per metre added to every noise."""
-    if price_per_m == 0:
-        return world, noise
 
     def dearer(noise: OdometryNoise) -> OdometryNoise:
         return replace(noise, distance_var_per_m=noise.distance_var_per_m + price_per_m)
 
-    zones = tuple(Zone(zone.polygon, dearer(zone.noise)) for zone in world.zones)
-    return (replace(world, zones=zones) if zones else world), dearer(noise)
+    zones = tuple(replace(zone, noise=dearer(zone.noise)) for zone in world.zones)
+    return (replace(world, zones=zones) if zones and price_per_m else world), dearer(noise)

@@ -278,7 +278,7 @@ def test_what_a_checker_raises_comes_out_and_the_next_solve_works():
 def test_options_that_make_no_sense_are_refused(options, said):
     _, si = plane()
     with pytest.raises(ValueError, match=said):
-        RoadmapPlanner(si, DriftObjective(si, NOISE, GOAL), WORLD, **options)
+        driftplan.RoadmapPlanner(si, DriftObjective(si, NOISE, GOAL), WORLD, **options)
 
 
 @pytest.mark.parametrize(

@@ -306,7 +306,11 @@ ROOMS = World.from_polygons([[(4.9, 0), (5.1, 0), (5.1, 10), (4.9, 10)]], bounds
         ({"noise": 0.1}, ValueError, "expected noise to be an OdometryNoise"),
         ({"planner": Planner(initial_paths=[[(2, 2), (3, 3)]])}, ValueError, "initial_paths from"),
         ({"planner": Planner(initial_paths=[[(2, 2), (8, 2)]])}, ValueError, "collides between"),
-        ({"planner": Planner(initial_paths=[[(2, 2)]])}, ValueError, "at least 2 finite waypoints"),
+        (
+            {"planner": Planner(initial_paths=[[(2, 2)]])},
+            ValueError,
+            "initial_paths: expected a path .n, 2. of at least 2 waypoints",
+        ),
     ],
 )
 def test_bad_input_is_refused(arguments, error, message):

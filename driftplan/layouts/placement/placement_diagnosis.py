@@ -48,11 +48,8 @@ def _explained(search: LimitSearch, limits: Sequence[float], cover: Cover) -> tu
     stretch: Stretch | None = None
     if cover.status is not Status.INFEASIBLE:
         ruled_out = f" (one would cost at least {cover.lower_bound:g})" if cover.lower_bound > 0 else ""
-        return (
-            f"no layout was found in time, nor was it proven that there is none{ruled_out}: raise time_limit, or begin "
-            "with a higher max_drift",
-            None,
-        )
+        to_do = "raise time_limit, or begin with a higher max_drift"
+        return f"no layout was found in time, nor was it proven that there is none{ruled_out}: {to_do}", None
     if cover.hopeless is not None and cover.hopeless.where[0] == -2:
         why = f"group {cover.hopeless.where[1]} demands more beacons than it has sites outside the forbidden areas"
     elif cover.hopeless is not None:

@@ -170,20 +170,19 @@ class LimitSearch:
         """On tables for the smallest limit that will be asked for (None: the smallest worth asking for)."""
         if problem.scenario.estimator == "filter":
             return cls(problem, problem.stations.fused_routes(problem.scenario), deadline, progress)
-        limit_m = _least_limit_m(problem) if least_limit_m is None else least_limit_m
-        return cls(problem, route_table(problem.scenario, problem.stations.readings, limit_m), deadline, progress)
+        limit_m, scenario = least_limit_m, problem.scenario
+        if limit_m is None:  # no beacon is better than its own accuracy
+            bare = max(scenario.worst(scenario.drift(r, problem.existing)) for r in range(len(scenario.routes)))
+            stds = [b.kind.position_std_m or 0.0 for b in problem.sites]
+            limit_m = max(min(stds) * 2**0.5, _MIN_LIMIT_SHARE * bare, 1e-6)
+        return cls(problem, route_table(scenario, problem.stations.readings, limit_m), deadline, progress)
 
     def like(self, problem: PlacementProblem, deadline: float) -> LimitSearch:
         """The same tables for other rules."""
         return replace(self, problem=problem, deadline=deadline)
 
     def cover(
-        self,
-        limits: Sequence[float],
-        *,
-        ruled: bool = True,
-        hint: Bools | None = None,
-        stop_at_first: bool = False,
+        self, limits: Sequence[float], *, ruled: bool = True, hint: Bools | None = None, stop_at_first: bool = False
     ) -> Cover:
         """The cheapest layout that keeps the limits and, if ``ruled``, the rules."""
         problem, needs = self.problem, self.requirements(limits)
@@ -236,11 +235,3 @@ class LimitSearch:
             else:
                 return LeastFactor(best, factor, ruled_out, False)
         return LeastFactor(best, factor, ruled_out, True)
-
-
-def _least_limit_m(problem: PlacementProblem) -> float:
-    """The smallest limit worth asking for: no beacon is better than its own accuracy."""
-    scenario = problem.scenario
-    bare = max(scenario.worst(scenario.drift(r, problem.existing)) for r in range(len(scenario.routes)))
-    stds = [b.kind.position_std_m or 0.0 for b in problem.sites]
-    return max(min(stds) * 2**0.5, _MIN_LIMIT_SHARE * bare, 1e-6)

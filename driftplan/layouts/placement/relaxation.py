@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from math import inf
 from typing import Any, NamedTuple
 
@@ -109,20 +110,15 @@ def _optimum(
     seconds = max(0.05, time_limit)
     rows.indices, rows.indptr = rows.indices.astype(np.int32), rows.indptr.astype(np.int32)  # scipy 1.13's milp
 
-    def in_whole_numbers() -> Any:
-        return milp(
-            cost,
-            integrality=np.ones(len(cost), dtype=np.intp),
-            bounds=Bounds(low, high),
-            constraints=LinearConstraint(rows, lb=least) if len(least) else (),
-            options={"time_limit": seconds, "mip_rel_gap": 0.0},
-        )
-
-    def in_fractions() -> Any:
+    def solved() -> Any:
+        if whole:
+            limited = {"constraints": LinearConstraint(rows, lb=least)} if len(least) else {}
+            options = {"time_limit": seconds, "mip_rel_gap": 0.0}
+            return milp(cost, integrality=np.ones(len(cost)), bounds=Bounds(low, high), options=options, **limited)
         limited = {"A_ub": -rows, "b_ub": -least} if len(least) else {}
         return linprog(cost, bounds=np.stack([low, high], axis=1), options={"time_limit": seconds}, **limited)
 
-    found = _interruptible(in_whole_numbers if whole else in_fractions)
+    found = _interruptible(solved)
     if found.status not in (0, 1, 2):
         raise RuntimeError(f"HiGHS could not solve the covering problem: {found.message}")
     return found
@@ -130,22 +126,18 @@ def _optimum(
 
 def _interruptible(work: Callable[[], Any]) -> Any:
     """The result of ``work``, computed beside the main thread so that Ctrl-C is heard at once."""
-    outcome: list[Any] = []
+    outcome: Future[Any] = Future()
 
     def run() -> None:
         try:
-            outcome.append((work(), None))
+            outcome.set_result(work())
         except BaseException as err:
-            outcome.append((None, err))
+            outcome.set_exception(err)
 
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    while thread.is_alive():
-        thread.join(0.1)
-    result, err = outcome[0]
-    if err is not None:
-        raise err
-    return result
+    threading.Thread(target=run, daemon=True).start()
+    while not outcome.done():
+        wait([outcome], timeout=0.1)
+    return outcome.result()
 
 
 def common_step(cost: Floats) -> float:
