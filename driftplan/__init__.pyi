@@ -49,8 +49,8 @@ from .model.calibration.fit import fit_noise as fit_noise
 from .model.calibration.noise_check import check_noise as check_noise
 from .model.calibration.recordings import OdometryLog as OdometryLog
 from .model.calibration.recordings import Trajectory as Trajectory
+from .model.calibration.recordings import simulate_log as simulate_log
 from .model.calibration.relative_errors import relative_errors as relative_errors
-from .model.calibration.simulated_log import simulate_log as simulate_log
 from .model.calibration.umbmark import umbmark as umbmark
 from .model.drift import Drift as Drift
 from .model.drift import predict_drift as predict_drift

@@ -9,9 +9,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from driftplan.model.calibration.fit import PARAMETERS, fit_noise
+from driftplan.model.calibration.recordings import simulate_log
 from driftplan.model.calibration.segment_sets import segment_set
 from driftplan.model.calibration.segments import TruthNoise
-from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Run
 from driftplan.world.odometry_logs import read_odometry, read_truth

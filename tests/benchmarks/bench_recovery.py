@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from driftplan.model.calibration.chance import CLEAR_CHANCE
 from driftplan.model.calibration.fit import PARAMETERS
-from driftplan.model.calibration.noise_check import HEAVY_TAILS_CHANCE
-from driftplan.model.calibration.simulated_log import simulate_log
+from driftplan.model.calibration.noise_check import CLEAR_CHANCE, HEAVY_TAILS_CHANCE
+from driftplan.model.calibration.recordings import simulate_log
 from tests.model.test_calibration import EVERY_RATE, PATHS, false_alarms, share_held
 
 REPETITIONS = 200

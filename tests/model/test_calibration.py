@@ -9,15 +9,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.model.calibration.bootstrap import bootstrap
-from driftplan.model.calibration.chance import CLEAR_CHANCE, repetitions
 from driftplan.model.calibration.fit import PARAMETERS, estimated, fit_noise
-from driftplan.model.calibration.noise_check import HEAVY_TAILS_CHANCE, check_noise, check_segments, judged
-from driftplan.model.calibration.quasi_likelihood import bounded_step, equations, models, solve
-from driftplan.model.calibration.recordings import OdometryLog, Trajectory
+from driftplan.model.calibration.noise_check import (
+    CLEAR_CHANCE,
+    HEAVY_TAILS_CHANCE,
+    check_noise,
+    check_segments,
+    growth_note,
+    repetitions,
+)
+from driftplan.model.calibration.quasi_likelihood import bootstrap, bounded_step, equations, models, solve
+from driftplan.model.calibration.recordings import OdometryLog, Trajectory, simulate_log
 from driftplan.model.calibration.segment_sets import drives_of, segment_set
 from driftplan.model.calibration.segments import TruthNoise
-from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Run
 
@@ -476,7 +480,7 @@ def false_alarms(seeds):
             fitted, true = models(solution.names, solution.theta), (TURNING, TruthNoise(0.003**2, 0.0))
             for words, noise_and_truth in zip(alarms, (fitted, true), strict=True):
                 moments = segments.expected(segments.windows(noise_and_truth[0]), noise_and_truth[1])
-                notes = judged(check_segments(segments, moments, repetitions(segments, *noise_and_truth))).notes
+                notes = check_segments(segments, moments, repetitions(segments, *noise_and_truth)).notes
                 alarms[words] += any(words in note for note in notes)
     return alarms
 
@@ -495,13 +499,13 @@ def test_a_ratio_as_far_off_as_chance_makes_it_is_no_alarm(fit, up):
     error = 0.24
     row = fit.check.lengths[0]
 
-    def judged_at(shift):
+    def note_at(shift):
         rms = row.predicted_rms_m * np.exp((shift if up else -shift) * error - error**2)
         rows = [row._replace(measured_rms_m=rms, measured_rms_error_m=error * rms)] * 2
-        return judged(replace(fit.check, lengths=tuple(rows), heavy_tails=(0, 1.0), clear_errors=(3.0, 99.0)))
+        return growth_note(rows, 3.0)
 
-    assert not any("random-walk" in note for note in judged_at(2.9).notes)
-    assert any("random-walk" in note for note in judged_at(3.1).notes)
+    assert note_at(2.9) == ""
+    assert "random-walk" in note_at(3.1)
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from driftplan.model.calibration.matched_drive import match
-from driftplan.model.calibration.recordings import OdometryLog, Trajectory
+from driftplan.model.calibration.recordings import OdometryLog, Trajectory, simulate_log
 from driftplan.model.calibration.resampling import angle_turned
-from driftplan.model.calibration.simulated_log import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Run
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from driftplan.model.calibration.simulated_log import simulate_log
+from driftplan.model.calibration.recordings import simulate_log
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Run

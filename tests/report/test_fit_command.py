@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from driftplan.model.calibration.simulated_log import simulate_log
+from driftplan.model.calibration.recordings import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.noise_files import load_noise
 

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from driftplan.model.calibration.fit import fit_noise
-from driftplan.model.calibration.simulated_log import simulate_log
+from driftplan.model.calibration.recordings import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.report.figures.fits import plot_coverage, plot_fit, plot_growth, plot_predicted
 

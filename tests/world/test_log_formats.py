@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from driftplan.errors import TrajectoryError
-from driftplan.model.calibration.simulated_log import simulate_log
+from driftplan.model.calibration.recordings import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.odometry_logs import read_odometry, read_truth
 from driftplan.world.route_files import read_path

@@ -11,7 +11,7 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from driftplan.model.calibration.fit import fit_noise
-from driftplan.model.calibration.simulated_log import simulate_log
+from driftplan.model.calibration.recordings import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.paths import Run
 from driftplan.world.odometry_logs import read_odometry, read_truth

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from driftplan.errors import TrajectoryError
 from driftplan.model.calibration.fit import fit_noise
-from driftplan.model.calibration.simulated_log import simulate_log
+from driftplan.model.calibration.recordings import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.noise_files import load_noise, save_noise
 

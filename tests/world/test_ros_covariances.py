@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from driftplan.model.calibration.simulated_log import simulate_log
+from driftplan.model.calibration.recordings import simulate_log
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.simulation import simulate_drift
 from driftplan.world.noise_files import ros_covariances

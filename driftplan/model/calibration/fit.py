@@ -16,18 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.arrays import Complexes, Floats, whole
-from driftplan.model.calibration.bootstrap import (
-    between_drives,
-    bootstrap,
-    intervals,
-    rms_spread,
-    spread_out,
-    standard_errors,
-    systematic_covariance,
-)
-from driftplan.model.calibration.chance import repetitions
 from driftplan.model.calibration.matched_drive import MatchCounts, MatchOptions
-from driftplan.model.calibration.noise_check import Estimate, SegmentCheck, Truth, check_segments, checked, judged
+from driftplan.model.calibration.noise_check import Estimate, SegmentCheck, Truth, check_segments, checked, repetitions
 from driftplan.model.calibration.notes import drive_notes, fault_notes, mounting_notes, reference_notes, swap_notes
 from driftplan.model.calibration.quasi_likelihood import (
     DRIVES_TO_HOLD_OUT,
@@ -35,10 +25,15 @@ from driftplan.model.calibration.quasi_likelihood import (
     SYSTEMATIC,
     TRUTH,
     Solution,
-    elsewhere,
+    between_drives,
+    bootstrap,
     held_out,
     models,
+    rms_spread,
+    solution_at,
     solve,
+    student_allowance,
+    systematic_covariance,
 )
 from driftplan.model.calibration.relative_errors import RelativeErrors, segment_errors
 from driftplan.model.calibration.resampling import laid_on_truth
@@ -130,7 +125,7 @@ class NoiseFit(Tabular):
         ``max_gap_s``.
         """
         segments, _ = segment_set(drives_of(estimates, truths), lengths_m=lengths_m, **options)
-        there = elsewhere(segments, self._solution)
+        there = solution_at(segments, self._solution.names, self._solution.theta)
         spread = rms_spread(segments, there, self._replicates, self.confidence, segments.position)
         noise, truth = models(there.names, there.theta)
         return checked(segments, replace(noise, **self.between_drives), truth, spread)
@@ -230,7 +225,7 @@ def fit_noise(
 
     Raises ValueError for arguments out of range, recordings that do not overlap, and drives too short for the segments.
 
-    >>> from driftplan.model.calibration.simulated_log import simulate_log
+    >>> from driftplan.model.calibration.recordings import simulate_log
     >>> noise = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3, distance_scale_error=0.02)
     >>> square = [(0, 0), (5, 0), (5, 5), (0, 5)]
     >>> odometry, truth = simulate_log(20 * square, noise, rng=1)
@@ -257,7 +252,7 @@ def fit_noise(
     noise, truth = models(solution.names, solution.theta)
     spread = rms_spread(segments, solution, replicates, confidence, segments.position)
     again, moments = repetitions(segments, noise, truth), segments.expected(segments.windows(noise), truth)
-    check = judged(check_segments(segments, moments, again, spread.intervals))
+    check = check_segments(segments, moments, again, spread.intervals)
     relative = heading_rms = None
     if segments.has_heading:
         relative = segment_errors(segments, drives, matches, max_gap_s)
@@ -273,7 +268,7 @@ def fit_noise(
         truth_position_std_m=sqrt(truth.position_var),
         truth_heading_std=sqrt(truth.heading_var),
         check=check,
-        held_out=judged(check_segments(segments, held_out(segments, solution), again)),
+        held_out=check_segments(segments, held_out(segments, solution), again),
         relative_errors=relative,
         heading_rms_intervals=heading_rms,
         counts=sum((m.counts for m in matches), MatchCounts()),
@@ -297,7 +292,8 @@ def fit_noise(
 
 
 class Estimated(NamedTuple):
-    """The estimate, its bootstrap `spread_out`, and by the names of the rates what it says of them."""
+    """The estimate, its bootstrap, spread as far as Student's quantile calls for, and by the names of the rates what it
+    says of them: percentile intervals hold the estimate, and no negative variance."""
 
     solution: Solution
     replicates: Floats
@@ -311,9 +307,10 @@ def estimated(
     """The rates and how well they are known, and what there is to say of those left out."""
     solution, notes = _solved(segments, names)
     replicates, blocks = bootstrap(segments, solution, resamples, np.random.default_rng(seed))
-    error = standard_errors(replicates, blocks)
-    replicates = spread_out(solution, replicates, blocks, confidence)
-    low, high = intervals(solution, replicates, confidence)
+    error, theta, tail = replicates.std(axis=0), solution.theta, (1 - confidence) / 2
+    replicates = theta + student_allowance(blocks, tail) * (replicates - theta)
+    low, high = np.quantile(replicates, [tail, 1 - tail], axis=0)
+    low, high = np.minimum(np.where(solution.bounded, np.maximum(low, 0.0), low), theta), np.maximum(high, theta)
     rates = [k for k, name in enumerate(solution.names) if name not in TRUTH]
     std_errors = {solution.names[k]: float(error[k]) for k in rates}
     held = {solution.names[k]: (float(low[k]), float(high[k])) for k in rates}

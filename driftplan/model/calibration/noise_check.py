@@ -1,9 +1,14 @@
-"""check_noise: does a noise, fitted or given, describe the errors of recorded segments? Predicted against measured."""
+"""check_noise: does a noise, fitted or given, describe the errors of recorded segments? Predicted against measured.
+
+Segments overlap, share turns and have errors of very different sizes, so that textbook standard errors of their mean
+squares and shares are wrong by factors. So the drives are repeated at their own knots with Gaussian errors of the
+model, and whatever a check computes is computed of every repetition: what chance alone does.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import hypot
 from typing import Any, NamedTuple
 
@@ -11,23 +16,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.arrays import Floats
-from driftplan.model.calibration.bootstrap import RmsSpread, systematic_errors
-from driftplan.model.calibration.chance import LEVELS, LIMITS, by_chance, normalised_squares, repetitions, tail_weight
 from driftplan.model.calibration.matched_drive import MatchOptions
-from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC
+from driftplan.model.calibration.quasi_likelihood import SYSTEMATIC, RmsSpread, systematic_errors
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_sets import SegmentSet, drives_of, segment_set
-from driftplan.model.calibration.segments import TruthNoise
+from driftplan.model.calibration.segments import TruthNoise, errors_of, repeated
 from driftplan.model.noise import BETWEEN_DRIVES, OdometryNoise
 from driftplan.tables import Tabular, decimals, table
 
 Estimate = OdometryLog | ArrayLike
 Truth = Trajectory | ArrayLike
 
+LEVELS = (0.5, 0.9, 0.95)
+LIMITS = tuple(float(-2 * np.log1p(-level)) for level in LEVELS)  # of χ² with two degrees of freedom
+CLEAR_CHANCE = 0.01  # that a right model is said not to fit
 HEAVY_TAILS_CHANCE = 0.05  # that Gaussian errors are said not to be so
 _CLEAR_SHIFT_ERRORS = 3.0  # standard errors by which the systematic errors of other drives are said to differ
 _TRUSTED = 0.35  # of the predicted rms, within which the measured one has to be
 _CLEAR_RATIO = 0.15  # of the predicted rms, by which the measured one is at least off if it is said to be
+_REPETITIONS = 199
+_NUMBERS_AT_ONCE = 4_000_000
 
 
 class LengthCheck(NamedTuple):
@@ -44,7 +52,7 @@ class LengthCheck(NamedTuple):
         noise is taken as given
     measured_heading_rms, predicted_heading_rms : of the sine of the heading error gained; nan without true headings
     coverage : share of the errors inside the regions that should hold 50, 90 and 95 %
-    coverage_error : standard deviations of these shares if the model were right (`driftplan.model.calibration.chance`)
+    coverage_error : standard deviations of these shares if the model were right
     mean_nees : mean normalised error squared per degree of freedom: 1 if the model is right, above if it promises too
         much
     """
@@ -72,18 +80,12 @@ class SegmentCheck(Tabular):
     lengths : shortest first
     errors_m : position errors of all segments, metres, by length
     has_heading : whether segments were aligned by measured headings
-    heavy_tails : (int, float)
-        Index of the length at which most of the error lies in the fewest segments, and the chance that Gaussian errors
-        look so at some length.
-    clear_errors : standard errors by which measured rms, and shares in the widest region, differ clearly at some length
     notes : plain sentences; empty when the model describes the errors within sampling errors
     """
 
     lengths: tuple[LengthCheck, ...]
     errors_m: tuple[Floats, ...]
     has_heading: bool
-    heavy_tails: tuple[int, float]
-    clear_errors: tuple[float, float]
     notes: tuple[str, ...]
 
     @property
@@ -154,7 +156,7 @@ def check_noise(
     estimates, truths, lengths_m, use_heading, time_offset_s, heading_offset, max_gap_s : as for `fit_noise`
     truth_position_std_m, truth_heading_std : white errors of the reference: metres per coordinate, rad
 
-    >>> from driftplan.model.calibration.simulated_log import simulate_log
+    >>> from driftplan.model.calibration.recordings import simulate_log
     >>> noise = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3)
     >>> check = check_noise(noise, *simulate_log(5 * [(0, 0), (5, 0), (5, 5), (0, 5)], noise, rng=1))
     >>> [bool(0.5 < row.measured_rms_m / row.predicted_rms_m < 2) for row in check.lengths[:3]]
@@ -177,9 +179,42 @@ def checked(
     between = {name: getattr(noise, std) for name, std in BETWEEN_DRIVES.items()}
     variances = np.array([between[name] for name in SYSTEMATIC]) ** 2
     cov = cov + np.einsum("nki,k,nkj->nij", slopes, variances, slopes)
+    notes = _systematic_notes(noise, values, between)
     intervals, errors = (None, None) if spread is None else spread
-    found = check_segments(segments, (mean, cov), repetitions(segments, noise, truth), intervals)
-    return judged(replace(found, notes=tuple(_systematic_notes(noise, values, between))), errors)
+    return check_segments(segments, (mean, cov), repetitions(segments, noise, truth), intervals, errors, notes)
+
+
+def repetitions(segments: SegmentSet, noise: OdometryNoise, truth: TruthNoise) -> Floats:
+    """The observed values of all segments, (runs, n, 3), if the drives are driven again under a noise."""
+    rng = np.random.default_rng(0)
+    knots = sum(len(part.driven) for part in segments.resampled)
+    chunk = int(np.clip(_NUMBERS_AT_ONCE // (knots + len(segments.values)), 1, _REPETITIONS))
+    found = []
+    for begin in range(0, _REPETITIONS, chunk):
+        runs = min(chunk, _REPETITIONS - begin)
+        deviations = rng.standard_normal((3, runs)) if noise.varies_between_drives else np.zeros((3, runs))
+        drives = [repeated(part, noise, truth, rng, deviations) for part in segments.resampled]
+        observed = [(drives[i], seen.starts, length.steps) for length in segments.bins for i, seen in length.observed]
+        found.append(np.concatenate([errors_of(*one) for one in observed], axis=-2))
+    return np.concatenate(found)
+
+
+def _figures(segments: SegmentSet, values: Floats, mean: Floats, cov: Floats) -> tuple[Floats, ...]:
+    """What a check measures of observed values (..., n, 3) with these moments: mean square position errors (...,
+    lengths), m²; shares inside the regions (..., lengths, levels); mean normalised squares; and the logarithm of their
+    median over it, -0.37 if Gaussian, lower where few hold most."""
+    where = segments.position
+    square, surplus = (values[..., where] ** 2).sum(axis=-1), values[..., where] - mean[:, where]
+    nees = np.einsum("...ni,nij,...nj->...n", surplus, np.linalg.inv(cov[:, where, where]), surplus)
+    found = []
+    for k in range(len(segments.bins)):
+        mine = segments.bin_of == k
+        some, typical = nees[..., mine], nees[..., mine].mean(axis=-1)
+        shares = np.stack([(some < limit).mean(axis=-1) for limit in LIMITS], axis=-1)
+        tails = np.log(np.maximum(np.median(some, axis=-1), 1e-300) / np.maximum(typical, 1e-300))
+        found.append((square[..., mine].mean(axis=-1), shares, typical, tails))
+    squares, all_shares, *others = zip(*found, strict=True)
+    return np.stack(squares, axis=-1), np.stack(all_shares, axis=-2), *(np.stack(x, axis=-1) for x in others)
 
 
 def check_segments(
@@ -187,50 +222,70 @@ def check_segments(
     moments: tuple[Floats, Floats],
     repeated_values: Floats,
     rms_intervals_m: Floats | None = None,
+    rms_errors_m: Floats | None = None,
+    notes: Sequence[str] = (),
 ) -> SegmentCheck:
     """The errors of segments against ``moments`` (n, 3), (n, 3, 3) that are predicted for them, and what chance does in
-    `driftplan.model.calibration.chance.repetitions`. ``rms_intervals_m`` (lengths, 2) of the predicted rms are told;
-    `judged` adds the verdict."""
+    `repetitions`. ``rms_intervals_m`` (lengths, 2) of the predicted rms are told; where the prediction owes nothing to
+    these segments, the standard errors of its rms (lengths,) count too. ``notes`` come before those on what does not
+    fit."""
     mean, cov = moments
     cov = cov + segments.floor()[segments.bin_of]
     where = segments.position
-    m, C = mean[:, where], cov[:, where, where]
-    nees = normalised_squares(segments, segments.values, mean, cov)
-    squares = (segments.values[:, where] ** 2).sum(axis=1)
-    predicted = (m**2).sum(axis=1) + np.trace(C, axis1=1, axis2=2)
-    gained, heading = segments.values[:, 2] ** 2, mean[:, 2] ** 2 + cov[:, 2, 2]
-    chance = by_chance(segments, repeated_values, mean, cov)
-    relative_error, share_errors = chance.log_rms.std(axis=0), chance.shares.std(axis=0)
-    lengths, tails = [], []
+    square, shares, nees, tails = _figures(segments, segments.values, mean, cov)
+    squares, all_shares, _, all_tails = _figures(segments, repeated_values, mean, cov)
+    log_rms, share_errors = 0.5 * np.log(np.maximum(squares, 1e-300)), all_shares.std(axis=0)
+    errors_m = np.sqrt((segments.values[:, where] ** 2).sum(axis=1))
+    rms, heading = np.sqrt(square), mean[:, 2] ** 2 + cov[:, 2, 2]
+    predicted = (mean[:, where] ** 2).sum(axis=1) + np.trace(cov[:, where, where], axis1=1, axis2=2)
+    predicted_rms, gained, predicted_gained = (
+        np.sqrt(segments.by_bin(x)).tolist() for x in (predicted, segments.values[:, 2] ** 2, heading)
+    )
+    lengths = []
     for k, length in enumerate(segments.bins):
         mine = segments.bin_of == k
-        rms, predicted_rms = (float(np.sqrt(x[mine].mean())) for x in (squares, predicted))
-        scatter = _mean_error(squares[mine], segments.place_m[mine], length.length_m) / (2 * rms) if rms > 0 else 0.0
-        tails.append(tail_weight(nees[mine]))
+        scatter = _mean_error(errors_m[mine] ** 2, segments.place_m[mine], length.length_m) / max(2 * rms[k], 1e-300)
         lengths.append(
             LengthCheck(
                 length.length_m,
                 int(mine.sum()),
                 max(segments.total_m / length.length_m, 1.0),
-                rms,
-                predicted_rms,
-                max(scatter, float(relative_error[k]) * rms),
-                *((predicted_rms, predicted_rms) if rms_intervals_m is None else rms_intervals_m[k].tolist(),),
-                float(np.sqrt(gained[mine].mean())) if segments.has_heading else float("nan"),
-                float(np.sqrt(heading[mine].mean())) if segments.has_heading else float("nan"),
-                tuple(float((nees[mine] < limit).mean()) for limit in LIMITS),
-                tuple(float(error) for error in share_errors[k]),
-                float(nees[mine].mean() / 2),
+                float(rms[k]),
+                predicted_rms[k],
+                max(scatter, float(log_rms[:, k].std() * rms[k])),
+                *((predicted_rms[k], predicted_rms[k]) if rms_intervals_m is None else rms_intervals_m[k].tolist(),),
+                gained[k] if segments.has_heading else float("nan"),
+                predicted_gained[k] if segments.has_heading else float("nan"),
+                tuple(shares[k].tolist()),
+                tuple(share_errors[k].tolist()),
+                float(nees[k] / 2),
             )
         )
+    standard, heaviest = _standard(tails, all_tails), _standard(all_tails).min(axis=1)
+    as_heavy = float((1 + (heaviest <= standard.min()).sum()) / (1 + len(heaviest)))  # chance at some length
+    found = (
+        growth_note(lengths, _clear(np.abs(_standard(log_rms)).max(axis=1)), rms_errors_m),
+        _tails_note(lengths[int(np.argmin(standard))], as_heavy)
+        or _regions_note(lengths, _clear(-_standard(all_shares[..., -1]).min(axis=1)), rms_errors_m),
+    )
     return SegmentCheck(
         lengths=tuple(lengths),
-        errors_m=tuple(np.sqrt(squares[segments.bin_of == k]) for k in range(len(lengths))),
+        errors_m=tuple(errors_m[segments.bin_of == k] for k in range(len(lengths))),
         has_heading=segments.has_heading,
-        heavy_tails=chance.heavy_tails(np.array(tails)),
-        clear_errors=(chance.clear_rms_errors, chance.clear_share_errors),
-        notes=(),
+        notes=(*notes, *(note for note in found if note)),
     )
+
+
+def _standard(values: Floats, chance: Floats | None = None) -> Floats:
+    """Values (..., lengths) in the standard deviations that chance (runs, lengths) gives them, by default their own."""
+    chance = values if chance is None else chance
+    return np.asarray((values - chance.mean(axis=0)) / np.maximum(chance.std(axis=0), 1e-12))
+
+
+def _clear(worst: Floats) -> float:
+    """Standard errors that the worst of all lengths exceeds in `CLEAR_CHANCE` of all checks of a right model, and at
+    least 3."""
+    return max(3.0, float(np.quantile(worst, 1 - CLEAR_CHANCE)))
 
 
 def _mean_error(values: Floats, place_m: Floats, length_m: float) -> float:
@@ -244,16 +299,8 @@ def _mean_error(values: Floats, place_m: Floats, length_m: float) -> float:
     return float(np.sqrt((surplus**2).sum() * len(count) / (len(count) - 1)) / len(values))
 
 
-def judged(check: SegmentCheck, rms_errors_m: Floats | None = None) -> SegmentCheck:
-    """The check with notes on what does not fit, beyond what chance allows; where the prediction owes nothing to these
-    segments, the standard errors of its rms (lengths,) count too."""
-    found = (_growth_note(check, rms_errors_m), _shape_note(check, rms_errors_m))
-    return replace(check, notes=(*check.notes, *(note for note in found if note)))
-
-
-def _growth_note(check: SegmentCheck, rms_errors_m: Floats | None) -> str:
-    """How the rms grows with length, measured over predicted."""
-    rows = check.lengths
+def growth_note(rows: Sequence[LengthCheck], clear_errors: float, rms_errors_m: Floats | None = None) -> str:
+    """How the rms grows with length, measured over predicted, where they differ by more than ``clear_errors``."""
     measured, predicted, error = (
         np.array([getattr(row, name) for row in rows])
         for name in ("measured_rms_m", "predicted_rms_m", "measured_rms_error_m")
@@ -261,7 +308,7 @@ def _growth_note(check: SegmentCheck, rms_errors_m: Floats | None) -> str:
     ratio, error = np.maximum(measured, 1e-300) / predicted, error / np.maximum(measured, 1e-300)
     # as chance was measured, of logarithms: theirs is a mean too low by the error squared, where the square's is right
     shift = np.abs(np.log(ratio) + error**2)
-    clear = shift > check.clear_errors[0] * np.hypot(error, 0.0 if rms_errors_m is None else rms_errors_m / predicted)
+    clear = shift > clear_errors * np.hypot(error, 0.0 if rms_errors_m is None else rms_errors_m / predicted)
     if len(rows) < 2 or not (clear & (np.abs(ratio - 1) > _CLEAR_RATIO)).any():
         return ""
     if ratio[-1] > ratio[0] * (1 + _CLEAR_RATIO):
@@ -279,33 +326,34 @@ def _growth_note(check: SegmentCheck, rms_errors_m: Floats | None) -> str:
     )
 
 
-def _shape_note(check: SegmentCheck, rms_errors_m: Floats | None) -> str:
-    """Whether few segments hold most of the error, or too many fall outside."""
-    rows = check.lengths
-    share, error = (np.array([getattr(row, name) for row in rows]) for name in ("coverage", "coverage_error"))
+def _tails_note(row: LengthCheck, chance: float) -> str:
+    """Whether few segments hold most of the error, most clearly at one length; Gaussian errors do with this chance."""
+    if chance > HEAVY_TAILS_CHANCE:
+        return ""
+    outside = 1 - row.coverage[2]
+    tails = f" and {100 * outside:.0f} % outside the 95 % region" if outside > 1 - LEVELS[2] else ""
+    narrow = " and too narrow for the rest" if tails else ""
+    return (
+        f"The errors are not Gaussian: {100 * row.coverage[0]:.0f} % lie inside the 50 % region{tails} at "
+        f"{row.length_m:.3g} m. Most of the drift comes from a few places (slips?): the rms may hold, the regions "
+        f"are too wide for most segments{narrow}. (Gaussian errors look so in {100 * chance:.2g} % of fits.)"
+    )
+
+
+def _regions_note(rows: Sequence[LengthCheck], clear_errors: float, rms_errors_m: Floats | None) -> str:
+    """Whether more errors fall outside the widest region than ``clear_errors`` of that share explain."""
+    share, error = (np.array([getattr(row, name)[2] for row in rows]) for name in ("coverage", "coverage_error"))
     if rms_errors_m is not None:  # regions too large or small by a share p hold χ² exp(-χ²/2) p less or more of χ²
-        slope = np.array(LIMITS) * np.exp(-0.5 * np.array(LIMITS))
         relative = rms_errors_m / [row.predicted_rms_m for row in rows]
-        error = np.hypot(error, relative[:, None] * slope)
-    excess = (share - LEVELS) / np.maximum(error, 1e-12)
-    k, chance = check.heavy_tails
-    if chance <= HEAVY_TAILS_CHANCE:
-        row = rows[k]
-        outside = 1 - row.coverage[2]
-        tails = f" and {100 * outside:.0f} % outside the 95 % region" if outside > 1 - LEVELS[2] else ""
-        narrow = " and too narrow for the rest" if tails else ""
-        return (
-            f"The errors are not Gaussian: {100 * row.coverage[0]:.0f} % lie inside the 50 % region{tails} at "
-            f"{row.length_m:.3g} m. Most of the drift comes from a few places (slips?): the rms may hold, the regions "
-            f"are too wide for most segments{narrow}. (Gaussian errors look so in {100 * chance:.2g} % of fits.)"
-        )
-    if (excess[:, 2] < -check.clear_errors[1]).any():
-        row = rows[int(np.argmin(excess[:, 2]))]
-        return (
-            f"The regions are too small: {100 * (1 - row.coverage[2]):.0f} % of the errors lie outside the 95 % region "
-            f"at {row.length_m:.3g} m."
-        )
-    return ""
+        error = np.hypot(error, relative * LIMITS[2] * np.exp(-0.5 * LIMITS[2]))
+    excess = (share - LEVELS[2]) / np.maximum(error, 1e-12)
+    if not (excess < -clear_errors).any():
+        return ""
+    row = rows[int(np.argmin(excess))]
+    return (
+        f"The regions are too small: {100 * (1 - row.coverage[2]):.0f} % of the errors lie outside the 95 % region "
+        f"at {row.length_m:.3g} m."
+    )
 
 
 def _systematic_notes(

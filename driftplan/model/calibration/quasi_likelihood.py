@@ -27,7 +27,8 @@ drives drawn anew, gives the bootstrap.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from math import sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,7 @@ from numpy.typing import NDArray
 from driftplan.arrays import MAX_NUMBER, Floats
 from driftplan.model.calibration.segment_sets import SegmentSet
 from driftplan.model.calibration.segments import TruthNoise
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import BETWEEN_DRIVES, OdometryNoise
 
 SYSTEMATIC = ("distance_scale_error", "heading_bias_per_m", "heading_bias_per_rad")
 RANDOM = ("heading_var_per_m", "heading_var_per_rad", "distance_var_per_m", "distance_var_per_rad", "lateral_var_per_m")
@@ -53,6 +54,10 @@ _SETTLED = 1.0  # standard errors: steps below leave the derivatives as they are
 _CONVERGED = 0.01  # standard errors
 _HELD_OUT_STEPS = 4  # from the estimate of all drives to that of some
 _PARTS = 5  # of the drives, each predicted from the others
+_MOST_LOG = 50.0  # of a mean square over its prediction: beyond, nothing is known, and exp would overflow
+_THREE_ERRORS = 0.00135  # chance of a normal value above three standard deviations
+_BLOCK_SPANS = 2  # length of a bootstrap block, in longest segments
+_BLOCK_STARTS = 8  # blocks begin every 1/8 of their length
 
 
 class Solution(NamedTuple):
@@ -123,11 +128,19 @@ def solve(
         model = Model(segments, names, np.clip(model.theta + damped, *limits(segments, names)))
         if size < _CONVERGED:
             break
-    vanishing = bounded & (model.theta < _NEGLIGIBLE * error)
-    model = Model(segments, names, np.where(vanishing, 0.0, model.theta))
-    slopes = model.slopes(scale)
+    theta = np.where(bounded & (model.theta < _NEGLIGIBLE * error), 0.0, model.theta)
+    found = solution_at(segments, names, theta, fitted_cov)
+    return found._replace(converged=size < _CONVERGED, slowest=names[slowest])
+
+
+def solution_at(
+    segments: SegmentSet, names: tuple[str, ...], theta: Floats, fitted_cov: Floats | None = None
+) -> Solution:
+    """An estimate beside these segments: its equations and derivatives there."""
+    model = Model(segments, names, theta)
+    slopes = model.slopes(start_and_scale(segments, names)[1])
     score, root = equations(segments, model.mean, model.cov, *slopes, fitted_cov)
-    return Solution(names, model.theta, score, root, size < _CONVERGED, names[slowest], *slopes)
+    return Solution(names, theta, score, root, True, "", *slopes)
 
 
 def drive_deviations(segments: SegmentSet, solution: Solution) -> Floats:
@@ -154,14 +167,6 @@ def bounded_step(total: Floats, score: Floats, lowest: Floats) -> Floats:
     bounds = (np.minimum(lowest / scale, -1e-15), np.inf)
     found = lsq_linear(root.T, np.linalg.solve(root, score * scale), bounds, method="bvls", tol=1e-12)
     return np.asarray(np.maximum(found.x * scale, lowest))
-
-
-def elsewhere(segments: SegmentSet, solution: Solution) -> Solution:
-    """The same estimate beside other segments: its equations and derivatives there."""
-    model = Model(segments, solution.names, solution.theta)
-    slopes = model.slopes(start_and_scale(segments, solution.names)[1])
-    score, root = equations(segments, model.mean, model.cov, *slopes)
-    return solution._replace(score=score, root=root, d_mean=slopes[0], d_cov=slopes[1])
 
 
 def held_out(segments: SegmentSet, solution: Solution) -> tuple[Floats, Floats]:
@@ -275,3 +280,102 @@ def normed(total: Floats) -> tuple[Floats, Floats]:
     scale = 1 / np.sqrt(np.maximum(np.diagonal(total, axis1=-2, axis2=-1), 1e-60))
     normed = total * scale[..., :, None] * scale[..., None, :]
     return normed + 1e-9 * np.eye(scale.shape[-1]), scale
+
+
+def bootstrap(segments: SegmentSet, solution: Solution, resamples: int, rng: np.random.Generator) -> tuple[Floats, int]:
+    """One step from the estimate for blocks of the drives drawn anew.
+
+    Blocks, two longest segments long, may begin anywhere in steps of 1/8 of their length; the drives' end joins their
+    beginning. Variances may come out negative here; what pushes one that is at its bound below zero is taken out, so
+    that its replicates spread about zero. (F. Hu and J. D. Kalbfleisch, The estimating function bootstrap, Canadian
+    Journal of Statistics 28 (2000) 449-481.)
+
+    Returns replicates (resamples, k), and how many blocks make the whole. They are spread as far as that number calls
+    for: blocks drawn anew vary (blocks - 1)/blocks times too little, and segments that reach from one block into the
+    next add 1/(3 spans per block) of the variance that the blocks cannot show.
+    """
+    length = _BLOCK_SPANS * segments.bins[-1].length_m
+    blocks = max(int(segments.total_m / length), 2)
+    slots = _BLOCK_STARTS * blocks
+    slot_of = np.minimum((segments.place_m / segments.total_m * slots).astype(int), slots - 1)
+    score = _blocks([solution.score[slot_of == k].sum(axis=0) for k in range(slots)])
+    slope = _blocks([information(solution.root[slot_of == k]) for k in range(slots)])
+    drawn = rng.multinomial(blocks, np.full(slots, 1 / slots), size=resamples).astype(float)
+    push = np.where(solution.bounded & (solution.theta == 0), solution.score.sum(axis=0), 0.0)
+    total, scale = normed(np.tensordot(drawn, slope, 1))
+    step = np.linalg.solve(total, ((drawn @ score - push) * scale)[..., None])[..., 0] * scale
+    widened = sqrt(blocks / (blocks - 1) / (1 - 1 / (3 * _BLOCK_SPANS)))
+    return np.asarray(solution.theta + widened * step), blocks
+
+
+def systematic_covariance(segments: SegmentSet, solution: Solution) -> Floats:
+    """Covariance (k, k) of the fitted systematic errors, by the bootstrap; 0 for the other parameters."""
+    cov = np.atleast_2d(np.cov(bootstrap(segments, solution, 400, np.random.default_rng(0))[0].T))
+    return np.asarray(np.where(solution.bounded[:, None] | solution.bounded, 0.0, cov))
+
+
+def student_allowance(blocks: int, tail: float) -> float:
+    """Student's quantile over the normal one, for errors that so many blocks tell."""
+    from scipy.special import ndtri, stdtrit
+
+    return float(stdtrit(blocks - 1, 1 - tail) / ndtri(1 - tail))
+
+
+class RmsSpread(NamedTuple):
+    """How well a fit knows the rms that it predicts on every bin: intervals (bins, 2), standard errors (bins,)."""
+
+    intervals: Floats
+    std_errors: Floats
+
+
+def rms_spread(
+    segments: SegmentSet, solution: Solution, replicates: Floats, confidence: float, where: slice
+) -> RmsSpread:
+    """Spread of the predicted rms of the observed values ``where``: its logarithm to first order in the parameters."""
+    model = Model(segments, solution.names, solution.theta)
+    m, C = model.mean[:, where], model.cov[:, where, where]
+    square = segments.by_bin((m**2).sum(axis=1) + np.trace(C, axis1=1, axis2=2))
+    slope = 2 * (m[:, None] * solution.d_mean[:, :, where]).sum(axis=-1)
+    slope = segments.by_bin(slope + np.trace(solution.d_cov[:, :, where, where], axis1=2, axis2=3))
+    square = np.maximum(square, 1e-300)
+    logs = (replicates - solution.theta) @ slope.T / square  # of the mean square: it is positive, and skew as few slips
+    tail = (1 - confidence) / 2
+    bounds = np.clip(np.quantile(logs, [tail, 1 - tail], axis=0), -_MOST_LOG, _MOST_LOG)
+    low_high = np.sqrt(square * np.exp(bounds)).T
+    return RmsSpread(low_high, 0.5 * np.sqrt(square) * logs.std(axis=0))
+
+
+def systematic_errors(
+    segments: SegmentSet, noise: OdometryNoise, truth: TruthNoise
+) -> tuple[dict[str, tuple[float, float]], Floats]:
+    """What the systematic errors of these drives seem to be, one step from a noise: values and a third of the
+    distance that chance exceeds as seldom as three standard errors. And the slopes (n, 3, 3) of the mean errors."""
+    names = (*SYSTEMATIC, *RANDOM, *TRUTH)
+    theta = np.array([*(getattr(noise, name) for name in (*SYSTEMATIC, *RANDOM)), *truth])
+    there, few = solution_at(segments, names, theta), len(SYSTEMATIC)
+    score, root, d_mean, d_cov = (x[:, :few] for x in (there.score, there.root, there.d_mean, there.d_cov))
+    step = np.linalg.lstsq(information(root), score.sum(axis=0))[0]
+    score = score - (root @ np.swapaxes(root, 1, 2)) @ step
+    here = Solution(SYSTEMATIC, theta[:few] + step, score, root, True, "", d_mean, d_cov)
+    replicates, blocks = bootstrap(segments, here, 400, np.random.default_rng(0))
+    error = replicates.std(axis=0) * student_allowance(blocks, _THREE_ERRORS)
+    return {name: (float(here.theta[k]), float(error[k])) for k, name in enumerate(SYSTEMATIC)}, d_mean
+
+
+def between_drives(segments: SegmentSet, solution: Solution, std_errors: dict[str, float]) -> dict[str, Any]:
+    """Standard deviations, by the names of `OdometryNoise`, by which another drive's systematic errors differ from the
+    fitted ones: the fit's own error, and the spread from drive to drive beyond what each drive leaves open. Of one
+    drive that spread is unknown, and taken for as large as the fit's own error."""
+    own, names = drive_deviations(segments, solution), [name for name in solution.names if name in SYSTEMATIC]
+    error = np.array([std_errors[name] for name in names]) ** 2
+    drives, variances = len(own), 2 * error
+    if drives > 1:
+        spread = np.var(own, axis=0, ddof=1)  # of which each drive's own error is no part of the next drive's
+        variances = np.maximum(spread - drives * error, 0.0) + np.maximum(error, spread / drives)
+    variances = np.minimum(variances, MAX_NUMBER)  # of what these drives do not tell at all
+    return {BETWEEN_DRIVES[name]: sqrt(variance) for name, variance in zip(names, variances.tolist(), strict=True)}
+
+
+def _blocks(slotted: list[Floats]) -> Floats:
+    """Sums over the blocks that begin at every slot."""
+    return np.asarray(np.sum([np.roll(slotted, -k, axis=0) for k in range(_BLOCK_STARTS)], axis=0))

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from driftplan.arrays import Floats
-from driftplan.model.calibration.chance import LEVELS
 from driftplan.model.calibration.fit import NoiseFit
-from driftplan.model.calibration.noise_check import SegmentCheck
+from driftplan.model.calibration.noise_check import LEVELS, SegmentCheck
 from driftplan.report.figures import style
 
 if TYPE_CHECKING:
