@@ -32,20 +32,10 @@ def drift_table(drift: PointDrift, *, most: int = _MOST_ROWS) -> str:
     drift = PointDrift(drift.distance[few], drift.moments[few])
     rms, bias, radius = digits(drift.rms, drift.bias_norm, drift.radius(0.95))
     (heading,) = digits([degrees(std) for std in drift.heading_std], count=3)
-    return (
-        table(
-            {
-                "distance m": decimals(drift.distance, 2),
-                "x m": decimals(drift.xy[..., 0], 2),
-                "y m": decimals(drift.xy[..., 1], 2),
-                "rms m": rms,
-                "bias m": bias,
-                "95 % radius m": radius,
-                "heading std deg": heading,
-            }
-        )
-        + more
-    )
+    places = {"distance m": drift.distance, "x m": drift.xy[..., 0], "y m": drift.xy[..., 1]}
+    columns = {name: decimals(values, 2) for name, values in places.items()}
+    columns |= {"rms m": rms, "bias m": bias, "95 % radius m": radius, "heading std deg": heading}
+    return table(columns) + more
 
 
 def beyond_linear_text(drift: Drift) -> str:
@@ -69,14 +59,10 @@ def drift_geojson(drift: Drift, properties: Mapping[str, Any]) -> bytes:
     """The path as a LineString in metres of the map's frame (not longitude and latitude), with its drift."""
     from driftplan.world.geojson_map import feature_collection
 
-    rows = drift.to_dicts()
+    rows, line = drift.to_dicts(), {"type": "LineString", "coordinates": drift.xy.tolist()}
     columns = {name: [row[name] for row in rows] for name in rows[0] if name not in ("x_m", "y_m")}
-    feature = {
-        "type": "Feature",
-        "geometry": {"type": "LineString", "coordinates": drift.xy.tolist()},
-        "properties": {"kind": "route", **properties, **columns},
-    }
-    return feature_collection([_plain(feature)])
+    held = {"kind": "route", **properties, **columns}
+    return feature_collection([_plain({"type": "Feature", "geometry": line, "properties": held})])
 
 
 def record(thing: object, *keys: str) -> dict[str, Any]:

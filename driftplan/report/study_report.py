@@ -53,9 +53,8 @@ def _data(result: StudyResult) -> dict[str, Any]:
             existing = [[b.id, b.x, b.y] for b in result.inputs.shared[task.sites].existing]
             placed = [[i, x, y] for i, _, x, y, _ in row.get("layout", ())]
             places[cell.number] = {"map": task.world, "routes": id(driven), "existing": existing, "placed": placed}
-    order = list(routes)
     for place in places.values():
-        place["routes"] = order.index(place["routes"])
+        place["routes"] = list(routes).index(place["routes"])
     maps = {task.world: result.inputs.shared[task.world] for task in result.tasks if task.world}
     return {
         "title": study.title,
@@ -76,8 +75,6 @@ def _drawn(world: World) -> dict[str, Any]:
     """A map as a path of SVG, to a pixel or so, and its bounds."""
     xmin, ymin, xmax, ymax = world.bounds
     walls = shapely.simplify(world.obstacles, max(xmax - xmin, ymax - ymin) / 2000)
-    rings = [
-        np.round(shapely.get_coordinates(r), _PLACES).tolist() for r in shapely.get_rings(shapely.get_parts(walls))
-    ]
-    path = "".join("M" + "L".join(f"{x:g} {y:g}" for x, y in ring) + "Z" for ring in rings)
+    rings = map(shapely.get_coordinates, shapely.get_rings(shapely.get_parts(walls)))
+    path = "".join("M" + "L".join(f"{x:g} {y:g}" for x, y in np.round(ring, _PLACES)) + "Z" for ring in rings)
     return {"bounds": world.bounds, "walls": path}

@@ -32,13 +32,10 @@ def run(args: argparse.Namespace) -> Answer:
         talk(f"planning with {planner}{shared.search_effort(args)}")
         for name, route in both(world, *shared.ends_from(args, world), noise, args, planner).items():
             routes[f"{name} ({planner})"] = route
+    about, robot = {"map": label(args.map), "noise": shared.noise_as_json(noise)}, robot_in(args, world)
     return Answer(
-        payload=lambda: {
-            "map": label(args.map),
-            "noise": shared.noise_as_json(noise),
-            "routes": rows_of(routes, world, robot_in(args, world)),
-        },
-        text=lambda: str(compared(routes, world, robot_in(args, world))),
+        payload=lambda: about | {"routes": rows_of(routes, world, robot)},
+        text=lambda: str(compared(routes, world, robot)),
         files={"picture": lambda: plot_comparison(world, routes)},
     )
 
@@ -100,14 +97,10 @@ def _given(world: World, file: str, noise: OdometryNoise, args: argparse.Namespa
 
 
 # fmt: off
-_PLANNERS = shared.SEARCH[0]._replace(
-    help=f"{shared.SEARCH[0].help}, may be given several times (default: {shared.DEFAULT_PLANNER})",
-    default=None,
-    how={"action": "append"},
-)
+_SEVERAL = f"{shared.SEARCH[0].help}, may be given several times (default: {shared.DEFAULT_PLANNER})"
+_PLANNERS = shared.SEARCH[0]._replace(help=_SEVERAL, default=None, how={"action": "append"})
 COLLISIONS = Option("collisions", "M", "how likely a robot of this radius, metres, that steers by its estimate touches "
                     "a wall; give --robot-radius a margin above it")
-_ENDS = (*shared.ENDS, shared.SNAP)
 COMMAND = Command(
     name="compare",
     summary="given paths and planned routes on a map, side by side",
@@ -120,7 +113,7 @@ COMMAND = Command(
                how={"nargs": "*"}),
     ),
     groups=(
-        Group("planning", (*_ENDS, shared.START_HEADING, _PLANNERS, *shared.SEARCH[1:], COLLISIONS)),
+        Group("planning", (*shared.ENDS, shared.SNAP, shared.START_HEADING, _PLANNERS, *shared.SEARCH[1:], COLLISIONS)),
         shared.WORLD,
         *shared.NOISE,
     ),

@@ -44,13 +44,10 @@ def run(args: argparse.Namespace) -> Answer:
     for name, command in COMMANDS.items():
         flags = [option.flag for option in command.options] + [f"--{kind.replace('_', '-')}" for kind in command.files]
         options.append(f"    {name}) known='{' '.join([*flags, '--json', '--help'])}';;")
-        choices += [
-            f"    '{name} {option.flag}') known='{' '.join(map(str, option.choices))}';;"
-            for option in command.options
-            if option.choices
-        ]
-    lines = {"options": "\n".join(options), "choices": "\n".join(choices)}
-    script = _SCRIPT.format(commands=" ".join(COMMANDS), **lines)
+        for option in (option for option in command.options if option.choices):
+            choices.append(f"    '{name} {option.flag}') known='{' '.join(map(str, option.choices))}';;")
+    known = {"options": "\n".join(options), "choices": "\n".join(choices)}
+    script = _SCRIPT.format(commands=" ".join(COMMANDS), **known)
     if args.shell == "zsh":
         script = f"autoload -U +X bashcompinit && bashcompinit\n{script}"
     return Answer(payload=lambda: {"shell": args.shell, "script": script}, text=lambda: script)

@@ -59,9 +59,9 @@ def run(args: argparse.Namespace) -> Answer:
     talk("placing RFID tags in warehouse")
     tags = {robot: demo_layout(worlds["warehouse"], noise, robot) for robot in ESTIMATORS}
     layouts = {ESTIMATORS[robot]: layout for robot, layout in tags.items() if not isinstance(layout, str)}
-    pictures: dict[str | Path, Callable[[], Any]] = {
-        folder / f"{name}.{args.form}": partial(plot_comparison, worlds[name], routes) for name, routes in found.items()
-    }
+    pictures: dict[str | Path, Callable[[], Any]] = {}
+    for name, routes in found.items():
+        pictures[folder / f"{name}.{args.form}"] = partial(plot_comparison, worlds[name], routes)
     if layouts:
         pictures[folder / f"warehouse-tags.{args.form}"] = partial(layouts_figure, layouts)
 

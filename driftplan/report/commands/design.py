@@ -24,21 +24,16 @@ def run(args: argparse.Namespace) -> Answer:
     trips = shared.trips_from(args, world)
     where, most = label(args.map), f"at most {args.time_limit:g} s"
     talk(f"choosing beacons and routes for {counted(len(trips), 'trip')} on {where}, {most}")
-    found = co_design(
-        world,
-        trips,
-        noise,
-        DriftLimit(args.max_drift, redundancy=args.redundancy, min_capture=args.min_capture),
-        Sites(
-            shared.kind_from(args, cost=args.beacon_price),
-            read_path(args.candidates)[:, :2] if args.candidates else None,
-            spacing_m=args.spacing_m,
-            existing=load_beacons(args.existing) if args.existing else (),
-        ),
-        start_fix=shared.start_fix_from(args),
-        progress=_tell,
-        **{name: getattr(args, name) for name in _AS_NAMED},
+    limit = DriftLimit(args.max_drift, redundancy=args.redundancy, min_capture=args.min_capture)
+    sites = Sites(
+        shared.kind_from(args, cost=args.beacon_price),
+        read_path(args.candidates)[:, :2] if args.candidates else None,
+        spacing_m=args.spacing_m,
+        existing=load_beacons(args.existing) if args.existing else (),
     )
+    named = {name: getattr(args, name) for name in _AS_NAMED}
+    named |= {"start_fix": shared.start_fix_from(args), "progress": _tell}
+    found = co_design(world, trips, noise, limit, sites, **named)
     return Answer(
         payload=lambda: {"map": where, "noise": shared.noise_as_json(noise), "design": design_as_json(found)},
         text=lambda: design_text(found),
@@ -128,12 +123,8 @@ COMMAND = Command(
     run=run,
     arguments=(
         shared.MAP,
-        Option(
-            "trips",
-            "TRIPS.csv",
-            "a line per trip: start_x,start_y,goal_x,goal_y and perhaps weight (how often it is driven), metres",
-            input_file,
-        ),
+        Option("trips", "TRIPS.csv", "a line per trip: start_x,start_y,goal_x,goal_y and perhaps weight (how often it "
+               "is driven), metres", input_file),
     ),
     groups=(_WANTED, shared.KIND, _SITES, shared.WORLD, *shared.NOISE),
     files={

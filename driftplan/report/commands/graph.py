@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
 from driftplan.report.commands.option import Command, Group, Idle, Option, geojson_file
 from driftplan.report.records import drift_table
-from driftplan.tables import decimals, digits, table
+from driftplan.tables import digits, table
 
 if TYPE_CHECKING:
     from driftplan import Beacon, OdometryNoise, RouteGraph, World
@@ -37,9 +38,8 @@ def run(args: argparse.Namespace) -> Answer:
         {"id": number, "start": start, "goal": goal, **told}
         for number, (start, goal), told in zip(graph.edge_ids, ids, added, strict=True)
     ]
-    ways = None
-    if args.start_node is not None:
-        ways = ways_on_graph(graph, (args.start_node, args.goal_node), noise, beacons, world)
+    ends = args.start_node, args.goal_node
+    ways = None if args.start_node is None else ways_on_graph(graph, ends, noise, beacons, world)
 
     def payload() -> dict[str, Any]:
         routes = ways.payload() if ways else {"routes": {}}
@@ -59,15 +59,10 @@ def run(args: argparse.Namespace) -> Answer:
             raise ValueError("expected --start-node and --goal-node to draw or write the way between them, got neither")
         return ways.files[name]()
 
-    return Answer(
-        payload=payload,
-        text=text,
-        files={
-            "geojson": lambda: graph_geojson(graph, added),
-            "lif": lambda: graph_lif(graph, added, marks_of(beacons)),
-            **{name: partial(drawn, name) for name in (*shared.ROUTE_FILES, "picture")},
-        },
-    )
+    files: dict[str | Path, Any] = {name: partial(drawn, name) for name in (*shared.ROUTE_FILES, "picture")}
+    files["geojson"] = lambda: graph_geojson(graph, added)
+    files["lif"] = lambda: graph_lif(graph, added, marks_of(beacons))
+    return Answer(payload=payload, text=text, files=files)
 
 
 def ways_on_graph(
@@ -84,23 +79,17 @@ def ways_on_graph(
     ways = dict(zip(("lowest drift", "shortest"), graph_routes(graph, *ends, noise, beacons, world), strict=True))
 
     def text() -> str:
-        parts = []
-        for name, way in ways.items():
-            length = decimals([float(way.drift.length)], 2)[0]
-            parts += [f"{name}: {length} m by {' '.join(map(str, way.nodes))}", drift_table(way.drift), ""]
-        return "\n".join(parts[:-1])
+        return "\n\n".join(
+            f"{name}: {float(way.drift.length):.2f} m by {' '.join(map(str, way.nodes))}\n{drift_table(way.drift)}"
+            for name, way in ways.items()
+        )
 
     def payload() -> dict[str, Any]:
         return {"routes": {n: {"nodes": way.nodes, "waypoints": way.drift.to_dicts()} for n, way in ways.items()}}
 
-    return Answer(
-        payload=payload,
-        text=text,
-        files={
-            **shared.route_files(ways["lowest drift"].drift),
-            "picture": lambda: plot_comparison(world, {name: way.drift for name, way in ways.items()}),
-        },
-    )
+    files = shared.route_files(ways["lowest drift"].drift)
+    files["picture"] = lambda: plot_comparison(world, {name: way.drift for name, way in ways.items()})
+    return Answer(payload=payload, text=text, files=files)
 
 
 # fmt: off

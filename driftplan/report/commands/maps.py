@@ -16,10 +16,10 @@ def run(args: argparse.Namespace) -> Answer:
 
     rows: list[dict[str, Any]] = []
     for name in bundled_maps():
-        world = load_world(bundled_map(name), robot_radius=0.0)
+        world, file = load_world(bundled_map(name), robot_radius=0.0), str(bundled_map(name))
         xmin, ymin, xmax, ymax = world.bounds
-        size = {"width_m": xmax - xmin, "height_m": ymax - ymin, "obstacles": len(world.obstacles.geoms)}
-        rows.append({"name": name, **size, "zones": len(world.zones), "file": str(bundled_map(name))})
+        held = {"obstacles": len(world.obstacles.geoms), "zones": len(world.zones), "file": file}
+        rows.append({"name": name, "width_m": xmax - xmin, "height_m": ymax - ymin, **held})
 
     def text() -> str:
         columns = {key.replace("_m", " m").replace("name", "map"): [row[key] for row in rows] for key in rows[0]}

@@ -90,14 +90,8 @@ def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layou
         }
         return {"noise": shared.noise_as_json(noise), "layout": found}
 
-    return Answer(
-        payload=payload,
-        text=lambda: _layout_text(args, layout),
-        files={
-            **shared.layout_files(args, layout),
-            "picture": lambda: layout_figure(layout),
-        },
-    )
+    files = {**shared.layout_files(args, layout), "picture": lambda: layout_figure(layout)}
+    return Answer(payload=payload, text=lambda: _layout_text(args, layout), files=files)
 
 
 def _layout_text(args: argparse.Namespace, layout: Layout) -> str:
@@ -116,20 +110,14 @@ def _layout_text(args: argparse.Namespace, layout: Layout) -> str:
         parts.append(table(columns))
     if rows:
         parts.append(table(installer_columns(rows, what)))
-    hurts = ""
+    told = f"{counted(len(layout.beacons), 'new beacon')} of cost {layout.cost:g}; worst {what} "
+    told += f"{layout.worst_drift:.3g} m. "
     if rows and rows[0].routes:
-        hurts = f"The failure that hurts most is that of {rows[0].id}: {rows[0].worst_drift_if_dead_m:.3g} m. "
-    parts.append(
-        f"{counted(len(layout.beacons), 'new beacon')} of cost {layout.cost:g}; worst {what} "
-        f"{layout.worst_drift:.3g} m. {hurts}{_proof(layout)} {shared.note_of(layout)}".rstrip()
-    )
-    return "\n\n".join(parts)
-
-
-def _proof(layout: Layout) -> str:
+        told += f"The failure that hurts most is that of {rows[0].id}: {rows[0].worst_drift_if_dead_m:.3g} m. "
+    proof = f"No layout costs less than {layout.lower_bound:g}."
     if layout.drift_bound > 0:
-        return f"{layout.status.value} No layout within the budget stays below {layout.drift_bound:.3g} m."
-    return f"{layout.status.value} No layout costs less than {layout.lower_bound:g}."
+        proof = f"No layout within the budget stays below {layout.drift_bound:.3g} m."
+    return "\n\n".join([*parts, f"{told}{layout.status.value} {proof} {shared.note_of(layout)}".rstrip()])
 
 
 def _tradeoff_answer(noise: OdometryNoise, curve: tuple[Layout, ...]) -> Answer:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from math import hypot
 from typing import TYPE_CHECKING, Any
 
@@ -37,19 +38,13 @@ def run(args: argparse.Namespace) -> Answer:
     talk(f"planning on {label(args.map)} with {args.planner}{shared.search_effort(args)}")
     route = planned_route(args, world, noise)
     among_beacons = route if route.is_among_beacons else None
-    routes = {NAMES[route.minimise]: route}
-    if route.shortest is not None:
-        routes[NAMES["length"]] = route.shortest
-
+    routes = {NAMES[route.minimise]: route} | ({NAMES["length"]: route.shortest} if route.shortest else {})
     robot = robot_in(args, world)
 
     def summary() -> dict[str, Any]:
         row, *shortest = rows_of(routes, world, robot)
-        return (
-            row
-            | {"shortest": shortest[0] if shortest else None}
-            | (itinerary_as_json(among_beacons) if among_beacons else {})
-        )
+        itinerary = itinerary_as_json(among_beacons) if among_beacons else {}
+        return row | {"shortest": shortest[0] if shortest else None} | itinerary
 
     def text() -> str:
         words = [str(compared(routes, world, robot)), *gained_in_words(route), bound_in_words(route)]
@@ -61,17 +56,12 @@ def run(args: argparse.Namespace) -> Answer:
             return plot_collisions(world, route.collision_probability(robot))
         return plot_itinerary(world, among_beacons) if among_beacons else plot_comparison(world, routes)
 
+    def payload() -> dict[str, Any]:
+        along = {"waypoints": route.drift.to_dicts(), "beyond_linear_m": route.drift.beyond_linear.tolist()}
+        return {**_about(args, noise), "route": {**summary(), **along}}
+
     return Answer(
-        payload=lambda: {
-            "map": label(args.map),
-            "noise": shared.noise_as_json(noise),
-            "estimator": args.estimator,
-            "route": {
-                **summary(),
-                "waypoints": route.drift.to_dicts(),
-                "beyond_linear_m": route.drift.beyond_linear.tolist(),
-            },
-        },
+        payload=payload,
         text=text,
         files={
             **shared.route_files(route.drift),
@@ -95,16 +85,8 @@ def _on_graph(args: argparse.Namespace) -> Answer:
         x, y = graph.xy[graph.node(node)].tolist()
         talk(f"{name} is node {node} at ({x:g}, {y:g}), {hypot(x - end[0], y - end[1]):.3g} m away")
     ways = ways_on_graph(graph, ends, noise, beacons, world)
-    return Answer(
-        payload=lambda: {
-            "map": label(args.map),
-            "graph": args.graph,
-            "noise": shared.noise_as_json(noise),
-            **ways.payload(),
-        },
-        text=ways.text,
-        files=ways.files,
-    )
+    about = {"map": label(args.map), "graph": args.graph, "noise": shared.noise_as_json(noise)}
+    return replace(ways, payload=lambda: {**about, **ways.payload()})
 
 
 def _many(args: argparse.Namespace) -> Answer:
@@ -123,34 +105,27 @@ def _many(args: argparse.Namespace) -> Answer:
     asked = _asked(args) | {"time_limit": args.time_limit, "seed": args.seed, "progress": done}
     found = plan_routes(world, [(trip.start, trip.goal) for trip in trips], noise, **asked)
     routes = {trip.name or f"trip {k}": route for k, (trip, route) in enumerate(zip(trips, found, strict=True))}
-    return Answer(
-        payload=lambda: {
-            "map": label(args.map),
-            "noise": shared.noise_as_json(noise),
-            "estimator": args.estimator,
-            "routes": [
-                row | {"waypoints": waypoints(route.path)}
-                for row, route in zip(rows_of(routes, world), found, strict=True)
-            ],
-        },
-        text=lambda: table({k: v for k, v in compared(routes, world).columns().items() if k != "above least %"}),
-    )
+
+    def payload() -> dict[str, Any]:
+        rows = zip(rows_of(routes, world), found, strict=True)
+        return _about(args, noise) | {"routes": [row | {"waypoints": waypoints(route.path)} for row, route in rows]}
+
+    def text() -> str:
+        return table({k: v for k, v in compared(routes, world).columns().items() if k != "above least %"})
+
+    return Answer(payload=payload, text=text)
+
+
+def _about(args: argparse.Namespace, noise: OdometryNoise) -> dict[str, Any]:
+    return {"map": label(args.map), "noise": shared.noise_as_json(noise), "estimator": args.estimator}
 
 
 def planned_route(args: argparse.Namespace, world: World, noise: OdometryNoise) -> Route:
     """The route that the options ask for: among beacons if there are any."""
     from driftplan import plan_route
 
-    return plan_route(
-        world,
-        *shared.ends_from(args, world),
-        noise,
-        planner=args.planner,
-        time_limit=args.time_limit,
-        iterations=args.iterations,
-        seed=args.seed,
-        **_asked(args),
-    )
+    effort = {name: getattr(args, name) for name in ("planner", "time_limit", "iterations", "seed")}
+    return plan_route(world, *shared.ends_from(args, world), noise, **effort | _asked(args))
 
 
 def _asked(args: argparse.Namespace) -> dict[str, Any]:
@@ -260,9 +235,8 @@ COMMAND = Command(
     run=run,
     arguments=(shared.MAP,),
     groups=(
-        Group("planning", (
-            *shared.ENDS, _TRIPS, _GRAPH, shared.SNAP, *_GOALS, shared.START_HEADING, *shared.SEARCH, COLLISIONS,
-        )),
+        Group("planning", (*shared.ENDS, _TRIPS, _GRAPH, shared.SNAP, *_GOALS, shared.START_HEADING, *shared.SEARCH,
+                           COLLISIONS)),
         shared.WORLD,
         _BEACONS,
         *shared.NOISE,
@@ -275,8 +249,7 @@ COMMAND = Command(
     },
     idle=(
         Idle(("start", "goal", "start_heading_deg", "planner", "iterations", "collisions"),
-             lambda args: bool(args.trips),
-             _ONE_ROUTE),
+             lambda args: bool(args.trips), _ONE_ROUTE),
         Idle(("trips", "snap", "minimise", "max_detour", "start_heading_deg", "planner", "time_limit", "iterations",
               "seed", "collisions", "estimator", "max_drift", "redundancy", "min_capture", "start_position_std_m",
               "start_heading_std_deg"), lambda args: bool(args.graph), "a way on a --graph is found without"),

@@ -18,35 +18,30 @@ def run(args: argparse.Namespace) -> Answer:
 
     noise, heading = shared.noise_from(args), shared.start_heading_from(args)
     given: dict[str, Any] = {"start_heading": heading, "estimator": args.estimator}
-    beacons = load_beacons(args.beacons) if args.beacons else None
     paths = [read_path(file, variable=args.variable) for file in args.paths]
-    if beacons is None:
-        drifts = [predict_drift(path, noise, **given) for path in paths]
-    else:
+    if args.beacons:
+        beacons = load_beacons(args.beacons)
         drifts = [drift_with_beacons(path, noise, beacons, **given) for path in paths]
+    else:
+        drifts = [predict_drift(path, noise, **given) for path in paths]
     files = [label(file) for file in args.paths]
-    shown = [
-        (file, float(drift.length), drift.at(args.at) if args.at else drift)
-        for file, drift in zip(files, drifts, strict=True)
-    ]
+    points = [drift.at(args.at) if args.at else drift for drift in drifts]
+    shown = list(zip(files, drifts, points, strict=True))
     asked = {"most": len(args.at)} if args.at else {}
+
+    def payload() -> dict[str, Any]:
+        told = [
+            {"file": file, "length_m": float(drift.length), "points": at.to_dicts()}
+            | {"beyond_linear_m": drift.beyond_linear.tolist()}
+            for file, drift, at in shown
+        ]
+        return {"noise": shared.noise_as_json(noise), "estimator": args.estimator, "paths": told}
+
     return Answer(
-        payload=lambda: {
-            "noise": shared.noise_as_json(noise),
-            "estimator": args.estimator,
-            "paths": [
-                {
-                    "file": file,
-                    "length_m": length,
-                    "points": points.to_dicts(),
-                    "beyond_linear_m": drift.beyond_linear.tolist(),
-                }
-                for (file, length, points), drift in zip(shown, drifts, strict=True)
-            ],
-        },
+        payload=payload,
         text=lambda: "\n\n".join(
-            f"{file}: {length:.2f} m\n{drift_table(points, **asked)}{beyond_linear_text(drift)}"
-            for (file, length, points), drift in zip(shown, drifts, strict=True)
+            f"{file}: {float(drift.length):.2f} m\n{drift_table(at, **asked)}{beyond_linear_text(drift)}"
+            for file, drift, at in shown
         ),
         files={"picture": lambda: plot_comparison(None, dict(zip(files, drifts, strict=True)))},
     )

@@ -94,10 +94,10 @@ def _checked(asked: StudyResult) -> Answer:
     def text() -> str:
         summary = f"{counted(len(asked.tasks), 'cell')}, {len(missing)} of them not done yet."
         if tried:
+            each, in_all = f"{mean_s:.2g} s of processor time each", _time(mean_s * len(missing))
             outcomes = ", ".join(row["outcome"] for row in tried)
             summary += (
-                f" {counted(len(tried), 'cell')} tried ({outcomes}): {mean_s:.2g} s of processor time each, so about "
-                f"{_time(mean_s * len(missing))} in all on one core."
+                f" {counted(len(tried), 'cell')} tried ({outcomes}): {each}, so about {in_all} in all on one core."
             )
         return "\n".join([summary, *(f"{row['outcome']}: {row['why']}" for row in tried if "why" in row)])
 
@@ -135,16 +135,12 @@ def _text(result: StudyResult, answers: Answers) -> str:
         parts.append(f"{len(lines) - _MOST_LINES} lines more: --html and --csv have them all.")
     knees = [(curve.values, curve.points[curve.knee]) for curve in answers.curves if curve.knee is not None]
     for values, point in knees[:_MOST_LINES]:
-        where = ", ".join(f"{key} {_cell(value)}" for key, value in values.items())
-        parts.append(
-            f"Knee{' of ' if where else ''}{where}: {point.middle:g} {answers.measure} at {answers.along} {point.x:g}."
-        )
+        where = " of " * bool(values) + ", ".join(f"{key} {_cell(value)}" for key, value in values.items())
+        parts.append(f"Knee{where}: {point.middle:g} {answers.measure} at {answers.along} {point.x:g}.")
     if answers.matters:
         order = sorted(answers.matters.items(), key=lambda item: -item[1])
-        parts.append(
-            f"Share of the variance of {answers.measure} that each parameter explains alone: "
-            + ", ".join(f"{key} {100 * share:.0f} %" for key, share in order)
-        )
+        shares = ", ".join(f"{key} {100 * share:.0f} %" for key, share in order)
+        parts.append(f"Share of the variance of {answers.measure} that each parameter explains alone: {shares}")
     ends = [end for row in result.rows.values() for end in row.get("ends", ())]
     if ends:
         within = 100 * sum(abs(z) < 2 for *_, z in ends) / len(ends)
