@@ -114,6 +114,18 @@ def test_the_same_seed_gives_the_same_design():
         np.testing.assert_array_equal(a, b)
 
 
+def test_no_route_is_looked_for_twice(monkeypatch):
+    asked, look = [], BeaconSearch.shortest_within
+
+    def shortest_within(self, limit, longest, *, thorough=True):
+        asked.append((self.ends.tobytes(), self.beacons, limit, longest))
+        return look(self, limit, longest, thorough=thorough)
+
+    monkeypatch.setattr(BeaconSearch, "shortest_within", shortest_within)
+    co_design(WORLD, TRIPS, NOISE, LIMIT, Sites(SIGN, spacing_m=4.0), price_per_m=1.0, max_nodes=40, time_limit=600.0)
+    assert len(asked) == len(set(asked)) > 10
+
+
 def test_a_robot_that_fuses_needs_no_more_and_keeps_the_limit():
     tag = BeaconKind.rfid(range_m=2.0, position_std_m=0.05, cost=100.0)
     reset, fused = (designed(kind=tag, rounds=0, estimator=estimator) for estimator in ("reset", "filter"))

@@ -48,6 +48,7 @@ class DesignProblem:
     shortest: list[Floats] = field(default_factory=list)  # the shortest path of every trip
     longest_m: list[float] = field(default_factory=list)  # how long its route may be
     cut_short: bool = False  # whether the clock has cut anything short
+    _routes: dict[tuple[object, ...], Floats | None] = field(default_factory=dict, init=False)  # by what was asked
 
     def late(self) -> bool:
         self.cut_short = self.cut_short or time.monotonic() > self.deadline
@@ -108,9 +109,13 @@ class DesignProblem:
         """The shortest route of a trip among beacons that keeps the limit and is no longer than this.
 
         A quick search: most of what is asked for has no such route, and a neighbour overlooked is one of hundreds.
+        Answers are kept, since neighbours of one design are mostly those of the next one too.
         """
-        longest_m = min(longest_m, self.longest_m[trip])
-        return self.search(trip, beacons).shortest_within(self.limits_m[trip], longest_m, thorough=False)
+        asked = trip, tuple(beacons), min(longest_m, self.longest_m[trip])
+        if asked not in self._routes:
+            search = self.search(trip, beacons)
+            self._routes[asked] = search.shortest_within(self.limits_m[trip], asked[-1], thorough=False)
+        return self._routes[asked]
 
     # Beacons
 
