@@ -104,18 +104,9 @@ def passes_of(
 def chords_in_discs(
     offset: Floats, along: Floats, lengths: Floats, radius: Floats
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Where straight legs are within closed discs.
-
-    Parameters
-    ----------
-    offset : (..., 2), from where a leg begins to the centre of a disc, metres
-    along : (..., 2), unit vectors; of legs of no length zero
-    lengths, radius : (...), metres
-
-    Returns
-    -------
-    start, end, inside : (...), metres from where the leg begins, and whether there is such a part; a touch is one
-    """
+    """Where straight legs are within closed discs, (...): from and to so many metres from where the leg begins, and
+    whether there is such a part; a touch is one. ``offset`` (..., 2) leads from there to a disc's centre; ``along``
+    (..., 2) are unit vectors, of legs of no length zero; ``lengths`` and ``radius`` are in metres."""
     foot = (offset * along).sum(axis=-1)  # where on the leg's line the centre is abeam
     off_line = np.where(lengths > 0, np.abs(_cross(offset, along)), np.hypot(offset[..., 0], offset[..., 1]))
     half = np.sqrt(np.maximum(radius**2 - off_line**2, 0.0))

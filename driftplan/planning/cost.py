@@ -40,19 +40,12 @@ from driftplan.model.noise import OdometryNoise
 
 @dataclass(frozen=True, slots=True)
 class CostRates:
-    """The four rates that price a motion, in one place of the world; or arrays of them, one for each motion.
+    """The four rates that price a motion, in one place of the world; or arrays of them, one for each motion."""
 
-    Attributes
-    ----------
-    heading : mean square of the position error per square metre of lever ``|w|``, per metre driven, rad²/m
-    position : variance of the position, all directions summed, per metre driven, m²/m
-    turn_heading, turn_position : the same per radian turned, rad²/rad and m²/rad
-    """
-
-    heading: float
-    position: float
-    turn_heading: float = 0.0
-    turn_position: float = 0.0
+    heading: float  # mean square of the position error per square metre of lever ``|w|``, per metre driven, rad²/m
+    position: float  # variance of the position, all directions summed, per metre driven, m²/m
+    turn_heading: float = 0.0  # the same per radian turned, rad²/rad
+    turn_position: float = 0.0  # m²/rad
 
     @classmethod
     def of(cls, noise: OdometryNoise | CostRates, dimensions: int = 2) -> CostRates:

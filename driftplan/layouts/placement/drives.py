@@ -95,18 +95,12 @@ class FreshFixes:
 
 
 def last_slots(table: RouteTable, fresh: FreshFixes, limit: Limit, stop: Ints, *, blind: bool = False) -> Ints:
-    """The last slot until which the limit holds without a break when fixes give the last position reading.
-
-    Slots after ``stop``, (n,), are not looked at.
+    """The last slot, (n,), until which the limit holds without a break when fixes give the last position reading:
+    ``breakpoint - 1`` where the reading itself is beyond it. Slots after ``stop``, (n,), are not looked at.
 
     Exact where the heading's box is a point, by the limit's own score; elsewhere an upper bound, from the rms with the
     best heading of the box at breakpoints. ``blind`` is an upper bound for routes on which headings may be fixed on
     the way: only the reading and translation noise count.
-
-    Returns
-    -------
-    array (n,)
-        ``breakpoint - 1`` where the reading itself is beyond the limit.
     """
     last = fresh.breakpoint - 1
     active = np.arange(len(last))

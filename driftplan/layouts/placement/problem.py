@@ -26,19 +26,12 @@ _MIN_LIMIT_SHARE = 0.02  # without a limit, perfect beacons: segments are cut fo
 
 class Stations:
     """Sites on routes, one by one, and what is read of them there: all that no limit and no rule changes, so that many
-    placements can share it.
-
-    Attributes
-    ----------
-    listed : of ``asked``
-    beacons : all of them, new ones first, then those that exist
-    readings : of these, on every route
-    """
+    placements can share it."""
 
     def __init__(self, scenario: Scenario, asked: Sites) -> None:
         self.asked, self.listed = asked, asked.listed(scenario.world, scenario.routes)
         self.beacons = (*self.listed.new, *self.listed.existing)
-        self.readings = scenario.readings(self.beacons)
+        self.readings = scenario.readings(self.beacons)  # on every route
         self._fused: tuple[tuple[Any, ...], tuple[FusedRoute, ...]] | None = None
 
     def fused_routes(self, scenario: Scenario) -> tuple[FusedRoute, ...]:

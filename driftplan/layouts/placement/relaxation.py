@@ -32,17 +32,12 @@ class Solution(NamedTuple):
 
 
 class Relaxation:
-    """The master problem; ``rows`` and ``caps`` are pools that may grow.
-
-    Attributes
-    ----------
-    dearness : (n,), no layout with a site costs less than this
-    reduced : (n,), reduced costs in the latest fractional optimum
-    """
+    """The master problem; ``rows`` and ``caps`` are pools that may grow."""
 
     def __init__(self, cost: Floats, rows: CutPool, caps: CutPool, fixed: Bools, step: float):
         self.cost, self.rows, self.caps, self.fixed, self.step = cost, rows, caps, fixed, step
-        self.dearness, self.reduced = np.zeros(len(cost)), np.zeros(len(cost))
+        self.dearness = np.zeros(len(cost))  # no layout with a site costs less than this
+        self.reduced = np.zeros(len(cost))  # reduced costs in the latest fractional optimum
 
     def optimum(self, best_cost: float, time_limit: float, *, whole: bool) -> Solution:
         """With the active rows: nothing that would cost more than ``best_cost`` is looked for."""

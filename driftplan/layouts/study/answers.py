@@ -46,23 +46,14 @@ class Curve:
 
 @dataclass(frozen=True)
 class Answers:
-    """`answers_of` a study.
+    """`answers_of` a study."""
 
-    Attributes
-    ----------
-    measure, along : what curves are of, and the key that they run along ("" if no number was varied)
-    curves : one for every combination of the other keys but for the seed, over which they spread
-    matters : share of the measure's variance that each varied key explains alone
-    outcomes : how many cells are done, infeasible, out of time, failed and missing
-    reasons : why cells are infeasible, failed or out of time: the outcome, the words, and the cells
-    """
-
-    measure: str
-    along: str
-    curves: tuple[Curve, ...]
-    matters: dict[str, float]
-    outcomes: dict[str, int]
-    reasons: tuple[tuple[str, str, tuple[int, ...]], ...]
+    measure: str  # what curves are of
+    along: str  # the key that they run along; "" if no number was varied
+    curves: tuple[Curve, ...]  # one for every combination of the other keys but for the seed, over which they spread
+    matters: dict[str, float]  # share of the measure's variance that each varied key explains alone
+    outcomes: dict[str, int]  # how many cells are done, infeasible, out of time, failed and missing
+    reasons: tuple[tuple[str, str, tuple[int, ...]], ...]  # why cells are not done: outcome, words, and the cells
 
 
 def answers_of(result: StudyResult) -> Answers:

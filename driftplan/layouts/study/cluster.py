@@ -25,9 +25,8 @@ class KeepShared(WorkerPlugin):  # type: ignore[misc]
 
     def setup(self, worker: Any) -> None:
         if sources_digest() != self._sources:
-            raise DriftplanError(
-                f"the worker {worker.address} has another driftplan than this process: install the same"
-            )
+            what = "another driftplan than this process: install the same"
+            raise DriftplanError(f"the worker {worker.address} has {what}")
         for other in _KEPT.values():  # whoever ran that may have been killed
             other.end()
         _KEPT[self.name], self._file = self, kept_shared(self._shared)

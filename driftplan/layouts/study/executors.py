@@ -107,18 +107,12 @@ def kept_shared(shared: Mapping[str, Any]) -> IO[bytes]:
 
 
 class Child:
-    """A process that does one task at a time. It ends when this one does, however that ends.
-
-    Attributes
-    ----------
-    task : what it is at
-    status : how the process ended, once it has
-    """
+    """A process that does one task at a time. It ends when this one does, however that ends."""
 
     def __init__(self, shared: IO[bytes]) -> None:
         self.link, theirs = Pipe()
-        self.task: CellTask | None = None
-        self.status: int | None = None
+        self.task: CellTask | None = None  # what it is at
+        self.status: int | None = None  # how the process ended, once it has
         self._until, descriptors = 0.0, (theirs.fileno(), shared.fileno())
         paths = [str(Path(__file__).parents[3]), *filter(None, [os.environ.get("PYTHONPATH")])]
         one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -172,11 +166,7 @@ def on_cluster(client: Any, shared: Mapping[str, Any], tasks: Iterable[CellTask]
     A worker has a child for each of its threads, so that a cell that does not end, or kills, costs that only.
 
     A worker that dies costs the cells it was at, which the cluster gives to others; only a cell over which several
-    died is a row that says so.
-
-    Raises
-    ------
-    DriftplanError : if the scheduler goes away, or a worker has another driftplan than this process
+    died is a row that says so. A DriftplanError if the scheduler goes away, or a worker has another driftplan.
     """
     from distributed import CancelledError, as_completed
 

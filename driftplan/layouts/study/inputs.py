@@ -43,22 +43,15 @@ _PLAIN: Values = {  # keys whose values a task holds as they are, and what they 
 
 @dataclass(frozen=True)
 class CellTask:
-    """A cell for a worker: small, since what cells share is named by its content and sent on its own.
-
-    Attributes
-    ----------
-    key : a hash of all that determines the cell, contents of files and driftplan's sources included
-    world, noise, trips, sites : keys of `Inputs.shared`
-    plain : the other keys of the scenario
-    """
+    """A cell for a worker: small, since what cells share is named by its content and sent on its own."""
 
     number: int
-    key: str
-    world: str
+    key: str  # a hash of all that determines the cell, contents of files and driftplan's sources included
+    world: str  # like noise, trips and sites a key of `Inputs.shared`
     noise: str
     trips: str
     sites: str
-    plain: Values
+    plain: Values  # the other keys of the scenario
 
 
 @dataclass(frozen=True)
@@ -91,26 +84,18 @@ class SitesAsked:
 
 
 class Inputs:
-    """What the cells of a study are made of.
-
-    Attributes
-    ----------
-    shared : mapping of digest to World, OdometryNoise, `Trips` or `SitesAsked`: what workers need to have once
-    """
+    """What the cells of a study are made of."""
 
     def __init__(self, study: Study) -> None:
         self.study = study
-        self.shared: dict[str, Any] = {}
+        self.shared: dict[
+            str, Any
+        ] = {}  # by digest: what workers need to have once
         self._folder = study.path.parent if study.path else Path()
         self._known: dict[str, str] = {}
 
     def task(self, cell: Cell) -> CellTask:
-        """What a worker is told of a cell.
-
-        Raises
-        ------
-        StudyError : if something named cannot be read or makes no sense
-        """
+        """What a worker is told of a cell; a StudyError if something named cannot be read or makes no sense."""
         scenario = cell.scenario
         makers = self._world, self._noise, self._trips, self._sites
         parts = tuple(self._digest(*section, scenario, make) for section, make in zip(_SECTIONS, makers, strict=True))

@@ -181,12 +181,7 @@ def _executed(executor: Any, workers: int | None, shared: Mapping[str, Any], tas
 
 
 def read_rows(path: Path) -> dict[str, Row]:
-    """The last row of every key; none without a file.
-
-    Raises
-    ------
-    StudyError : if a line but the last is no row: it names the line
-    """
+    """The last row of every key, none without a file; a StudyError names a line but the last that is no row."""
     if not path.exists():
         return {}
     rows: dict[str, Row] = {}
@@ -205,12 +200,7 @@ def read_rows(path: Path) -> dict[str, Row]:
 
 @contextmanager
 def appending(path: Path | None) -> Iterator[Callable[[Row], None]]:
-    """What appends rows to a file, if there is one, for one process at a time.
-
-    Raises
-    ------
-    StudyError : if another process is adding to it
-    """
+    """What appends rows to a file, if there is one; a StudyError if another process is adding to it."""
     if path is None:
         yield lambda row: None
         return

@@ -52,49 +52,30 @@ class Range:
 
 @dataclass(frozen=True)
 class Cell:
-    """One combination of what is varied.
+    """One combination of what is varied."""
 
-    Attributes
-    ----------
-    number : from 0, in the order of the study
-    varied : label of every varied key: its value, or the name that the study gives it
-    scenario : all keys, this cell's values put in
-    """
-
-    number: int
-    varied: Values
-    scenario: Values
+    number: int  # from 0, in the order of the study
+    varied: Values  # label of every varied key: its value, or the name that the study gives it
+    scenario: Values  # all keys, this cell's values put in
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A study; `Study.of` reads and checks it.
-
-    Attributes
-    ----------
-    scenario : keys of a study file but for title, vary and design
-    vary : for every varied key, its values by label, or a `Range`
-    design : "grid", "zip" or {"random": cells, "seed": seed}
-    path : the file, if it comes from one
-    text : of that file; JSON of what was given instead of one
-    """
+    """A study; `Study.of` reads and checks it."""
 
     title: str
-    scenario: Values
-    vary: dict[str, dict[Any, Any] | Range]
-    design: str | dict[str, int]
-    path: Path | None
-    text: str
+    scenario: Values  # keys of a study file but for title, vary and design
+    vary: dict[str, dict[Any, Any] | Range]  # for every varied key, its values by label, or a `Range`
+    design: str | dict[str, int]  # "grid", "zip" or {"random": cells, "seed": seed}
+    path: Path | None  # the file, if it comes from one
+    text: str  # of that file; JSON of what was given instead of one
     _place: Place
     _lines: dict[str, Place]
 
     @classmethod
     def of(cls, study: str | os.PathLike[str] | Mapping[str, Any] | Study) -> Study:
-        """A study from a file, or from a mapping with the same keys.
-
-        Raises
-        ------
-        StudyError : if a key is unknown or a value not what it may be: with file, line and key
+        """A study from a file, or from a mapping with the same keys; a StudyError names the file, line and key at which
+        something is unknown or not what it may be.
 
         >>> study = Study.of({"routes": [[[0, 0], [60, 0]]], "vary": {"seed": {"from": 1, "to": 3}}})
         >>> [cell.varied for cell in study.cells()]
