@@ -88,9 +88,7 @@ class Inputs:
 
     def __init__(self, study: Study) -> None:
         self.study = study
-        self.shared: dict[
-            str, Any
-        ] = {}  # by digest: what workers need to have once
+        self.shared: dict[str, Any] = {}  # by digest: what workers need to have once
         self._folder = study.path.parent if study.path else Path()
         self._known: dict[str, str] = {}
 
