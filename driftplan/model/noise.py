@@ -298,10 +298,12 @@ class OdometryNoise:
         """Whether a turn on the spot adds any error."""
         return bool(self.heading_var_per_rad or self.distance_var_per_rad or self.heading_bias_per_rad)
 
+    def given(self) -> dict[str, Any]:
+        """Only what differs from a perfect odometer, by name."""
+        return {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) != f.default}
+
     def __repr__(self) -> str:
-        """Only what differs from a perfect odometer."""
-        given = (f"{f.name}={getattr(self, f.name)!r}" for f in fields(self) if getattr(self, f.name) != f.default)
-        return f"OdometryNoise({', '.join(given)})"
+        return f"OdometryNoise({', '.join(f'{name}={value!r}' for name, value in self.given().items())})"
 
 
 def drives_to_average(noises: Sequence[OdometryNoise]) -> list[tuple[float, tuple[float, ...]]]:

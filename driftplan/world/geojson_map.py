@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from reprlib import repr as short
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import shapely
@@ -35,12 +35,11 @@ _NOT_METRES = re.compile(
     r"CRS:?:?8[34]|EPSG:+(?:4326|4258|4269|3857|3395|900913)\b|WGS ?84\b(?! / UTM)|[Mm]ercator|GEOGCS"
 )
 _STRETCHED = re.compile("3857|3395|900913|ercator")
-_PROJECT = (
-    "project the map first, say to UTM (ogr2ogr -t_srs EPSG:32632), or give degrees an origin=(lon, lat) (--origin)"
-)
+_PROJECT = "project the map first, say to UTM (ogr2ogr -t_srs EPSG:32632), or give an origin=(lon, lat) (--origin)"
 _LEAST_EXTENT_M = 0.5  # of a map: no robot drives on less
 _MAX_COORDINATE = 1e9
 _TEXT = json.JSONEncoder(allow_nan=False)
+Area: TypeAlias = Polygon | MultiPolygon
 Origin = tuple[float, float] | None
 KINDS = ("Point", "MultiPoint", "LineString", "MultiLineString", "Polygon", "MultiPolygon")
 # Beyond these, merging the walls and growing them would take minutes; plans of buildings stay far below.
@@ -51,9 +50,7 @@ _MAX_NEAR = 2_000_000  # pairs of edges that might cross
 
 def read_geojson_map(path: Path, *, robot_radius: float, origin: tuple[float, float] | None = None) -> World:
     """World of a GeoJSON file; coordinates in degrees take the ``origin`` (longitude, latitude) of the map."""
-    boundary: list[Polygon | MultiPolygon] = []
-    obstacles: list[Polygon | MultiPolygon] = []
-    zones: list[Zone] = []
+    boundary, obstacles, zones = list[Area](), list[Area](), list[Zone]()
     for feature in read_features(path, origin=origin):
         where, properties = feature.where, feature.properties
         kind = properties.get("kind")
@@ -64,9 +61,8 @@ def read_geojson_map(path: Path, *, robot_radius: float, origin: tuple[float, fl
             noise = {key: value for key, value in properties.items() if key not in ("kind", "name")}
             zones.append(Zone(area, zone_noise(where, noise)))
             continue
-        for key in properties:
-            if key in _NOISE_KEYS:
-                raise MapError(f"{where}: only zones have noise, but this {kind} has {key!r}")
+        if noisy := [key for key in properties if key in _NOISE_KEYS]:
+            raise MapError(f"{where}: only zones have noise, but this {kind} has {noisy[0]!r}")
         (boundary if kind == "boundary" else obstacles).append(area)
     if len(boundary) != 1:
         raise MapError(f'{path}: expected one feature of "kind": "boundary", the area of the map, got {len(boundary)}')
@@ -78,11 +74,7 @@ def geojson_map_files(world: World, path: Path) -> dict[Path, bytes]:
     """Contents of the file to write: nothing is lost but the robot's radius."""
     features = [_feature(shapely.box(*world.bounds), kind="boundary")]
     features += [_feature(part, kind="obstacle") for part in world.obstacles.geoms]
-    for zone in world.zones:
-        values = {key: getattr(zone.noise, key) for key in _NOISE_KEYS}
-        standard = {field.name: field.default for field in fields(OdometryNoise)}
-        said = {key: value for key, value in values.items() if value != standard[key]}
-        features.append(_feature(zone.polygon, kind="zone", **said))
+    features += [_feature(zone.polygon, kind="zone", **zone.noise.given()) for zone in world.zones]
     return {path: feature_collection(features)}
 
 
@@ -114,23 +106,24 @@ class Feature(NamedTuple):
 
 
 def read_features(
-    path: Path, kinds: Sequence[str] = KINDS, metres_whatever_crs: bool = False, origin: Origin = None
+    path: Path, kinds: Sequence[str] = KINDS, *, held: Any = None, metres_anyhow: bool = False, origin: Origin = None
 ) -> list[Feature]:
-    """The features of a GeoJSON FeatureCollection in metres; a file that is none is a `MapError`."""
-    return features_of(path, read_json(path), kinds, metres_whatever_crs, origin)
-
-
-def features_of(
-    path: Path, held: Any, kinds: Sequence[str] = KINDS, metres_whatever_crs: bool = False, origin: Origin = None
-) -> list[Feature]:
-    """The features of a FeatureCollection that was read; degrees become metres about the ``origin``."""
-    if not (
-        isinstance(held, dict) and held.get("type") == "FeatureCollection" and isinstance(held.get("features"), list)
-    ):
+    """The features of a GeoJSON FeatureCollection in metres, degrees about the ``origin``; a file that is none is a
+    `MapError`. ``held`` is what it holds, where that was read already."""
+    held = read_json(path) if held is None else held
+    is_one = isinstance(held, dict) and held.get("type") == "FeatureCollection"
+    if not (is_one and isinstance(held.get("features"), list)):
         raise MapError(f"{path}: expected a GeoJSON FeatureCollection with a list of features")
     declared = json.dumps(held.get("crs"))
-    features = [_feature_of(f"{path}, feature {k}", one, kinds) for k, one in enumerate(held["features"], start=1)]
-    if metres_whatever_crs or "LOCAL_CS" in declared:
+    features = []
+    for k, one in enumerate(held["features"], start=1):
+        where = f"{path}, feature {k}"
+        if not isinstance(one, dict):
+            raise MapError(f"{where}: expected a Feature, got {short(one)}")
+        said, shape = (part if isinstance(part, dict) else {} for part in map(one.get, ("properties", "geometry")))
+        kind = str(shape.get("type"))
+        features.append(Feature(where, one.get("id"), said, kind, _shape(where, shape) if kind in kinds else None))
+    if metres_anyhow or "LOCAL_CS" in declared:
         return features
     name, shapes = _NOT_METRES.search(declared), np.array([feature.geometry for feature in features], dtype=object)
     if origin is not None and (name is None or not _STRETCHED.search(name[0])):
@@ -138,25 +131,13 @@ def features_of(
             placed = zip(features, projected(shapes, origin), strict=True)
             return [feature._replace(geometry=shape) for feature, shape in placed]
     if name:
-        raise MapError(
-            f"{path}: coordinates are in degrees, or in metres that the latitude stretches (crs {name[0]}); expected "
-            f"metres: {_PROJECT}"
-        )
+        stretched = "in degrees, or in metres that the latitude stretches"
+        raise MapError(f"{path}: coordinates are {stretched} (crs {name[0]}); expected metres: {_PROJECT}")
     xy = shapely.get_coordinates(shapes)
     if len(xy) and (np.abs(xy) <= (180.0, 90.0)).all() and 0 < np.ptp(xy, axis=0).max() < _LEAST_EXTENT_M:
-        raise MapError(
-            f"{path}: less than {_LEAST_EXTENT_M} m wide, these look like longitudes and latitudes; expected metres: "
-            f"{_PROJECT}"
-        )
+        seems = f"less than {_LEAST_EXTENT_M} m wide, these look like longitudes and latitudes"
+        raise MapError(f"{path}: {seems}; expected metres: {_PROJECT}")
     return features
-
-
-def _feature_of(where: str, held: Any, kinds: Sequence[str]) -> Feature:
-    if not isinstance(held, dict):
-        raise MapError(f"{where}: expected a Feature, got {short(held)}")
-    said, shape = (one if isinstance(one, dict) else {} for one in map(held.get, ("properties", "geometry")))
-    kind = str(shape.get("type"))
-    return Feature(where, held.get("id"), said, kind, _shape(where, shape) if kind in kinds else None)
 
 
 def _shape(where: str, held: dict[str, Any]) -> Any:
@@ -198,7 +179,7 @@ def _on_earth(degrees: Floats) -> Floats:
     return np.stack([across * np.cos(along), across * np.sin(along), (1 - flat) * radius * np.sin(up)], axis=1)
 
 
-def area_of(where: str, feature: Feature) -> Polygon | MultiPolygon:
+def area_of(where: str, feature: Feature) -> Area:
     """The polygons of a feature."""
     area = feature.geometry
     if not isinstance(area, (Polygon, MultiPolygon)):
@@ -208,7 +189,7 @@ def area_of(where: str, feature: Feature) -> Polygon | MultiPolygon:
     return area
 
 
-def refuse_tangles(path: Path, areas: list[Polygon | MultiPolygon]) -> None:
+def refuse_tangles(path: Path, areas: list[Area]) -> None:
     """Raise MapError for so many positions, or crossings of edges, that they cannot be merged in bounded time."""
     count = int(np.sum(shapely.get_num_coordinates(areas)))
     if count > _MAX_POSITIONS:
@@ -222,16 +203,14 @@ def refuse_tangles(path: Path, areas: list[Polygon | MultiPolygon]) -> None:
         if near <= _MAX_NEAR:
             crossing += int(np.sum(shapely.crosses(edges[first + some], edges[others])))
         if near > _MAX_NEAR or crossing > 2 * _MAX_CROSSINGS:  # every pair is met twice
-            raise MapError(
-                f"{path}: the walls cross each other more than {_MAX_CROSSINGS} times; merge or simplify them"
-            )
+            crossed = f"the walls cross each other more than {_MAX_CROSSINGS} times"
+            raise MapError(f"{path}: {crossed}; merge or simplify them")
 
 
 def zone_noise(where: str, said: dict[Any, Any]) -> OdometryNoise:
     """The noise of a zone, from values named like the fields of OdometryNoise."""
-    for key in said:
-        if key not in _NOISE_KEYS:
-            raise MapError(f"{where}: unknown noise {short(key)}; known are {', '.join(_NOISE_KEYS)}")
+    if unknown := [key for key in said if key not in _NOISE_KEYS]:
+        raise MapError(f"{where}: unknown noise {short(unknown[0])}; known are {', '.join(_NOISE_KEYS)}")
     if not said:
         raise MapError(f"{where}: expected the zone's noise, such as heading_var_per_m, got none")
     with naming(where, MapError):

@@ -12,13 +12,12 @@ import zipfile
 import zlib
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import shapely
 
 from driftplan.errors import MapError, naming
 from driftplan.files import read_bytes
-from driftplan.world.geojson_map import Feature, area_of, features_of, refuse_tangles
+from driftplan.world.geojson_map import Feature, area_of, read_features, refuse_tangles
 from driftplan.world.plain_data import json_of
 from driftplan.world.world import World
 
@@ -46,9 +45,11 @@ def read_imdf_map(
     fixtures = [area_of(f"{path}, fixture {f.id}", f) for f in here["fixture"] if f.kind in ("Polygon", "MultiPolygon")]
     if not units:
         raise MapError(f"{path}: expected units on level {chosen.id}, got none")
+    if no_lines := [f.id for f in here["opening"] if f.kind != "LineString"]:
+        raise MapError(f"{path}, opening {no_lines[0]}: expected a LineString")
     refuse_tangles(path, [ground, *fixtures, *(area for _, area in units)])
     with naming(path, MapError):
-        doors = [_line(path, f).buffer(_THROUGH_M, cap_style="flat") for f in here["opening"]]
+        doors = [f.geometry.buffer(_THROUGH_M, cap_style="flat") for f in here["opening"]]
         walkways = shapely.union_all([area for category, area in units if category in _OPEN])
         rooms = [area for category, area in units if category not in (_OPEN | _WALLS | _NO_GROUND)]
         borders = shapely.union_all(shapely.boundary([*rooms, walkways]))
@@ -71,7 +72,7 @@ def _features(path: Path, origin: tuple[float, float]) -> dict[str, list[Feature
                 left -= len(text)
                 if left < 0:
                     raise MapError(f"{path}: expected at most {_MAX_BYTES} bytes unpacked, got more")
-                found[part] = features_of(path, json_of(path, text), origin=origin)
+                found[part] = read_features(path, held=json_of(path, text), origin=origin)
     except MapError:
         raise
     except (zipfile.BadZipFile, RuntimeError, ValueError, EOFError, OSError, zlib.error) as err:  # of broken archives
@@ -81,12 +82,6 @@ def _features(path: Path, origin: tuple[float, float]) -> dict[str, list[Feature
             if not (isinstance(feature.id, str) and feature.properties and feature.geometry):
                 raise MapError(f"{path}: expected every {part} to have an id, properties and a geometry")
     return found
-
-
-def _line(path: Path, opening: Feature) -> Any:
-    if opening.kind != "LineString":
-        raise MapError(f"{path}, opening {opening.id}: expected a LineString")
-    return opening.geometry
 
 
 def _level(path: Path, levels: list[Feature], asked: str | None) -> Feature:

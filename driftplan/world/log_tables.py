@@ -100,10 +100,8 @@ def named(file: Path, table: Table, aliases: Mapping[str, Sequence[str]]) -> dic
 
     Raises TrajectoryError where a column has a unit that is not in `UNITS`: it lists them.
     """
-    return {
-        name: table.values[:, k] * unit_size(file, table, k)
-        for name, k in columns_of(table.names or (), aliases).items()
-    }
+    columns = columns_of(table.names or (), aliases)
+    return {name: table.values[:, k] * unit_size(file, table, k) for name, k in columns.items()}
 
 
 def columns_of(names: Sequence[str], aliases: Mapping[str, Sequence[str]]) -> dict[str, int]:
@@ -141,9 +139,8 @@ def _matlab(file: Path, variable: str | None) -> Floats:
             raise TrajectoryError(f"{file}: expected a variable {variable!r}, found {listed}")
         shape, kind = held[variable]
         if len(shape) != 2 or kind in ("struct", "cell", "object", "char", "sparse", "function", "opaque", "unknown"):
-            raise TrajectoryError(
-                f"{file}: expected variable {variable!r} to be a matrix of numbers, got {kind} {shape}"
-            )
+            what = f"variable {variable!r} to be a matrix of numbers"
+            raise TrajectoryError(f"{file}: expected {what}, got {kind} {shape}")
         if int(np.prod(shape)) > _MAX_NUMBERS:
             raise TrajectoryError(f"{file}: variable {variable!r} claims {shape} numbers, more than any recording")
         values = np.asarray(loadmat(content, variable_names=[variable])[variable], dtype=float)
@@ -176,20 +173,15 @@ def _text(file: Path, recording: bool) -> Table:
     kept = [k for k, cell in enumerate(cells) if not recording or not cell or _is_number(cell)]
     values = _numbers(file, lines, rows, width, kept, recording, all_cells)
     if header is not None:
-        names = _names(header, width, all_cells=all_cells)
-        if names is None:
+        pairs = _names(header, width, all_cells=all_cells)
+        if pairs is None:
             raise TrajectoryError(f"{file}: expected a header of {width} names, got {header.strip()[:80]!r}")
     else:
         comments = [line for line in lines[: rows[0]] if line.strip()]
-        names = _names(comments[-1].strip().lstrip("#% "), width) if comments else None
-    table = Table(
-        values,
-        None if names is None else tuple(names[k][0] for k in kept),
-        None if names is None else tuple(names[k][1] for k in kept),
-        names is not None and header is None,
-        np.array(rows) + 1,
-        text=tuple(sorted(set(range(width)) - set(kept))),
-    )
+        pairs = _names(comments[-1].strip().lstrip("#% "), width) if comments else None
+    names, units = (None if pairs is None else tuple(pairs[k][part] for k in kept) for part in (0, 1))
+    text, is_a_comment = tuple(sorted(set(range(width)) - set(kept))), pairs is not None and header is None
+    table = Table(values, names, units, is_a_comment, np.array(rows) + 1, text=text)
     return _without_missing(file, table) if recording else table
 
 
@@ -208,9 +200,8 @@ def _without_missing(file: Path, table: Table) -> Table:
     line = int(table.lines[bad][0])
     if bad.mean() > MAX_DROPPED_SHARE:
         row = table.values[bad][0].tolist()
-        raise TrajectoryError(
-            f"{file}, line {line}: expected finite numbers, got {row}, and in {bad.sum()} lines in all"
-        )
+        where = f"{file}, line {line}"
+        raise TrajectoryError(f"{where}: expected finite numbers, got {row}, and in {bad.sum()} lines in all")
     told = f"{bad.sum()} of {len(bad)} rows, the first in line {line}, miss a number, and were left out"
     notes = (*table.notes, told) if bad.mean() > _SAID_SHARE else table.notes
     return table._replace(values=table.values[~bad], lines=table.lines[~bad], notes=notes)

@@ -49,22 +49,15 @@ def noise_yaml(noise: OdometryNoise | NoiseFit) -> bytes:
             lines.append(f"{name}: {_yaml(getattr(noise.noise, name))}  # [{low:.3g}, {high:.3g}]")
         lines += [f"{name}: {_yaml(value)}  # from drive to drive" for name, value in noise.between_drives.items()]
     else:
-        for f in fields(noise):
-            value = getattr(noise, f.name)
-            if value != f.default:
-                lines.append(f"{f.name}: {_yaml(value)}")
-        if len(lines) == 1:
-            lines.append("{}")
+        lines += [f"{name}: {_yaml(value)}" for name, value in noise.given().items()] or ["{}"]
     return ("\n".join(lines) + "\n").encode()
 
 
 def load_noise(path: str | os.PathLike[str]) -> OdometryNoise:
     """Read a noise from YAML: keys are the names of `OdometryNoise`, what is missing has its default.
 
-    Raises
-    ------
-    TrajectoryError
-        If the file is missing or broken, has unknown keys or values out of range: the message names file and key.
+    Raises TrajectoryError if the file is missing or broken, has unknown keys or values out of range: the message names
+    file and key.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -75,11 +68,9 @@ def load_noise(path: str | os.PathLike[str]) -> OdometryNoise:
     file = Path(path)
     content = read_yaml(file, TrajectoryError, max_bytes=1 << 20)
     if not isinstance(content, dict):
-        raise TrajectoryError(
-            f"{file}: expected keys of OdometryNoise, such as heading_var_per_m: 1.0e-4, got {short(content)}"
-        )
-    unknown = [key for key in content if key not in _KEYS]
-    if unknown:
+        such = "such as heading_var_per_m: 1.0e-4"
+        raise TrajectoryError(f"{file}: expected keys of OdometryNoise, {such}, got {short(content)}")
+    if unknown := [key for key in content if key not in _KEYS]:
         raise TrajectoryError(f"{file}: unknown key {short(unknown[0])}; expected keys of {', '.join(_KEYS)}")
     with naming(file, TrajectoryError):
         return OdometryNoise(**content)
@@ -93,7 +84,7 @@ def _yaml(value: Any) -> str:
     return text if "." in text else text.replace("e", ".0e")
 
 
-_AXES = {"x": 0, "y": 1, "yaw": 5}  # of x, y, z, roll, pitch, yaw
+_PLANAR = [0, 1, 5]  # x, y and yaw, of x, y, z, roll, pitch, yaw
 
 
 def ros_covariances(
@@ -138,20 +129,17 @@ def ros_covariances(
     pose[2, 2] = float(end.heading_std) ** 2
     scale, turned = 1 + noise.distance_scale_error, 1 + noise.heading_bias_per_rad
     bias = degrees(noise.heading_bias_per_m)
-    return "\n".join(
-        [
-            f"# Odometry at {speed:g} m/s and {turning:g} rad/s, {rate:g} messages a second; x y z roll pitch yaw.",
-            f"# To be corrected first: distances are measured {scale:.5g} times too long, turns {turned:.5g} times too",
-            f"# far, and {bias:.4g} deg to the left per metre. Units: (m/s)^2, (rad/s)^2, and m^2, rad^2.",
-            f"twist_covariance: {_row_by_row(twist)}",
-            f"pose_covariance: {_row_by_row(pose)}  # after {length:g} m, straight on from a known pose",
-            "",
-        ]
+    return (
+        f"# Odometry at {speed:g} m/s and {turning:g} rad/s, {rate:g} messages a second; x y z roll pitch yaw.\n"
+        f"# To be corrected first: distances are measured {scale:.5g} times too long, turns {turned:.5g} times too\n"
+        f"# far, and {bias:.4g} deg to the left per metre. Units: (m/s)^2, (rad/s)^2, and m^2, rad^2.\n"
+        f"twist_covariance: {_row_by_row(twist)}\n"
+        f"pose_covariance: {_row_by_row(pose)}  # after {length:g} m, straight on from a known pose\n"
     )
 
 
 def _row_by_row(planar: Floats) -> list[float]:
     """36 numbers, of which those of x, y and yaw are given, (3, 3)."""
-    full, own = np.zeros((6, 6)), list(_AXES.values())
-    full[np.ix_(own, own)] = planar
+    full = np.zeros((6, 6))
+    full[np.ix_(_PLANAR, _PLANAR)] = planar
     return [float(f"{value:.6g}") for value in full.ravel()]

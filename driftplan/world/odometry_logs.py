@@ -30,7 +30,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -83,13 +83,6 @@ _FLAT = 0.05  # of the extent along y, below which z is the height
 _LEVEL = 0.9  # mean horizontal length of the body axis that heading is taken from
 
 
-class _Recording(NamedTuple):
-    """Columns in SI units, in the order of their times, and what is to be said about them."""
-
-    found: dict[str, Floats]
-    notes: tuple[str, ...]
-
-
 def read_odometry(
     path: str | os.PathLike[str],
     *,
@@ -139,7 +132,7 @@ def read_odometry(
         columns = _NAMELESS_STEPS[kind]
     with naming(file, TrajectoryError):
         found, notes = _recording(file, table, columns, rate_hz)
-        found = _of_wheels(found, track_width_m, metres_per_tick)
+        _of_wheels(found, track_width_m, metres_per_tick)
         kind = kind or _kind_of(table, found)
         if kind == "poses":
             truth = _trajectory(found, ())
@@ -177,8 +170,10 @@ def read_truth(
         return _trajectory(*_recording(file, read_recording(file, "truth", variable), columns, rate_hz))
 
 
-def _recording(file: Path, table: Table, columns: Sequence[str] | None, rate_hz: float) -> _Recording:
-    """The columns that the caller, the file or their number name."""
+def _recording(
+    file: Path, table: Table, columns: Sequence[str] | None, rate_hz: float
+) -> tuple[dict[str, Floats], tuple[str, ...]]:
+    """The columns that the caller, the file or their number name, in SI units and the order of their times; notes."""
     table = _with_names(table, columns, rate_hz)
     where = columns_of(table.names or (), _ALIASES)
     found = {name: table.values[:, k] * unit_size(file, table, k) for name, k in where.items()}
@@ -193,7 +188,7 @@ def _recording(file: Path, table: Table, columns: Sequence[str] | None, rate_hz:
         found = {name: values[order] for name, values in found.items()}
         notes += more
     _check_headings(found)
-    return _Recording(found, tuple(f"{file.name}: {note}" for note in notes))
+    return found, tuple(f"{file.name}: {note}" for note in notes)
 
 
 def _with_names(table: Table, columns: Sequence[str] | None, rate_hz: float) -> Table:
@@ -210,17 +205,14 @@ def _with_names(table: Table, columns: Sequence[str] | None, rate_hz: float) -> 
         return _kitti(table, rate_hz)
     names = _ROS2_ECHO.get((width + len(table.text), table.text)) or _NAMELESS.get(width)
     if names is None:
-        known = "3, 4, 8 (TUM), 12 or 13 (KITTI)"
-        called = f" named {' '.join(table.names)}" if table.names else ""
-        raise ValueError(f"{width} columns{called} do not say what they are (known: {known}): name them")
+        what = f"{width} columns{' named ' * bool(table.names)}{' '.join(table.names or ())}"
+        raise ValueError(f"{what} do not say what they are (known: 3, 4, 8 (TUM), 12 or 13 (KITTI)): name them")
     rest = tuple(f"unnamed_{k}" for k in range(width - len(names)))
     return table._replace(names=(*names, *rest), units=None)
 
 
-def _of_wheels(
-    found: dict[str, Floats], track_width_m: float | None, metres_per_tick: float | None
-) -> dict[str, Floats]:
-    """Wheel speeds as speed and turn rate, wheel ticks as distance and turn."""
+def _of_wheels(found: dict[str, Floats], track_width_m: float | None, metres_per_tick: float | None) -> None:
+    """Speed and turn rate of wheel speeds, distance and turn of wheel ticks."""
     which = [kind for kind, names in _WHEELS.items() if set(names) <= found.keys()]
     ticks = which == ["ticks"]
     if (track_width_m is None) != (not which) or (metres_per_tick is None) != (not ticks) or len(which) > 1:
@@ -229,25 +221,23 @@ def _of_wheels(
             f"and right_ticks, and neither without; found {' '.join(found)}"
         )
     if track_width_m is None:
-        return found
+        return
     left, right = (found[name] for name in _WHEELS[which[0]])
     if metres_per_tick is not None:
         size = positive("metres_per_tick", metres_per_tick)
         left, right = (size * np.diff(count, prepend=count[0]) for count in (left, right))
-    names = ("distance", "turn") if ticks else ("speed", "turn_rate")
-    moves = (0.5 * (left + right), (right - left) / positive("track_width_m", track_width_m))
-    return {**found, **dict(zip(names, moves, strict=True))}
+    ahead, turn = ("distance", "turn") if ticks else ("speed", "turn_rate")
+    found[ahead], found[turn] = 0.5 * (left + right), (right - left) / positive("track_width_m", track_width_m)
 
 
 def _kind_of(table: Table, found: Mapping[str, Floats]) -> Kind:
     """What the columns' names say; poses and commands side by side say nothing, but in a ROS message."""
-    held: list[Kind] = []
-    if {"distance", "turn"} <= found.keys():
-        held.append("increments")
-    if {"speed", "turn_rate"} <= found.keys():
-        held.append("velocities")
-    if {"x", "y"} <= found.keys() and ("heading" in found or found.keys() & set(_QUATERNION)):
-        held.append("poses")
+    says: dict[Kind, bool] = {
+        "increments": {"distance", "turn"} <= found.keys(),
+        "velocities": {"speed", "turn_rate"} <= found.keys(),
+        "poses": {"x", "y"} <= found.keys() and bool(found.keys() & {"heading", *_QUATERNION}),
+    }
+    held = [kind for kind, holds in says.items() if holds]
     message = any("pose_pose" in name for name in table.names or ())
     if len(held) > 1 and not (message and "poses" in held):
         raise ValueError(f"holds {' and '.join(held)}: say by kind which of them the odometry is")
@@ -261,10 +251,7 @@ def _trajectory(found: Mapping[str, Floats], notes: tuple[str, ...]) -> Trajecto
 
 def _check_headings(found: Mapping[str, Floats]) -> None:
     """Refuse poses whose headings belong to the way driven by another reading of the columns only."""
-    if not {"x", "y"} <= found.keys():
-        return
-    heading = _heading(found)
-    if heading is None:
+    if not {"x", "y"} <= found.keys() or (heading := _heading(found)) is None:
         return
     z = found["x"] + 1j * found["y"]
     readings: dict[str, tuple[Complexes, Floats | None]] = {
@@ -276,8 +263,7 @@ def _check_headings(found: Mapping[str, Floats]) -> None:
     if found.keys() >= set(_QUATERNION):
         w_last = [found[name] for name in _QUATERNION]
         readings["w first, qw qx qy qz,"] = (z, _heading(dict(zip(_QUATERNION, w_last[1:] + w_last[:1], strict=True))))
-    other = misread(z, heading, readings)
-    if other:
+    if other := misread(z, heading, readings):
         raise ValueError(f"the headings do not follow the way driven; {other} would fit: name the columns")
 
 
@@ -290,7 +276,7 @@ def _needed(found: Mapping[str, Floats], *names: str) -> list[Floats]:
 def _heading(found: Mapping[str, Floats]) -> Floats | None:
     if "heading" in found:
         return found["heading"]
-    parts = [found[name] for name in ("qx", "qy", "qz", "qw") if name in found]
+    parts = [found[name] for name in _QUATERNION if name in found]
     if not parts:
         return None
     if len(parts) < 4:
@@ -316,8 +302,7 @@ def _kitti(table: Table, rate_hz: float) -> Table:
     if not rate_hz > 0:
         raise ValueError(f"expected rate_hz > 0, got {rate_hz!r}")
     rows = table.values
-    number = np.arange(len(rows))
-    times = number / rate_hz
+    times = np.arange(len(rows)) / rate_hz
     if rows.shape[1] > _KITTI_COLUMNS and not (np.diff(rows[:, 0]) == 1).all():
         times = rows[:, 0]
     pose = rows[:, -_KITTI_COLUMNS:].reshape(-1, 3, 4)

@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> Answer:
         talk(f"planning with {planner}{shared.search_effort(args)}")
         for name, route in both(world, *shared.ends_from(args, world), noise, args, planner).items():
             routes[f"{name} ({planner})"] = route
-    about, robot = {"map": label(args.map), "noise": shared.noise_as_json(noise)}, robot_in(args, world)
+    about, robot = {"map": label(args.map), "noise": noise.given()}, robot_in(args, world)
     return Answer(
         payload=lambda: about | {"routes": rows_of(routes, world, robot)},
         text=lambda: str(compared(routes, world, robot)),

@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> Answer:
 
     return Answer(
         payload=lambda: {
-            "noise": shared.noise_as_json(noise),
+            "noise": noise.given(),
             "maps": {name: rows_of(routes, worlds[name]) for name, routes in found.items()},
             "tags": {robot: as_json(layout) for robot, layout in tags.items()},
             "files": [str(path) for path in pictures],

@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> Answer:
     named |= {"start_fix": shared.start_fix_from(args), "progress": _tell}
     found = co_design(world, trips, noise, limit, sites, **named)
     return Answer(
-        payload=lambda: {"map": where, "noise": shared.noise_as_json(noise), "design": design_as_json(found)},
+        payload=lambda: {"map": where, "noise": noise.given(), "design": design_as_json(found)},
         text=lambda: design_text(found),
         files={
             "csv": lambda: layout_csv(found.layout),

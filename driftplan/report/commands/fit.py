@@ -8,7 +8,6 @@ from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from driftplan.report.commands import shared
 from driftplan.report.commands.answer import Answer, talk
 from driftplan.report.commands.option import Command, Group, Option, input_file, metres, names
 from driftplan.report.records import record
@@ -97,7 +96,7 @@ def _split(drives: list[Drive], share: float) -> tuple[list[Drive], list[Drive]]
 def _as_json(found: NoiseFit, checks: dict[str, SegmentCheck]) -> dict[str, Any]:
     errors, counts = found.relative_errors, found.counts
     return {
-        "noise": shared.noise_as_json(found.noise),
+        "noise": found.noise.given(),
         **record(found, "confidence", "intervals", "std_errors", "truth_position_std_m", "truth_heading_std_rad"),
         **record(found, "time_offsets_s", "heading_offsets_rad", "notes"),
         "recordings": record(counts, *counts.__dataclass_fields__),

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> Answer:
 
     def payload() -> dict[str, Any]:
         routes = ways.payload() if ways else {"routes": {}}
-        return {"noise": shared.noise_as_json(noise), "edges": edges, **routes}
+        return {"noise": noise.given(), "edges": edges, **routes}
 
     def text() -> str:
         shown = sorted(edges, key=lambda edge: -edge["penalty"])[:_MAX_EDGES]

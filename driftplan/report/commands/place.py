@@ -88,7 +88,7 @@ def _layout_answer(args: argparse.Namespace, noise: OdometryNoise, layout: Layou
             **record(layout, "cost", "lower_bound", "proven", "status", "drift_bound_m", "worst_drift_m", "seconds"),
             "routes": routes,
         }
-        return {"noise": shared.noise_as_json(noise), "layout": found}
+        return {"noise": noise.given(), "layout": found}
 
     files = {**shared.layout_files(args, layout), "picture": lambda: layout_figure(layout)}
     return Answer(payload=payload, text=lambda: _layout_text(args, layout), files=files)
@@ -133,7 +133,7 @@ def _tradeoff_answer(noise: OdometryNoise, curve: tuple[Layout, ...]) -> Answer:
         return table({"beacons": [point["beacons"] for point in points], **drifts, "proven": proven})
 
     return Answer(
-        payload=lambda: {"noise": shared.noise_as_json(noise), "tradeoff": points},
+        payload=lambda: {"noise": noise.given(), "tradeoff": points},
         text=text,
         files={"picture": lambda: tradeoff_figure(curve)},
     )

@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> Answer:
         text=text,
         files={
             **shared.route_files(route.drift),
-            "geojson": lambda: drift_geojson(route.drift, {"noise": shared.noise_as_json(noise), **summary()}),
+            "geojson": lambda: drift_geojson(route.drift, {"noise": noise.given(), **summary()}),
             "picture": picture,
         },
     )
@@ -85,7 +85,7 @@ def _on_graph(args: argparse.Namespace) -> Answer:
         x, y = graph.xy[graph.node(node)].tolist()
         talk(f"{name} is node {node} at ({x:g}, {y:g}), {hypot(x - end[0], y - end[1]):.3g} m away")
     ways = ways_on_graph(graph, ends, noise, beacons, world)
-    about = {"map": label(args.map), "graph": args.graph, "noise": shared.noise_as_json(noise)}
+    about = {"map": label(args.map), "graph": args.graph, "noise": noise.given()}
     return replace(ways, payload=lambda: {**about, **ways.payload()})
 
 
@@ -117,7 +117,7 @@ def _many(args: argparse.Namespace) -> Answer:
 
 
 def _about(args: argparse.Namespace, noise: OdometryNoise) -> dict[str, Any]:
-    return {"map": label(args.map), "noise": shared.noise_as_json(noise), "estimator": args.estimator}
+    return {"map": label(args.map), "noise": noise.given(), "estimator": args.estimator}
 
 
 def planned_route(args: argparse.Namespace, world: World, noise: OdometryNoise) -> Route:

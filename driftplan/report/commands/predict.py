@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> Answer:
             | {"beyond_linear_m": drift.beyond_linear.tolist()}
             for file, drift, at in shown
         ]
-        return {"noise": shared.noise_as_json(noise), "estimator": args.estimator, "paths": told}
+        return {"noise": noise.given(), "estimator": args.estimator, "paths": told}
 
     return Answer(
         payload=payload,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from math import hypot, isfinite, radians
 from pathlib import Path
@@ -188,11 +188,6 @@ def _noise_called(name: str) -> OdometryNoise:
     if not Path(name).exists():
         raise ValueError(f"expected --noise a noise file or a preset, one of {', '.join(PRESETS)}; got {name!r}")
     return load_noise(name)
-
-
-def noise_as_json(noise: OdometryNoise) -> dict[str, Any]:
-    """The rates of a noise that are not the default, by the names of `OdometryNoise`."""
-    return {f.name: getattr(noise, f.name) for f in fields(noise) if getattr(noise, f.name) != f.default}
 
 
 def world_from(args: argparse.Namespace) -> World:
