@@ -9,6 +9,8 @@ import numpy as np
 
 from driftplan.arrays import Floats, bounded, instance, not_negative, number, positive
 
+_MAX_READINGS = 10_000  # on one pass
+
 
 class KindOptions(TypedDict, total=False):
     """What every kind of beacon may be given beside what it measures; see `BeaconKind`."""
@@ -20,9 +22,6 @@ class KindOptions(TypedDict, total=False):
     std_per_m: float
     view_angle_deg: float
     sensor_view_deg: float
-
-
-_MAX_READINGS = 10_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

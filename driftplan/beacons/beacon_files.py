@@ -25,6 +25,8 @@ from driftplan.world.geojson_map import feature_collection, read_features
 from driftplan.world.plain_data import MAX_YAML_BYTES, read_yaml
 from driftplan.world.route_graphs import lif_marks
 
+_KIND = tuple(f.name for f in fields(BeaconKind))
+
 
 def tags_yaml(beacons: Sequence[Beacon], *, size_m: float, frame: str = "map") -> bytes:
     """Beacons as one bundle of tags for apriltag_ros, ``size_m`` wide each; `load_beacons` reads it back.
@@ -121,9 +123,6 @@ def read_fiducial_map(path: Path) -> list[Mark]:
 
 def _short(value: float) -> float:
     return round(float(value), 6) + 0.0  # no minus before a zero
-
-
-_KIND = tuple(f.name for f in fields(BeaconKind))
 
 
 def beacons_geojson(beacons: Sequence[Beacon]) -> bytes:

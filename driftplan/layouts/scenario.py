@@ -26,6 +26,10 @@ from driftplan.world.shapes import polygon_of
 from driftplan.world.world import World
 from driftplan.world.zones import noises_on
 
+_FACINGS_DEG = (0.0, 90.0, 180.0, 270.0)
+_MAX_SITES = 1e6  # far more than can be chosen from
+_PLACES = 9  # of metres: sums of spacings are printed as people write them, 9.6 and not 9.600000000000001
+
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
@@ -119,11 +123,6 @@ class SiteGroup:
     members: Sequence[int | str]
     at_least: int = 0
     at_most: int | None = None
-
-
-_FACINGS_DEG = (0.0, 90.0, 180.0, 270.0)
-_MAX_SITES = 1e6  # far more than can be chosen from
-_PLACES = 9  # of metres: sums of spacings are printed as people write them, 9.6 and not 9.600000000000001
 
 
 @dataclass(frozen=True, eq=False)

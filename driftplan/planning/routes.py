@@ -30,7 +30,7 @@ from driftplan.planning.request import (
 )
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.beacon_walks import ROUNDING
-from driftplan.planning.roadmap.diagnosis import why_infeasible
+from driftplan.planning.roadmap.itinerary_check import why_infeasible
 from driftplan.planning.roadmap.prices import exact_drift, length_of
 from driftplan.planning.status import Status
 from driftplan.planning.unaided import Unaided, best_unaided

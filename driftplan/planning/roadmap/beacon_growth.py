@@ -12,8 +12,8 @@ from driftplan.errors import NoPathError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.request import Objective, Reliance
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
-from driftplan.planning.roadmap.diagnosis import why_infeasible
 from driftplan.planning.roadmap.graph import Roadmap
+from driftplan.planning.roadmap.itinerary_check import why_infeasible
 from driftplan.planning.roadmap.prices import AdditiveCost, length_of
 from driftplan.planning.routes import Route, route_along
 from driftplan.planning.status import Status

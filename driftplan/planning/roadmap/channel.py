@@ -13,6 +13,9 @@ from shapely.geometry import Polygon
 from driftplan.arrays import Floats, Ints
 from driftplan.world.world import World
 
+_THINNING_RADII = 0.1  # of the robot, by which a thinned outline may be off: few of the arcs round corners are left
+_MESHES: WeakKeyDictionary[World, dict[tuple[int, float], Mesh]] = WeakKeyDictionary()
+
 
 def channel_route(world: World, ends: Floats) -> Floats | None:
     """The shortest way (n, 2) from ``ends[0]`` to ``ends[1]`` over the middles of the inner sides of the triangles.
@@ -32,9 +35,6 @@ def channel_route(world: World, ends: Floats) -> Floats | None:
         if world.segments_free(path[:-1], path[1:]).all():
             return path
     return None
-
-
-_THINNING_RADII = 0.1  # of the robot, by which a thinned outline may be off: few of the arcs round corners are left
 
 
 class Mesh(NamedTuple):
@@ -90,6 +90,3 @@ def mesh_of(world: World, part: int, thinning_radii: float = 0.0) -> Mesh:
         bears_it = isinstance(thinned, Polygon) and not thinned.is_empty and thinned.is_valid
         known[part, thinning_radii] = Mesh.of(thinned if thinning_radii and bears_it else whole)
     return known[part, thinning_radii]
-
-
-_MESHES: WeakKeyDictionary[World, dict[tuple[int, float], Mesh]] = WeakKeyDictionary()

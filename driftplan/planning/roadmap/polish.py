@@ -98,9 +98,8 @@ class AdditivePathCost:
         if not pricing.has_turns:
             return total
         to, away = bearing(left, tried), bearing(tried, right)
-        total += pricing.turns(
-            left, np.angle(to * np.conj(arriving(path, moved, to, self.start_heading))), there.zone_a
-        )
+        came = arriving(path, moved, to, self.start_heading)
+        total += pricing.turns(left, np.angle(to * np.conj(came)), there.zone_a)
         total += pricing.turns(tried, np.angle(away * np.conj(to)), onward.zone_a)
         inner = np.flatnonzero(moved + 2 < len(path))
         beyond = path[moved[inner] + 2]
@@ -125,11 +124,8 @@ def shortcut(pricing: AdditiveCost, path: Floats, start_heading: float | None = 
 
 
 def _split(space: Space, path: Floats, legs: int) -> Floats:
-    """The same path with legs of at most 1/``legs`` of its length.
-
-    Legs stay whole where a part of them is not free by itself: by round-off, or because a checker looks at samples of
-    a motion only.
-    """
+    """The same path with legs of at most 1/``legs`` of its length, whole where a part of one is not free by itself: by
+    round-off, or because a checker looks at samples of a motion only."""
     step = np.diff(path, axis=0)
     length = np.linalg.norm(step, axis=1)
     parts = np.maximum(1, np.ceil(length * legs / length.sum() - 1e-9)).astype(int)
@@ -168,10 +164,8 @@ def bearing(a: Floats, b: Floats) -> Complexes:
 
 
 def arriving(path: Floats, moved: Ints, to: Complexes, start_heading: float | None) -> Complexes:
-    """Direction in which the robot reaches the waypoint before each of those ``moved``; from there it goes ``to``.
-
-    At the start that is the start heading, or the way it goes when there is none.
-    """
+    """Direction in which the robot reaches the waypoint before each of those ``moved``; from there it goes ``to``. At
+    the start that is the start heading, or the way it goes when there is none."""
     before = bearing(path[np.maximum(moved - 2, 0)], path[moved - 1])
     facing = to if start_heading is None else np.exp(1j * start_heading)
     return np.where(moved == 1, facing, before)
@@ -234,9 +228,8 @@ def _pulled(path: Floats, space: Space, holds: Callable[[Floats], bool], stop: C
         places = here + np.array(_PULLING_SHARES)[:, None] * (target - here)
         free = space.segments_free(np.broadcast_to(left, places.shape), places)
         free &= space.segments_free(places, np.broadcast_to(right, places.shape))
-        free &= (_distance(places, left) > 1e-6) & (
-            _distance(places, right) > 1e-6
-        )  # to leave it out is tried elsewhere
+        # to leave it out is tried elsewhere
+        free &= (_distance(places, left) > 1e-6) & (_distance(places, right) > 1e-6)
         for place in places[free]:
             if stop():
                 return path
