@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from driftplan.arrays import Complexes, Floats, whole
 from driftplan.model.calibration.matched_drive import MatchCounts, MatchOptions
 from driftplan.model.calibration.noise_check import Estimate, SegmentCheck, Truth, check_segments, checked, repetitions
-from driftplan.model.calibration.notes import drive_notes, fault_notes, mounting_notes, reference_notes, swap_notes
+from driftplan.model.calibration.notes import data_notes, drive_notes, fault_notes
 from driftplan.model.calibration.quasi_likelihood import (
     DRIVES_TO_HOLD_OUT,
     RANDOM,
@@ -234,7 +234,10 @@ def fit_noise(
     >>> bool(low < 0.02 < high)
     True
     """
-    names = _checked_parameters(parameters)
+    names = () if isinstance(parameters, str) else tuple(parameters)
+    if not names or not set(names) <= set(PARAMETERS):
+        raise ValueError(f"expected parameters from {PARAMETERS}, got {parameters!r}")
+    names = tuple(name for name in PARAMETERS if name in names)
     if not 0.01 <= confidence <= 0.9999:
         raise ValueError(f"expected confidence from 0.01 to 0.9999, got {confidence!r}")
     whole("resamples", resamples, least=100)
@@ -257,7 +260,7 @@ def fit_noise(
     if segments.has_heading:
         relative = segment_errors(segments, drives, matches, max_gap_s)
         heading_rms = rms_spread(segments, solution, replicates, confidence, slice(2, 3)).intervals
-    faults = fault_notes(segments, solution, check)
+    faults = tuple(fault_notes(segments, solution, check))
     between = between_drives(segments, solution, std_errors)
     return NoiseFit(
         noise=replace(noise, **between),
@@ -275,14 +278,12 @@ def fit_noise(
         time_offsets_s=tuple(m.time_offset_s for m in matches),
         heading_offsets=tuple(m.heading_offset for m in matches),
         tracks=tuple(laid_on_truth(part) for part in segments.resampled),
-        faults=tuple(faults),
+        faults=faults,
         notes=(
             *faults,
             *(note for pair in drives for recording in pair for note in recording.notes),
             *notes,
-            *swap_notes(drives),
-            *mounting_notes(matches),
-            *reference_notes(segments, truth, check),
+            *data_notes(drives, matches, segments, truth, check),
             *drive_notes(segments, solution, std_errors),
             *check.notes,
         ),
@@ -315,13 +316,6 @@ def estimated(
     std_errors = {solution.names[k]: float(error[k]) for k in rates}
     held = {solution.names[k]: (float(low[k]), float(high[k])) for k in rates}
     return Estimated(solution, replicates, std_errors, held), notes
-
-
-def _checked_parameters(parameters: Sequence[str]) -> tuple[str, ...]:
-    names = () if isinstance(parameters, str) else tuple(parameters)
-    if not names or not set(names) <= set(PARAMETERS):
-        raise ValueError(f"expected parameters from {PARAMETERS}, got {parameters!r}")
-    return tuple(name for name in PARAMETERS if name in names)
 
 
 def _solved(segments: SegmentSet, names: tuple[str, ...]) -> tuple[Solution, list[str]]:

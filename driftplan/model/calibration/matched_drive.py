@@ -8,15 +8,9 @@ from typing import NamedTuple, TypedDict
 
 import numpy as np
 
-from driftplan.arrays import Bools, Complexes, Floats, as_plane, number
+from driftplan.arrays import Array, Bools, Complexes, Floats, number
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
-from driftplan.model.calibration.resampling import (
-    ResampledDrive,
-    along_travel,
-    resample,
-    robust_std,
-    true_motion,
-)
+from driftplan.model.calibration.resampling import ResampledDrive, along_travel, resample, robust_std, true_motion
 
 _OFFSETS = 20  # clock offsets tried to either side
 _CLEARLY = 0.95  # an offset must reduce the disagreement of the recordings to this share
@@ -114,7 +108,14 @@ def match(
     clocked = replace(truth, times=truth.times - time_offset_s)
     good, jumps = _good_samples(odometry, clocked)
     cleaned = clocked.chosen(good)
-    first, last = _overlap(odometry, cleaned)
+    first, last = (
+        float(end) for end in (max(cleaned.times[0], odometry.times[0]), min(cleaned.times[-1], odometry.times[-1]))
+    )
+    if not last > first:
+        raise ValueError(
+            f"expected odometry and truth to overlap in time, got odometry from {odometry.times[0]:.3f} to "
+            f"{odometry.times[-1]:.3f} s and truth from {cleaned.times[0]:.3f} to {cleaned.times[-1]:.3f} s"
+        )
     standing = odometry.standing
     travelled = np.concatenate([[0.0], np.cumsum(np.where(standing, 0.0, np.abs(odometry.moves)))])
     wild = np.searchsorted(odometry.times, odometry.glitches)
@@ -143,16 +144,6 @@ def match(
         for part in resampled
     )
     return MatchedDrive(turned_back, counts, float(time_offset_s), float(heading_offset))
-
-
-def _overlap(odometry: OdometryLog, truth: Trajectory) -> tuple[float, float]:
-    first, last = max(truth.times[0], odometry.times[0]), min(truth.times[-1], odometry.times[-1])
-    if not last > first:
-        raise ValueError(
-            f"expected odometry and truth to overlap in time, got odometry from {odometry.times[0]:.3f} to "
-            f"{odometry.times[-1]:.3f} s and truth from {truth.times[0]:.3f} to {truth.times[-1]:.3f} s"
-        )
-    return float(first), float(last)
 
 
 def _mounting(resampled: list[ResampledDrive]) -> float:
@@ -192,18 +183,18 @@ def _clock_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0
         return 0.0
     at = np.linspace(first, last, min(int((last - first) / (0.5 * window)), 4000))
     at = at[at + window <= last]
-    counted, true = ([odometry.headings], [truth.heading]) if truth.heading is not None else ([], [])
-    if not counted:
-        counted, true = (list(as_plane(z).T.copy()) for z in (odometry.positions, truth.positions))
+    recorded: tuple[Array, Array] = (odometry.positions, truth.positions)
+    if truth.heading is not None:
+        recorded = odometry.headings, truth.heading
 
-    def gained(begin: Floats, times: Floats, values: list[Floats]) -> Floats:
-        change = [np.interp(begin + window, times, x) - np.interp(begin, times, x) for x in values]
-        return np.asarray(np.hypot(*change) if len(change) > 1 else change[0])
+    def gained(begin: Floats, times: Floats, values: Array) -> Floats:
+        change = np.interp(begin + window, times, values) - np.interp(begin, times, values)
+        return np.asarray(np.abs(change) if np.iscomplexobj(change) else change)
 
-    reported: Floats = gained(at, odometry.times, counted)
+    reported = gained(at, odometry.times, recorded[0])
 
     def disagreement(offset: float) -> float:
-        difference = reported - gained(at + offset, truth.times, true)
+        difference = reported - gained(at + offset, truth.times, recorded[1])
         return float(np.mean(np.abs(difference - np.median(difference))))
 
     unshifted = disagreement(0.0)
@@ -270,14 +261,8 @@ def _gaps(
 def _without(first: float, last: float, gaps: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """The interval without the gaps."""
     pieces, begin = [], first
-    for low, high in sorted(gaps):
-        if high <= begin:
-            continue
-        if low >= last:
-            break
-        if low > begin:
-            pieces.append((begin, low))
+    for low, high in [*sorted(gaps), (last, last)]:
+        if begin < min(low, last):
+            pieces.append((begin, min(low, last)))
         begin = max(begin, high)
-    if begin < last:
-        pieces.append((begin, last))
     return pieces

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, sqrt
 
 import numpy as np
@@ -20,80 +20,71 @@ _CHANCE = 0.01  # that drives are said to differ when they do not
 _UNITS = {1000: "millimetres or metres", 3.6: "km/h or m/s", 3.28: "feet or metres", 57.3: "degrees or radians"}
 
 
-def mounting_notes(matches: Sequence[MatchedDrive]) -> list[str]:
-    """Whether true headings are turned by more than a marker is mounted askew."""
-    worst = max((m.heading_offset for m in matches), key=abs)
-    if abs(worst) < _ODD_MOUNTING_RAD:
-        return []
-    return [
-        f"The truth's headings are turned by {degrees(worst):.0f} deg against the direction in which the odometry "
-        "drives, and were turned back: check axes and signs."
-    ]
-
-
-def reference_notes(segments: SegmentSet, truth: TruthNoise, check: SegmentCheck) -> list[str]:
-    """Whether the reference is too coarse to see the odometry drift."""
+def data_notes(
+    drives: Sequence[tuple[OdometryLog, Trajectory]],
+    matches: Sequence[MatchedDrive],
+    segments: SegmentSet,
+    truth: TruthNoise,
+    check: SegmentCheck,
+) -> Iterator[str]:
+    """What is odd about the truth: whether it begins at the origin and the odometry does not, so that they may be
+    swapped; is turned by more than a marker is mounted askew; or is too coarse to see the odometry drift."""
+    if all(log.start != 0 and true.positions[0] == 0 for log, true in drives):
+        yield "The truth begins at (0, 0), the odometry elsewhere: are the two swapped?"
+    turned = max((m.heading_offset for m in matches), key=abs)
+    if abs(turned) >= _ODD_MOUNTING_RAD:
+        yield (
+            f"The truth's headings are turned by {degrees(turned):.0f} deg against the direction in which the odometry "
+            "drives, and were turned back: check axes and signs."
+        )
     _, cov = segments.expected(segments.windows(OdometryNoise()), truth)
     white = float(np.trace(segments.by_bin(cov[:, segments.position, segments.position])[-1]))
     longest = check.lengths[-1]
-    if white < 0.5 * longest.predicted_rms_m**2:
-        return []
-    return [
-        f"Even over {longest.length_m:.3g} m most of the error does not grow with the distance (white, "
-        f"{sqrt(truth.position_var):.2g} m): a better reference or longer segments would tell more about the odometry."
-    ]
+    if white >= 0.5 * longest.predicted_rms_m**2:
+        yield (
+            f"Even over {longest.length_m:.3g} m most of the error does not grow with the distance (white, "
+            f"{sqrt(truth.position_var):.2g} m): a better reference or longer segments would tell more about the "
+            "odometry."
+        )
 
 
-def fault_notes(segments: SegmentSet, solution: Solution, check: SegmentCheck) -> list[str]:
+def fault_notes(segments: SegmentSet, solution: Solution, check: SegmentCheck) -> Iterator[str]:
     """Why the numbers of a fit are not to be used."""
-    faults = []
     if all(row.measured_rms_m > row.length_m for row in check.lengths):
-        faults.append("The errors are larger than the segments are long: are odometry and truth of the same drive?")
+        yield "The errors are larger than the segments are long: are odometry and truth of the same drive?"
     ratio = segments.counted_over_true
     if not 0.5 < ratio < 2:
-        unit = next(
-            (unit for size, unit in _UNITS.items() if min(abs(ratio / size - 1), abs(ratio * size - 1)) < 0.1), ""
-        )
-        faults.append(
-            f"The odometry counts {ratio:.3g} times the true distance: " + (f"{unit}?" if unit else "check its units.")
-        )
+        units = (f"{unit}?" for size, unit in _UNITS.items() if min(abs(ratio / size - 1), abs(ratio * size - 1)) < 0.1)
+        yield f"The odometry counts {ratio:.3g} times the true distance: {next(units, 'check its units.')}"
     least, most = limits(segments, solution.names)
     least = np.where(solution.bounded, -np.inf, least)  # variances may be 0
     for k in np.flatnonzero((solution.theta <= least + 1e-6) | (solution.theta >= most * (1 - 1e-6))).tolist():
-        faults.append(
+        yield (
             f"{solution.names[k]} sits on its bound of {solution.theta[k]:.3g}: check units and signs of the odometry, "
             "and that the truth is of the same drive."
         )
     if not solution.converged:
         longest = segments.bins[-1].length_m
-        faults.append(
+        yield (
             f"The fit did not converge: its last step still moved {solution.slowest}. Fit fewer parameters (without "
             f"this one), give other lengths_m (the longest is {longest:.3g} m), or record more or longer drives."
         )
-    return faults
 
 
-def swap_notes(drives: Sequence[tuple[OdometryLog, Trajectory]]) -> list[str]:
-    """Whether the truth, not the odometry, begins at the origin: it may be the other way round."""
-    if all(log.start != 0 and truth.positions[0] == 0 for log, truth in drives):
-        return ["The truth begins at (0, 0), the odometry elsewhere: are the two swapped?"]
-    return []
-
-
-def drive_notes(segments: SegmentSet, solution: Solution, std_errors: Mapping[str, float]) -> list[str]:
+def drive_notes(segments: SegmentSet, solution: Solution, std_errors: Mapping[str, float]) -> Iterator[str]:
     """Whether systematic errors differ from drive to drive by more than the fit's standard errors explain."""
     from scipy.special import chdtri
 
     own, names = drive_deviations(segments, solution), [name for name in solution.names if name in SYSTEMATIC]
     drives = len(own)
     if drives < 2:
-        return []
+        return
     spread = own.std(axis=0, ddof=1)
     limit = sqrt(drives * float(chdtri(drives - 1, _CHANCE)) / (drives - 1))  # in the standard errors of all drives
-    return [
-        f"The drives differ: {name} varies by {value:.2g} (standard deviation) from one to the next, more than chance "
-        "explains. Another drive or robot may be as far off as that from the fitted "
-        f"{solution.theta[solution.names.index(name)]:.2g}."
-        for name, value in zip(names, spread.tolist(), strict=True)
-        if value > limit * std_errors[name]
-    ]
+    for name, value in zip(names, spread.tolist(), strict=True):
+        if value > limit * std_errors[name]:
+            yield (
+                f"The drives differ: {name} varies by {value:.2g} (standard deviation) from one to the next, more than "
+                "chance explains. Another drive or robot may be as far off as that from the fitted "
+                f"{solution.theta[solution.names.index(name)]:.2g}."
+            )

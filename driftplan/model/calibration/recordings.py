@@ -157,9 +157,7 @@ class OdometryLog:
         half = max(0.5, float(np.median(np.diff(self.times))))
         at = 0.5 * (self.times[1:] + self.times[:-1])
         ends = np.clip(np.stack([at - half, at + half]), self.times[0], self.times[-1])
-        positions = self.positions
-        x, y = (np.interp(ends, self.times, part) for part in (positions.real, positions.imag))
-        moved = np.hypot(x[1] - x[0], y[1] - y[0])
+        moved = np.abs(np.diff(np.interp(ends, self.times, self.positions), axis=0)[0])
         turned = np.abs(np.diff(np.interp(ends, self.times, self.headings), axis=0)[0])
         slow = (moved < _STANDING * np.quantile(moved, 0.9)) & (
             turned < max(_STANDING * float(np.quantile(turned, 0.9)), _STANDING_RAD)

@@ -115,7 +115,7 @@ def relative_errors(
         first, last = _kitti_pairs(along, length, step) if pairs == "kitti" else _evo_pairs(along, length)
         if first.size == 0:
             continue
-        off = np.linalg.solve(_between(estimated, first, last), _between(true, first, last))
+        off = np.linalg.solve(*(np.linalg.solve(poses[first], poses[last]) for poses in (estimated, true)))
         translation = np.linalg.norm(off[:, :3, 3], axis=1)
         cosine = np.clip(0.5 * (np.trace(off[:, :3, :3], axis1=1, axis2=2) - 1), -1.0, 1.0)
         rotation = np.degrees(np.arccos(cosine))
@@ -188,10 +188,6 @@ def _evo_pairs(along: Floats, length: float) -> tuple[Ints, Ints]:
         ends.append(end)
         begin = float(along[end])
     return np.array(ends[:-1], dtype=np.intp), np.array(ends[1:], dtype=np.intp)
-
-
-def _between(poses: Floats, first: Ints, last: Ints) -> Floats:
-    return np.asarray(np.linalg.solve(poses[first], poses[last]))
 
 
 def _matrices(name: str, poses: Any) -> Floats:

@@ -103,14 +103,14 @@ def resample(
     at = candidates[chosen]
     return ResampledDrive(
         distances[chosen],
-        interpolated(at, odometry.times, odometry.positions),
+        np.interp(at, odometry.times, odometry.positions),
         np.interp(at, odometry.times, odometry.headings),
-        interpolated(at, truth.times, truth.positions),
+        np.interp(at, truth.times, truth.positions),
         None if truth.heading is None else np.interp(at, truth.times, truth.heading),
         np.diff(np.interp(at, motion.times, motion.heading)),
         np.diff(np.interp(at, motion.times, motion.turned)),
-        np.diff(interpolated(at, motion.times, motion.travel_axes)),
-        np.diff(interpolated(at, motion.times, motion.turn_axes)),
+        np.diff(np.interp(at, motion.times, motion.travel_axes)),
+        np.diff(np.interp(at, motion.times, motion.turn_axes)),
     )
 
 
@@ -156,7 +156,7 @@ def _true_distance(odometry: OdometryLog, truth: Trajectory, travelled: Floats, 
     marks = np.unique(np.searchsorted(travelled, np.linspace(0, travelled[-1], pieces + 1)))
     times = odometry.times[marks]
     counted = np.abs(np.diff(odometry.positions[marks]))
-    true = np.abs(np.diff(interpolated(times, truth.times, truth.positions)))
+    true = np.abs(np.diff(np.interp(times, truth.times, truth.positions)))
     arc = np.diff(travelled[marks])
     seen = (times[:-1] >= truth.times[0]) & (times[1:] <= truth.times[-1]) & (counted > 0.5 * arc)
     ratio = np.clip(np.divide(true, counted, out=np.ones_like(true), where=seen), 0.5, 2.0)
@@ -175,7 +175,7 @@ def _turning_by_chords(
     k = np.arange(len(marks))
     low, high = marks[np.maximum(k - half, 0)], marks[np.minimum(k + half, len(marks) - 1)]
     estimated = odometry.positions[high] - odometry.positions[low]
-    at_low, at_high = (interpolated(odometry.times[at], truth.times, truth.positions) for at in (low, high))
+    at_low, at_high = (np.interp(odometry.times[at], truth.times, truth.positions) for at in (low, high))
     true = at_high - at_low
     telling = np.minimum(np.abs(estimated), np.abs(true)) > 0.5 * (driven[high] - driven[low])
     wrong, jitter = np.zeros(len(odometry.times)), 0.0
@@ -199,7 +199,3 @@ def angle_turned(headings: Floats, play_rad: float) -> Floats:
     run = np.searchsorted(ends, np.arange(len(headings)))
     pulled = np.maximum(np.abs(headings - np.array(pointers)[run]) - half, 0.0)
     return np.asarray(np.maximum.accumulate(np.array(totals)[run] + pulled))  # rounding does not turn it back
-
-
-def interpolated(at: Floats, times: Floats, positions: Complexes) -> Complexes:
-    return np.asarray(np.interp(at, times, positions.real) + 1j * np.interp(at, times, positions.imag))

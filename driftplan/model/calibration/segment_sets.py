@@ -129,11 +129,11 @@ def segment_set(
     """
     drives = _with_or_without_heading([(odometry.without_glitches(), truth) for odometry, truth in drives], use_heading)
     parts = 1 if drives[0][1].heading is not None else 2
-    sampled = _sampled_every(drives)
+    # between samples of the sparsest recording, metres
+    sampled = max(float(log.travelled[-1]) / min(len(log.times), len(truth.times)) for log, truth in drives)
+    default = lengths_m is None
     lengths = (
-        _lengths(drives, parts * _MIN_KNOTS * sampled)
-        if lengths_m is None
-        else np.unique(np.atleast_1d(np.asarray(lengths_m, dtype=float)))
+        _lengths(drives, parts * _MIN_KNOTS * sampled) if default else np.unique(np.asarray(lengths_m, dtype=float))
     )
     if lengths.size == 0 or not (np.isfinite(lengths).all() and lengths[0] > 0):
         raise ValueError(f"expected lengths_m > 0, got {lengths_m!r}")
@@ -216,11 +216,6 @@ def _collect(
     total = float(begins[-1])
     weight = (total / bins[-1].length_m) / np.bincount(bin_of)[bin_of]
     return SegmentSet(resampled, tuple(bins), values, bin_of, drive, place, weight, total)
-
-
-def _sampled_every(drives: list[tuple[OdometryLog, Trajectory]]) -> float:
-    """Mean distance between samples of the sparsest recording, metres."""
-    return max(float(odometry.travelled[-1]) / min(len(odometry.times), len(truth.times)) for odometry, truth in drives)
 
 
 def _lengths(drives: list[tuple[OdometryLog, Trajectory]], least: float) -> Floats:
