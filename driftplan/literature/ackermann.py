@@ -17,7 +17,6 @@ the result (`AckermannDrift.cross_cov`), so that the recursion closes exactly.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -91,7 +90,8 @@ def ackermann_step(
     L = positive("wheelbase_m", wheelbase_m)
     v = not_negative("distance_std_m", distance_std_m) ** 2
     std = not_negative("steering_std_rad", steering_std_rad)
-    x, weights = _hermite()
+    x, weights = np.polynomial.hermite_e.hermegauss(_NODES)
+    weights = weights / weights.sum()
     widest = float(np.abs(phi).max(initial=0.0) + _RESERVE * std)
     if widest >= np.pi / 2:
         raise ValueError(
@@ -107,14 +107,11 @@ def ackermann_step(
         return np.asarray(f @ weights)
 
     turned1, turned2 = (np.expm1(1j * k * change * d[..., None] - 0.5 * k * k * g**2 * v) for k in (1, 2))  # E r^k - 1
-    d1 = mean(turned1)
-    d2 = mean(turned2) - 2 * d1
+    d1, d2 = mean(turned1), mean(turned2 - 2 * turned1)
     r_tau, r2_tau = mean(1j * g * v * (1 + turned1)), mean(2j * g * v * (1 + turned2))  # E τ = 0
     s2 = mean((v - 4 * g**2 * v**2) * (1 + turned2))
     a, b = -r_tau, r2_tau - r_tau  # E[s conj δ], E[s δ] for s = rτ, |r| = 1
-    heading = np.exp(1j * d * t0[..., 0] / L)
-    distance_var = np.full(d.shape, v)
-    return element(heading, d, d1, d2, -2 * d1.real, r_tau, distance_var, s2, a, b)
+    return element(np.exp(1j * d * t0[..., 0] / L), d, d1, d2, -2 * d1.real, r_tau, np.full(d.shape, v), s2, a, b)
 
 
 def ackermann_drift(
@@ -171,9 +168,3 @@ def _cross_cov(before: Moments, step: Moments) -> Floats:
     pseudo = before.u * (before.b - before.e1 * before.d1) * q1
     total, difference = (hermitian + pseudo) / 2, (pseudo - hermitian) / 2
     return np.stack([as_plane(total), np.stack([difference.imag, -difference.real], axis=-1)], axis=-1)
-
-
-@cache
-def _hermite() -> tuple[Floats, Floats]:
-    x, w = np.polynomial.hermite_e.hermegauss(_NODES)
-    return x, w / w.sum()

@@ -158,7 +158,7 @@ def theorem_1(
     rho = b if rotated_bias_m is None else not_negative("rotated_bias_m", rotated_bias_m)
     P = beta**2 if translation_var_m2 is None else not_negative("translation_var_m2", translation_var_m2)
     displacement = not_negative("displacement_m", displacement_m)
-    fading = _geometric(log(gamma), n)
+    fading = float(n) if gamma == 1 else float(np.expm1(n * log(gamma)) / np.expm1(log(gamma)))  # Σ γᵏ for k < n
     reach = fading * (gamma * tau + beta)  # |E t̂| is at most this
     alpha = max(tau**2 + 2 * tau * b + P + b**2, (tau + rho / gamma) * (tau + b))
     return Theorem1(
@@ -248,14 +248,8 @@ def theorem_2(
     # once = n I - D twice and twice = C(n, 2) I - D thrice, what cancels is taken out.
     if n * np.linalg.norm(D) < 1:
         less = (R - np.eye(d)) @ (r + b) - R @ means.bias_loss_m - L @ r  # v - w
-        variance = (
-            n * P
-            + 2 * w @ D @ (n * twice - thrice) @ w
-            - _square(D @ twice @ w)
-            + 2 * w @ twice @ less
-            - 2 * (once @ w) @ (once @ less)
-            - _square(once @ less)
-        )
+        same = 2 * w @ D @ (n * twice - thrice) @ w - _square(D @ twice @ w)
+        variance = n * P + same + 2 * w @ twice @ less - 2 * (once @ w) @ (once @ less) - _square(once @ less)
     else:
         variance = n * (P + _square(w)) + 2 * w @ twice @ v - _square(once @ v)
     try:
@@ -371,8 +365,3 @@ def _as_matrix(x: complex) -> Floats:
 
 def _square(vector: Floats) -> float:
     return float(vector @ vector)
-
-
-def _geometric(log_x: float, n: int) -> float:
-    """Σ xᵏ for k < n, exact for x near and at 1."""
-    return float(n) if log_x == 0 else float(np.expm1(n * log_x) / np.expm1(log_x))

@@ -12,12 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Array, Floats, covariance, finite, not_negative, number, plane, shaped
+from driftplan.arrays import Array, Floats, choice, covariance, finite, not_negative, number, plane, shaped
 from driftplan.model.heading_laws import law_moments, shifted
 from driftplan.model.moments import Moments, identity, scan
 from driftplan.model.noise import HeadingLaw
@@ -71,10 +70,11 @@ class StepNoise:
         """
         var = not_negative("heading_std_rad", heading_std_rad) ** 2
         mean = number("heading_mean_rad", heading_mean_rad)
-        bias = complex(plane("translation_bias_m", shaped("translation_bias_m", translation_bias_m, (2,))))
-        gain = complex(plane("gain_m_per_rad", shaped("gain_m_per_rad", gain_m_per_rad, (2,))))
+        bias = complex(*shaped("translation_bias_m", translation_bias_m, (2,)))
+        gain = complex(*shaped("gain_m_per_rad", gain_m_per_rad, (2,)))
         P = covariance("translation_cov_m2", translation_cov_m2)
-        law = law_moments(_known(heading_law), np.asarray(var))
+        choice("heading_law", heading_law, HeadingLaw)
+        law = law_moments(heading_law, np.asarray(var))
         if heading_law == "von_mises" and gain != 0:
             raise ValueError("gain_m_per_rad is not available for heading_law='von_mises': use 'gaussian', got both")
         d1, d2 = (complex(x) for x in shifted(law.d1, law.d2, np.asarray(mean)))
@@ -128,20 +128,19 @@ class StepNoise:
         >>> round(noise.translation_mean.real, 6)
         -0.000965
         """
-        t = complex(plane("translation_m", shaped("translation_m", translation_m, (2,))))
+        t = complex(*shaped("translation_m", translation_m, (2,)))
         if t == 0:
             raise ValueError("expected translation_m other than zero: its direction is what errs, got (0, 0)")
         var = not_negative("distance_std_m", distance_std_m) ** 2
         direction_var = not_negative("direction_std_rad", direction_std_rad) ** 2
-        along = law_moments(_known(direction_law), np.asarray(direction_var))
+        choice("direction_law", direction_law, HeadingLaw)
+        along = law_moments(direction_law, np.asarray(direction_var))
         loss, twice = float(along.d1), float(along.d2)  # E(exp(jφ̃) - 1), E(exp(jφ̃) - 1)²
-        unit = t / abs(t)
-        bias = t * loss
-        square = t**2 * twice + var * unit**2 * (1 + 2 * loss + twice)  # E τ²
+        square = t**2 * twice + var * (t / abs(t)) ** 2 * (1 + 2 * loss + twice)  # E τ²
         turned = cls.additive(
             heading_std_rad=heading_std_rad, heading_mean_rad=heading_mean_rad, heading_law=heading_law
         )
-        return cls._independent(turned.d1, turned.d2, bias, -2 * abs(t) ** 2 * loss + var, square)
+        return cls._independent(turned.d1, turned.d2, t * loss, -2 * abs(t) ** 2 * loss + var, square)
 
     @property
     def coherence(self) -> float:
@@ -183,18 +182,12 @@ def element(
     u: Array, t: Array, d1: Array, d2: Array, D: Array, s1: Array, S: Array, s2: Array, a: Array, b: Array
 ) -> Moments:
     """Element of a step that turns by ``u``, then moves by ``t``, with the error e = u(δt + s) of `StepNoise`."""
-    return Moments(
-        u,
-        u * t,
-        d1,
-        d2,
-        D,
+    e1, N, e2 = (
         u * (t * d1 + s1),
         np.abs(t) ** 2 * D + S + 2 * np.real(np.conj(t) * a),
         u * u * (t * t * d2 + 2 * t * b + s2),
-        u * (t * D + a),
-        u * (t * d2 + b),
     )
+    return Moments(u, u * t, d1, d2, D, e1, N, e2, u * (t * D + a), u * (t * d2 + b))
 
 
 def dead_reckoning(
@@ -235,18 +228,8 @@ def moments_of_noise(noise: StepNoise | Sequence[StepNoise], shape: tuple[int, .
     names = [f.name for f in fields(StepNoise)]
     if isinstance(noise, StepNoise):
         return tuple(np.full(shape, getattr(noise, name)) for name in names)
-    _check_sequence(noise)
+    if not (isinstance(noise, Sequence) and noise and all(isinstance(n, StepNoise) for n in noise)):
+        raise ValueError(f"expected a StepNoise or one per step, got {type(noise).__name__}")
     if shape[-1:] != (len(noise),):
         raise ValueError(f"expected one StepNoise per step, {shape[-1:]} in all, got {len(noise)}")
     return tuple(np.broadcast_to([getattr(n, name) for n in noise], shape) for name in names)
-
-
-def _check_sequence(noise: Any) -> None:
-    if not (isinstance(noise, Sequence) and noise and all(isinstance(n, StepNoise) for n in noise)):
-        raise ValueError(f"expected a StepNoise or one per step, got {type(noise).__name__}")
-
-
-def _known(law: HeadingLaw) -> HeadingLaw:
-    if law not in (laws := ("gaussian", "laplace", "von_mises", "uniform")):
-        raise ValueError(f"expected a law out of {laws}, got {law!r}")
-    return law

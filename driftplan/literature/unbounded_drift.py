@@ -106,7 +106,7 @@ def proposition_1(
     >>> found.cov.diagonal().round(6)
     array([0.038969, 0.119953])
     """
-    path = _Path.read(distances_m, turns_rad, heading_std_rad, distance_std_m, measured=False)
+    path = _Path(distances_m, turns_rad, heading_std_rad, distance_std_m, measured=False)
     mean, N, e2 = _error_moments(path)
     return Proposition1(bias=as_plane(mean), cov=as_covariance(mean, N, e2), table=_table(path))
 
@@ -131,7 +131,7 @@ def proposition_2(
     >>> found.total_cov.diagonal().round(6), found.average_true_cov.diagonal().round(6)
     (array([0.040357, 0.118745]), array([0.040352, 0.118732]))
     """
-    path = _Path.read(distances_m, turns_rad, heading_std_rad, distance_std_m, measured=True)
+    path = _Path(distances_m, turns_rad, heading_std_rad, distance_std_m, measured=True)
     mean, N, e2 = _error_moments(path)
     # μ = E[e | true path] is linear in the true steps: its own second moments
     z, a, c = path.z, path.a, path.c
@@ -146,7 +146,6 @@ def proposition_2(
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Path:
     """A path and its noise in the letters of the module's docstring, arrays of shape (..., n) or (n,).
 
@@ -154,75 +153,36 @@ class _Path:
     turns by one of E cos ``open1``, its distances by one of variance ``open_var``.
     """
 
-    d: Floats
-    u: Complexes  # exp(j T_i)
-    distance_var: float
-    c: float  # exp(-δ_θ²/2)
-    a: Floats
-    b: Floats
-    g: Floats
-    open1: Floats  # h_i, or 1 for a true path
-    open2: Floats  # E cos of twice that error: g_i, or 1
-    open_var: float
-    fade: float  # of open1 per step: c, or 1
-
-    @property
-    def z(self) -> Complexes:
-        return self.d * self.u
-
-    @property
-    def square(self) -> Floats:
-        """E of the true distance squared."""
-        return self.d**2 + self.open_var
-
-    @property
-    def square2(self) -> Complexes:
-        """E of the true step squared, as a complex number."""
-        return self.u**2 * self.square * self.open2
-
-    @classmethod
-    def read(
-        cls, distances_m: ArrayLike, turns_rad: ArrayLike, heading_std: float, distance_std: float, *, measured: bool
-    ) -> _Path:
+    def __init__(
+        self, distances_m: ArrayLike, turns_rad: ArrayLike, heading_std: float, distance_std: float, *, measured: bool
+    ) -> None:
         d, turns = finite("distances_m", distances_m), finite("turns_rad", turns_rad)
         if d.shape != turns.shape or d.ndim < 1 or d.shape[-1] < 1:
             raise ValueError(
                 f"expected distances_m and turns_rad of one shape (..., n), n >= 1, got {d.shape} and {turns.shape}"
             )
         var = not_negative("heading_std_rad", heading_std) ** 2
-        distance_var = not_negative("distance_std_m", distance_std) ** 2
+        self.d, self.u = d, np.exp(1j * np.cumsum(turns, axis=-1))  # the latter is exp(j T_i)
+        self.z = self.d * self.u
+        self.distance_var = not_negative("distance_std_m", distance_std) ** 2
         i = np.arange(1, d.shape[-1] + 1)
-        c, h, g, one = exp(-0.5 * var), np.exp(-0.5 * i * var), np.exp(-2 * i * var), np.ones(i.shape)
-        return cls(
-            d=d,
-            u=np.exp(1j * np.cumsum(turns, axis=-1)),
-            distance_var=distance_var,
-            c=c,
-            a=-np.expm1(-0.5 * i * var),
-            b=-h * np.expm1(-1.5 * i * var),
-            g=g,
-            open1=h if measured else one,
-            open2=g if measured else one,
-            open_var=distance_var if measured else 0.0,
-            fade=c if measured else 1.0,
-        )
+        self.c, h, self.g = exp(-0.5 * var), np.exp(-0.5 * i * var), np.exp(-2 * i * var)  # c = exp(-δ_θ²/2)
+        self.a, self.b = -np.expm1(-0.5 * i * var), -h * np.expm1(-1.5 * i * var)
+        one: Floats = np.ones(i.shape)
+        self.open1, self.open2 = (h, self.g) if measured else (one, one)  # open2: E cos of twice that error
+        self.open_var, self.fade = (self.distance_var, self.c) if measured else (0.0, 1.0)  # fade: of open1 per step
+        self.square = d**2 + self.open_var  # E of the true distance squared
+        self.square2 = self.u**2 * self.square * self.open2  # E of the true step squared, as a complex number
 
 
 def _error_moments(path: _Path) -> tuple[Complexes, Floats, Complexes]:
     """E e, E|e|² and E e² at the end of the path."""
     z, a, b, open2, late = path.z, path.a, path.b, path.open2, path.fade * path.c
     weighted = np.conj(z * a)
-    N = (
-        2 * _sum(path.square * a)
-        + 2 * (_pairs(weighted, z, path.fade) + _pairs(weighted, z, late)).real
-        + path.distance_var * path.d.shape[-1]
-    )
-    e2 = (
-        _sum(path.square2 * (a - b))
-        + 2 * (_pairs(z * open2 * a, z, path.fade) - _pairs(z * open2 * b, z, late))
-        + path.distance_var * _sum(path.u**2 * path.g * open2)
-    )
-    return -_sum(z * path.open1 * a), N, e2
+    N = 2 * _sum(path.square * a) + 2 * (_pairs(weighted, z, path.fade) + _pairs(weighted, z, late)).real
+    e2 = _sum(path.square2 * (a - b)) + 2 * (_pairs(z * open2 * a, z, path.fade) - _pairs(z * open2 * b, z, late))
+    of_distances = path.distance_var * path.d.shape[-1], path.distance_var * _sum(path.u**2 * path.g * open2)
+    return -_sum(z * path.open1 * a), N + of_distances[0], e2 + of_distances[1]
 
 
 def _table(path: _Path) -> Table:

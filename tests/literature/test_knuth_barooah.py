@@ -529,7 +529,7 @@ BOUNDS = {"displacement_m": 1.0, "longest_step_m": 1.0, "coherence": 0.9, "trans
     ("call", "message"),
     [
         (lambda: StepNoise.additive(heading_std_rad=-1), "heading_std_rad >= 0"),
-        (lambda: StepNoise.additive(heading_std_rad=0.1, heading_law="cauchy"), "expected a law out of"),
+        (lambda: StepNoise.additive(heading_std_rad=0.1, heading_law="cauchy"), "expected heading_law one of"),
         (lambda: StepNoise.additive(heading_std_rad=0.1, translation_bias_m=(1, 2, 3)), r"of shape \(2,\), got \(3,\)"),
         (
             lambda: StepNoise.additive(heading_std_rad=0.1, translation_cov_m2=[[1, 2], [2, 1]]),
