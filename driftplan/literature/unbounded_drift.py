@@ -168,8 +168,8 @@ class _Path:
         i = np.arange(1, d.shape[-1] + 1)
         self.c, h, self.g = exp(-0.5 * var), np.exp(-0.5 * i * var), np.exp(-2 * i * var)  # c = exp(-δ_θ²/2)
         self.a, self.b = -np.expm1(-0.5 * i * var), -h * np.expm1(-1.5 * i * var)
-        one: Floats = np.ones(i.shape)
-        self.open1, self.open2 = (h, self.g) if measured else (one, one)  # open2: E cos of twice that error
+        self.open1: Floats = h if measured else np.ones(i.shape)
+        self.open2: Floats = self.g if measured else np.ones(i.shape)  # E cos of twice that error
         self.open_var, self.fade = (self.distance_var, self.c) if measured else (0.0, 1.0)  # fade: of open1 per step
         self.square = d**2 + self.open_var  # E of the true distance squared
         self.square2 = self.u**2 * self.square * self.open2  # E of the true step squared, as a complex number

@@ -269,13 +269,11 @@ def predict_drift(
     waypoints = np.arange(0, runs.lengths.shape[-1] + 1, runs.legs_per_waypoint)
     zero = np.zeros(np.shape(runs.start))
     start = Moments(np.exp(1j * runs.heading), runs.start, *([zero] * 8))
-    readings: Readings | None = None
-    at: Ints | None = None
+    readings, at, beliefs = None, None, None
     if len(fixes):
         readings = fixes if isinstance(fixes, Readings) else Readings.of(fixes)
         runs, at, borders = runs.cut(readings.s_m)
         waypoints, noise_of_leg = borders[waypoints], np.repeat(noise_of_leg, np.diff(borders))
-    beliefs: Beliefs | None = None
     if estimator == "filter":
         driven, beliefs = fuse(runs, noise_of_leg, *spread_of(noises), start, readings, at)
     else:
@@ -296,7 +294,6 @@ def _averaged(moments: Sequence[tuple[float, Moments]]) -> Moments:
 
 
 def _average_drift(drives: Sequence[tuple[float, Drift]], noises: tuple[OdometryNoise, ...]) -> Drift:
-    first = drives[0][1]
     driven = Driven(*(_averaged([(weight, one._driven[k]) for weight, one in drives]) for k in range(2)))
     moments = _averaged([(weight, one.moments) for weight, one in drives])
-    return replace(first, moments=moments, noises=noises, _driven=driven, _drives=tuple(drives))
+    return replace(drives[0][1], moments=moments, noises=noises, _driven=driven, _drives=tuple(drives))

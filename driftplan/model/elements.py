@@ -38,12 +38,8 @@ _PIECE_RAD = 0.125  # greatest rotation or heading variance on one piece: its tr
 
 
 def run_moments(length_m: Array, curvature_per_m: Array, noise: OdometryNoise) -> Moments:
-    """Moments of runs of ``length_m`` metres at constant ``curvature_per_m`` (1/m, positive to the left).
-
-    Parameters
-    ----------
-    length_m, curvature_per_m : (...), lengths >= 0. Broadcast against each other.
-    noise : OdometryNoise
+    """Moments of runs of ``length_m`` >= 0 metres at constant ``curvature_per_m`` (1/m, positive to the left), (...),
+    broadcast against each other.
 
     >>> noise = OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-3)
     >>> run_moments(np.array(100.0), np.array(0.0), noise).N.round(6).item()  # E|e|² in m²
@@ -76,12 +72,8 @@ def turn_moments(turn_rad: Array, noise: OdometryNoise) -> Moments:
 
 
 def of_legs(turns: Array, lengths: Array, curvatures: Array, which: Array, noises: Sequence[OdometryNoise]) -> Moments:
-    """Moments of legs, each a turn on the spot and then a run, each with the noise of its own.
-
-    Parameters
-    ----------
-    turns, lengths, curvatures : (...), rad, metres, 1/m; broadcast against each other
-    which : whole numbers, shape broadcasting to (...): index into ``noises``
+    """Moments of legs (...), each a turn on the spot (rad) and then a run (metres, 1/m), with the noise of its own,
+    ``which`` of the ``noises``; all broadcast against each other.
 
     >>> calm, wild = OdometryNoise(distance_var_per_m=1e-4), OdometryNoise(distance_var_per_m=1e-2)
     >>> of_legs(np.zeros(2), np.ones(2), np.zeros(2), np.array([0, 1]), [calm, wild]).N.round(6).tolist()

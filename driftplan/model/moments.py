@@ -117,13 +117,7 @@ def compose(A: Moments, B: Moments, lever_B: tuple[Array, ...] | None = None) ->
 
 
 def power(X: Moments, count: Array | int | float) -> Moments:
-    """``count`` copies of X in a row, in O(log count) compositions.
-
-    Parameters
-    ----------
-    X : Moments, shape (...)
-    count : array of whole numbers >= 0, shape broadcasting with X
-    """
+    """``count`` copies of X in a row, in O(log count) compositions: whole numbers >= 0, broadcast against X."""
     count = np.asarray(count)
     X = _broadcast(X, count.shape)
     if 0 < np.size(X.N) <= _FEW:
@@ -171,18 +165,12 @@ def doubled(X: Moments, times: Array) -> Moments:
 
 
 def scan(pieces: Moments, start: Moments) -> Moments:
-    """All prefixes: ``start``, ``start·piece_0``, ``start·piece_0·piece_1``, … along the last axis.
+    """All prefixes: ``start``, ``start·piece_0``, ``start·piece_0·piece_1``, … along the last axis, (..., m + 1), of
+    pieces (..., m) and a start (...).
 
     Appending pieces one by one makes every moment obey a linear recurrence ``x ← c x + f`` whose f involves only
     moments found before it, so each is a cumulative product and a cumulative sum over the whole path. Where the
     coherence c would underflow the path is cut in chunks.
-
-    Parameters
-    ----------
-    pieces : Moments, shape (..., m)
-    start : Moments, shape (...)
-
-    Returns moments (..., m + 1).
     """
     done = [Moments(*(x[..., None] for x in _broadcast(start, pieces.shape[:-1]).arrays()))]
     for lo, hi in _chunks(pieces):

@@ -324,18 +324,12 @@ class Resets:
         >>> tag.resets()[0].apply(identity()).N.round(3).item()
         0.02
         """
-        e1 = before.e1
+        e1, keep = before.e1, self.keep_heading
+        d1, d2, D = keep * before.d1 + self.d1, keep * before.d2 + self.d2, keep * before.D - 2 * self.d1
+        a, b = self.keep_cross * before.a + self.lever * e1, self.keep_cross * before.b + self.lever * e1
+        keep = self.keep_position
         return Moments(
-            before.u,
-            before.p,
-            self.keep_heading * before.d1 + self.d1,
-            self.keep_heading * before.d2 + self.d2,
-            self.keep_heading * before.D - 2 * self.d1,
-            self.keep_position * e1,
-            self.keep_position * before.N + self.N,
-            self.keep_position * before.e2 + self.e2,
-            self.keep_cross * before.a + self.lever * e1,
-            self.keep_cross * before.b + self.lever * e1,
+            before.u, before.p, d1, d2, D, keep * e1, keep * before.N + self.N, keep * before.e2 + self.e2, a, b
         )
 
     def __getitem__(self, index: Any) -> Resets:
@@ -343,9 +337,8 @@ class Resets:
 
     def numbers(self) -> list[Resets]:
         """One by one, as Python's numbers, on which a single `apply` costs a tenth."""
-        return [
-            Resets(*row) for row in zip(*(getattr(self, field.name).tolist() for field in fields(self)), strict=True)
-        ]
+        columns = (getattr(self, field.name).tolist() for field in fields(self))
+        return [Resets(*row) for row in zip(*columns, strict=True)]
 
 
 def start_errors(start_fix: Fix | None) -> Moments:

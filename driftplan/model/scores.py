@@ -27,14 +27,9 @@ _BLOCK = 2048  # points worked on at once, which bounds the memory
 
 
 def mean_distance(mean: Floats, cov: Floats) -> Floats:
-    r"""Expected length E|e| of e ~ N(mean, cov), in the unit of the mean.
+    r"""Expected length E|e| of e ~ N(mean, cov), (..., 2) and (..., 2, 2), in the unit of the mean.
 
     E|e| = (1/2√π) ∫ (1 - M(t)) t^{-3/2} dt with M(t) = E[exp(-t|e|²)].
-
-    Parameters
-    ----------
-    mean : (..., 2)
-    cov : (..., 2, 2)
 
     >>> mean_distance(np.zeros(2), np.eye(2)).round(6).item()  # sqrt(π/2)
     1.253314

@@ -105,10 +105,15 @@ def _greatest_radius(points: PointDrift, confidence: float) -> tuple[float, floa
 
 def bend_rates(noise: OdometryNoise) -> tuple[float, float]:
     """2 |1+γ| |μ| and c²: -(E|e|²)'' on a straight run is at most the first times the rms plus the second."""
-    covariance = noise.heading_distance_corr * (noise.heading_var_per_m * noise.distance_var_per_m) ** 0.5
-    gamma = complex(noise.distance_scale_error, covariance / 2)
+    covariance, grown = _grown(noise)
     mu = complex(-noise.heading_var_per_m / 2, noise.heading_bias_per_m)
-    return 2 * abs(1 + gamma) * abs(mu), covariance**2
+    return 2 * grown * abs(mu), covariance**2
+
+
+def _grown(noise: OdometryNoise) -> tuple[float, float]:
+    """c and |1+γ|."""
+    covariance = noise.heading_distance_corr * (noise.heading_var_per_m * noise.distance_var_per_m) ** 0.5
+    return covariance, abs(1 + complex(noise.distance_scale_error, covariance / 2))
 
 
 def ceiling(begin: Floats, end: Floats, bend: Floats, fixed: Floats) -> Floats:
@@ -128,9 +133,7 @@ def ceiling(begin: Floats, end: Floats, bend: Floats, fixed: Floats) -> Floats:
 def slope_rates(noise: OdometryNoise) -> tuple[float, float]:
     """|(E|e|²)'| on a straight run is at most the first times the rms plus the second: the error grows by the estimated
     direction of travel, of length 1 + γ, less the true one, and by noise."""
-    covariance = noise.heading_distance_corr * (noise.heading_var_per_m * noise.distance_var_per_m) ** 0.5
-    gamma = complex(noise.distance_scale_error, covariance / 2)
-    return 2 * (abs(1 + gamma) + 1), noise.distance_var_per_m + noise.lateral_var_per_m
+    return 2 * (_grown(noise)[1] + 1), noise.distance_var_per_m + noise.lateral_var_per_m
 
 
 def cone(begin: Floats, end: Floats, slope: Floats, fixed: Floats) -> Floats:
@@ -148,13 +151,8 @@ def greatest_between(
     greatest: Floats,
 ) -> Floats:
     """Raise the ``greatest`` E|e|² (m²) of each group of straight stretches, (groups,) and at least that of all ends,
-    to what is found inside them: at most 1e-10 of itself below the least upper bound.
-
-    Parameters
-    ----------
-    begun : Moments (n,): at the beginning of every stretch
-    length, which, end, group : (n,), metres; index into ``noises``; E|e|² at its end, m²; index into ``greatest``
-    """
+    to what is found inside them: at most 1e-10 of itself below the least upper bound. Of every stretch, (n,): moments
+    at its beginning, length (m), index into ``noises``, E|e|² at its end (m²) and index into ``greatest``."""
     return _greatest_of_mixture([Departures(1.0, begun, noises)], length, which, end, group, greatest)
 
 
@@ -179,21 +177,19 @@ def _greatest_of_mixture(
     stretch, offset, part = np.arange(len(length)), np.zeros(len(length)), np.asarray(length, dtype=float)
     begin = np.asarray(sum(weight * begun.N.real for weight, begun, _ in drives))
     while True:
-        bend, fixed = rates[which[stretch]].T * part**2 / 8
-        most = ceiling(begin, end, bend, fixed)
-        most = np.minimum(
-            most, cone(begin, end, *(steepness[which[stretch]].T * part / 2))
-        )  # of noise that bends a lot
+        most = ceiling(begin, end, *(rates[which[stretch]].T * part**2 / 8))
+        most = np.minimum(most, cone(begin, end, *(steepness[which[stretch]].T * part / 2)))  # of noise that bends a lot
         open_ = np.flatnonzero(most > greatest[group[stretch]] * (1 + _CLOSE))
         if not len(open_):
             return greatest
         stretch, offset, part = stretch[open_], offset[open_], part[open_] / _PARTS
         at = offset[:, None] + part[:, None] * np.arange(_PARTS + 1)
         zero, floor = np.zeros(at.shape), which[stretch, None]
-        driven = [
-            compose(begun[stretch[:, None]], of_legs(zero, at, zero, floor, noises)) for _, begun, noises in drives
-        ]
-        square = np.asarray(sum(one.weight * after.N.real for one, after in zip(drives, driven, strict=True)))
+        squares = (
+            weight * compose(begun[stretch[:, None]], of_legs(zero, at, zero, floor, noises)).N.real
+            for weight, begun, noises in drives
+        )
+        square = np.asarray(sum(squares))
         np.maximum.at(greatest, group[stretch], square.max(axis=1))
         begin, end = square[:, :-1].ravel(), square[:, 1:].ravel()
         offset, stretch, part = at[:, :-1].ravel(), np.repeat(stretch, _PARTS), np.repeat(part, _PARTS)

@@ -261,15 +261,8 @@ def start_and_scale(segments: SegmentSet, names: Sequence[str]) -> tuple[Floats,
     squares = segments.by_bin(segments.values**2)[-1]
     along = squares[0] / length
     heading = squares[2] / length if segments.has_heading else 12 * squares[2] / length**3
-    share = {
-        "heading_var_per_m": heading / 2,
-        "heading_var_per_rad": heading / 2,
-        "distance_var_per_m": along / 2,
-        "distance_var_per_rad": along / 2,
-        "lateral_var_per_m": along / 2,
-        "truth_position_var": 0.01 * along * shortest,
-        "truth_heading_var": 0.01 * heading * shortest,
-    }
+    share = {name: (heading if name.startswith("heading") else along) / 2 for name in RANDOM}
+    share |= {"truth_position_var": 0.01 * along * shortest, "truth_heading_var": 0.01 * heading * shortest}
     size = {**share, **dict.fromkeys(SYSTEMATIC, 0.01), "heading_bias_per_m": np.sqrt(heading / length)}
     theta = np.array([share.get(name, 0.0) for name in names])
     return theta, np.array([max(float(size[name]), 1e-18) for name in names])
