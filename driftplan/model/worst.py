@@ -178,7 +178,7 @@ def _greatest_of_mixture(
     begin = np.asarray(sum(weight * begun.N.real for weight, begun, _ in drives))
     while True:
         most = ceiling(begin, end, *(rates[which[stretch]].T * part**2 / 8))
-        most = np.minimum(most, cone(begin, end, *(steepness[which[stretch]].T * part / 2)))  # of noise that bends a lot
+        most = np.minimum(most, cone(begin, end, *(steepness[which[stretch]].T * part / 2)))  # where it bends a lot
         open_ = np.flatnonzero(most > greatest[group[stretch]] * (1 + _CLOSE))
         if not len(open_):
             return greatest
