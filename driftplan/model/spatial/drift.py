@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from driftplan.arrays import Floats, finite
-from driftplan.model.spatial.moments import SpatialMoments, rotate, scan
-from driftplan.model.spatial.rotations import RotationNoise, orthonormal
+from driftplan.model.spatial.moments import SpatialMoments, scan, times
+from driftplan.model.spatial.rotations import RotationNoise
 from driftplan.model.spatial.steps import checked_array, read_steps
 from driftplan.tables import Tabular, numbers, rows_of
 
-_AT_ONCE = 4096  # steps per scan: a few megabytes, which stay in the cache
+_AT_ONCE = 8192  # steps per scan: a few megabytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,27 +136,28 @@ def predict_drift_3d(
     (array([-0.513,  0.112, 20.   ]), 5.1404)
     """
     R, t, cov, bias = read_steps(rotations, translations, rotation_noise, translation_cov, translation_bias)
-    times, count = _repeats(repeats, len(R)), len(R)
+    many, count = _repeats(repeats, len(R)), len(R)
 
     def at_rest(where: slice) -> SpatialMoments:
         return SpatialMoments.of_step(rotation_noise.of_steps(where), _part(bias, 2, where), _part(cov, 3, where))
 
     same = at_rest(slice(None)) if not rotation_noise.batch and bias.ndim == 1 and cov.ndim == 2 else None
     distance = np.linalg.norm(t, axis=-1)
-    if times is None:
+    R, t = (np.ascontiguousarray(np.moveaxis(x, 0, -1)) for x in (R, t))
+    if many is None:
         S = attitudes(R)
 
         def pieces(where: slice) -> SpatialMoments:
             step = same if same is not None else at_rest(where)
-            return step.rotated(S[where]).moved(rotate(S[where], t[where]))
+            return step.rotated(S[..., where]).moved(times(S[..., where], t[..., where]))
     else:
         step = same if same is not None else at_rest(slice(None))
-        gained, rows = power(R, step.rotated(R).moved(rotate(R, t)).spread(count), times)
-        S = np.concatenate([np.eye(3)[None], attitudes(gained)[:-1]])
-        distance = distance * times
+        gained, rows = power(R, step.rotated(R).moved(times(R, t)).spread(count), many)
+        S = np.concatenate([np.eye(3)[..., None], attitudes(gained)[..., :-1]], axis=-1)
+        distance = distance * many
 
         def pieces(where: slice) -> SpatialMoments:
-            return rows.part(where).rotated(S[where])
+            return rows.part(where).rotated(S[..., where])
 
     return _drift(distance, *chain(pieces, count))
 
@@ -201,7 +202,7 @@ def predict_flight_drift(
     across = _rate("lateral_var_per_m", lateral_var_per_m, len(legs))
 
     def pieces(where: slice) -> SpatialMoments:
-        return SpatialMoments.of_straight_runs(legs[where], turn[where], along[where], across[where])
+        return SpatialMoments.of_straight_runs(legs[where].T, turn[where], along[where], across[where])
 
     position, mean, square = chain(pieces, len(legs))
     return _drift(np.linalg.norm(legs, axis=-1), path[0] + position, mean, square)
@@ -218,42 +219,47 @@ def chain(pieces: Callable[[slice], SpatialMoments], count: int) -> tuple[Floats
         end = min(begin + _AT_ONCE, count)
         state = pieces(slice(begin, end)).spread(end - begin)
         if last is not None:
-            state = SpatialMoments(*(np.concatenate(pair) for pair in zip(last, state, strict=True)))
+            state = SpatialMoments(*(np.concatenate(pair, axis=-1) for pair in zip(last, state, strict=True)))
         state = state.prefixes()
-        position[begin + 1 : end + 1] = state.p[begin - end :]
-        bias[begin + 1 : end + 1] = state.bias[begin - end :]
-        square[begin + 1 : end + 1] = state.square[begin - end :]
-        last = state.part(slice(-1, None))
+        new, last = state.part(slice(begin - end, None)), state.part(slice(-1, None))
+        position[begin + 1 : end + 1], bias[begin + 1 : end + 1] = new.p.T, new.e.T
+        square[begin + 1 : end + 1] = new.square
     return position, bias, square
 
 
 def attitudes(rotations: Floats) -> Floats:
-    """Products R_1, R_1 R_2, ... of rotation matrices (n, 3, 3)."""
+    """Products R_1, R_1 R_2, ... of rotation matrices (3, 3, n)."""
     products = np.empty(rotations.shape)
-    last = np.eye(3)[None]
-    for begin in range(0, len(rotations), _AT_ONCE):
-        part = np.concatenate([last, rotations[begin : begin + _AT_ONCE]])
-        part = scan(lambda A, B: [A[0] @ B[0]], [part])[0]
-        products[begin : begin + _AT_ONCE] = part[1:]
-        last = orthonormal(part[-1:])
+    last = np.eye(3)[..., None]
+    for begin in range(0, rotations.shape[-1], _AT_ONCE):
+        part = np.concatenate([last, rotations[..., begin : begin + _AT_ONCE]], axis=-1)
+        part = scan(lambda A, B: [times(A[0], B[0])], [part])[0]
+        products[..., begin : begin + _AT_ONCE] = part[..., 1:]
+        last = _orthonormal(part[..., -1:])
     return products
 
 
 def power(R: Floats, piece: SpatialMoments, count: NDArray[np.int64]) -> tuple[Floats, SpatialMoments]:
-    """Attitude gained, and moments, when piece k (in the axes in which it starts), which turns by R[k], is flown
-    count[k] >= 0 times: by squaring."""
-    left, gained = count.copy(), np.broadcast_to(np.eye(3), R.shape)
+    """Attitude gained, (3, 3, n), and moments, when piece k (in the axes in which it starts), which turns by R[..., k],
+    is flown count[k] >= 0 times: by squaring."""
+    left, gained = count.copy(), np.broadcast_to(np.eye(3)[..., None], R.shape)
     total = SpatialMoments(*(np.zeros_like(x) for x in piece))
     while True:
-        odd = (left % 2 == 1)[:, None, None]
-        more = total.append(piece.rotated(gained))
-        total = SpatialMoments(np.where(odd[..., 0], more.p, total.p), np.where(odd, more.X, total.X))
-        gained = np.where(odd, orthonormal(gained @ R), gained)
+        odd = left % 2 == 1
+        if odd.any():
+            more = total.append(piece.rotated(gained))
+            total = SpatialMoments(*(np.where(odd, x, y) for x, y in zip(more, total, strict=True)))
+            gained = np.where(odd, _orthonormal(times(gained, R)), gained)
         left //= 2
         if not left.any():
             return gained, total
         piece = piece.append(piece.rotated(R))
-        R = orthonormal(R @ R)
+        R = _orthonormal(times(R, R))
+
+
+def _orthonormal(R: Floats) -> Floats:
+    """As `driftplan.model.spatial.rotations.orthonormal`, of matrices (3, 3, n)."""
+    return np.asarray(1.5 * R - 0.5 * times(R, times(R.swapaxes(0, 1), R)))
 
 
 def _repeats(repeats: ArrayLike | None, count: int) -> NDArray[np.int64] | None:

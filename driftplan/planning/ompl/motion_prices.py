@@ -14,18 +14,12 @@ from ompl import base as ob
 
 from driftplan.planning.cost import CostRates
 from driftplan.planning.ompl.curves import after_arc
-from driftplan.planning.ompl.spaces import CurveFinder, SpaceKind
+from driftplan.planning.ompl.spaces import CurveFinder, SpaceKind, position_reader
 from driftplan.planning.ompl.zone_lookup import ZoneLookup
 
 Price = Callable[[Any, Any], Any]
 Point = tuple[float, ...]
 
-_READERS: dict[SpaceKind, Callable[[Any], tuple[float, float, float]]] = {
-    SpaceKind.PLANE: lambda s: (s[0], s[1], 0.0),
-    SpaceKind.SPACE: lambda s: (s[0], s[1], s[2]),
-    SpaceKind.FLIGHT: lambda s: (s.getX(), s.getY(), s.getZ()),
-    **dict.fromkeys((SpaceKind.POSE, SpaceKind.DUBINS, SpaceKind.REEDS_SHEPP), lambda s: (s.getX(), s.getY(), 0.0)),
-}  # of positions, metres
 _ROUND_DOWN = 1 - 1e-14  # a heuristic equals the cost on straight runs at the goal; rounding must not lift it above
 
 
@@ -117,11 +111,10 @@ def _pose(goal: Point, rates: CostRates) -> Price:
 
 
 def _zoned(kind: SpaceKind, goal: Point, zones: ZoneLookup[CostRates]) -> Price:
-    Cost, read, has_yaw = ob.Cost, _READERS[kind], kind is SpaceKind.POSE
+    Cost, read, has_yaw = ob.Cost, position_reader(kind), kind is SpaceKind.POSE
 
     def motion(a: Any, b: Any) -> Any:
-        x0, y0, _ = read(a)
-        x1, y1, _ = read(b)
+        (x0, y0), (x1, y1) = read(a), read(b)
         turn = abs(remainder(b.getYaw() - a.getYaw(), tau)) if has_yaw else 0.0
         wx, wy, dx, dy = goal[0] - x0, goal[1] - y0, x0 - x1, y0 - y1
         total = 0.0
@@ -142,7 +135,7 @@ def _straight(rates: CostRates, x0: float, y0: float, x1: float, y1: float, turn
 
 
 def _space(kind: SpaceKind, goal: Point, rates: CostRates) -> Price:
-    Cost, root, read = ob.Cost, sqrt, _READERS[kind]
+    Cost, root, read = ob.Cost, sqrt, position_reader(kind)
     gx, gy, gz = (2 * g for g in goal)
     by_sum, by_step, q = rates.heading / 4, rates.heading / 12, rates.position
     turn_by_sum, turn_by_step, turn_q = rates.turn_heading / 4, rates.turn_heading / 12, rates.turn_position
@@ -250,7 +243,7 @@ def _arc(rates: CostRates, wx: float, wy: float, c: float, s: float, length: flo
 
 def heuristic_of(space: Any, kind: SpaceKind, goal: Point, rates: CostRates) -> Price:
     """A lower bound, m², of the cost of any way between two states; ``rates`` are the least of the whole map."""
-    Cost, read = ob.Cost, _READERS[kind]
+    Cost, read = ob.Cost, position_reader(kind)
     gx, gy, gz = (*goal, 0.0)[:3]
     q_h, q_p = rates.heading * _ROUND_DOWN, rates.position * _ROUND_DOWN
     # OMPL's distance is the length driven, and a metric; not so where Dubins curves may be driven either way.
@@ -258,8 +251,8 @@ def heuristic_of(space: Any, kind: SpaceKind, goal: Point, rates: CostRates) -> 
     driven = space.distance if is_metric else None
 
     def bound(a: Any, b: Any) -> Any:
-        x0, y0, z0 = read(a)
-        x1, y1, z1 = read(b)
+        x0, y0, z0 = (*read(a), 0.0)[:3]
+        x1, y1, z1 = (*read(b), 0.0)[:3]
         dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
         ax, ay, az, bx, by, bz = gx - x0, gy - y0, gz - z0, gx - x1, gy - y1, gz - z1
         cross = hypot(dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax)

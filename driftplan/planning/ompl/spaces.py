@@ -129,12 +129,9 @@ def _miss(curve: Curve, length: float, there: tuple[float, float]) -> float:
 
 def position_reader(kind: SpaceKind) -> Callable[[Any], tuple[float, ...]]:
     """A function that copies the position out of a state: (x, y) or (x, y, z), metres."""
-    readers: dict[SpaceKind, Callable[[Any], tuple[float, ...]]] = {
-        SpaceKind.PLANE: lambda s: (s[0], s[1]),
-        SpaceKind.SPACE: lambda s: (s[0], s[1], s[2]),
-        SpaceKind.FLIGHT: lambda s: (s.getX(), s.getY(), s.getZ()),
-    }
-    return readers.get(kind, lambda s: (s.getX(), s.getY()))
+    if kind in (SpaceKind.PLANE, SpaceKind.SPACE):
+        return (lambda s: (s[0], s[1])) if kind is SpaceKind.PLANE else (lambda s: (s[0], s[1], s[2]))
+    return (lambda s: (s.getX(), s.getY(), s.getZ())) if kind is SpaceKind.FLIGHT else lambda s: (s.getX(), s.getY())
 
 
 def goal_position(goal: Any, kind: SpaceKind) -> tuple[float, ...]:
