@@ -30,7 +30,8 @@ _BEACON, _FACING = "driftplan_beacon", "driftplan_facing_deg"  # parameters of v
 
 def read_building_map(path: Path, *, robot_radius: float, level: str | None = None) -> World:
     """World of one level; it must be named where there are several."""
-    held, xy = _metres(path, level)
+    _, held, pixels, scale = _level(path, level)
+    xy = pixels * scale
     walls = [shapely.LineString(xy[pair]) for pair in _pairs(path, held, "walls", len(xy))]
     with naming(path, MapError):
         floors = [_floor(floor, xy) for floor in held.get("floors") or []]
@@ -42,22 +43,21 @@ def read_building_map(path: Path, *, robot_radius: float, level: str | None = No
 
 def building_lanes(path: Path, level: str | None = None) -> tuple[Floats, list[tuple[int, int]]]:
     """The vertices of a level, (n, 2) in metres, and its lanes between them; one that leads both ways is two."""
-    held, xy = _metres(path, level)
+    _, held, pixels, scale = _level(path, level)
     lanes = []
-    for lane, (a, b) in zip(held.get("lanes") or [], _pairs(path, held, "lanes", len(xy)), strict=True):
-        both = lane[2].get("bidirectional") if len(lane) > 2 and isinstance(lane[2], dict) else None
+    for lane, (a, b) in zip(held.get("lanes") or [], _pairs(path, held, "lanes", len(pixels)), strict=True):
+        both = _parameter(lane[2:], "bidirectional")
         lanes += [(a, b), (b, a)] if isinstance(both, list) and both[-1:] == [True] else [(a, b)]
-    return xy, lanes
+    return pixels * scale, lanes
 
 
 def building_marks(path: Path, level: str | None = None) -> list[Mark]:
     """The vertices of a level that are beacons, as `building_with_marks` adds them."""
-    held, xy = _metres(path, level)
+    _, held, pixels, scale = _level(path, level)
     marks = []
-    for vertex, (x, y) in zip(held.get("vertices") or [], xy.round(6).tolist(), strict=True):
-        said = vertex[4] if len(vertex) > 4 and isinstance(vertex[4], dict) else {}
-        if _BEACON in said:
-            facing = said.get(_FACING)
+    for vertex, (x, y) in zip(held.get("vertices") or [], (pixels * scale).round(6).tolist(), strict=True):
+        if _parameter(vertex[4:], _BEACON) is not None:
+            facing = _parameter(vertex[4:], _FACING)
             with naming(path, MapError):
                 turned = number(_FACING, facing[-1]) if isinstance(facing, list) and facing else None
             marks.append(Mark(str(vertex[3]), x, y, turned))
@@ -89,10 +89,9 @@ def _inside(node: Any, key: str) -> Any:
     return next(value for name, value in node.value if name.value == key)
 
 
-def _metres(path: Path, level: str | None) -> tuple[dict[str, Any], Floats]:
-    """What is said about a level, and its vertices in metres."""
-    _, held, pixels, scale = _level(path, level)
-    return held, pixels * scale
+def _parameter(rest: list[Any], name: str) -> Any:
+    """Of what comes after the numbers of a vertex, lane or measurement, its parameters; None if it is not there."""
+    return rest[0].get(name) if rest and isinstance(rest[0], dict) else None
 
 
 def _level(path: Path, name: str | None) -> tuple[str, dict[str, Any], Floats, Floats]:
@@ -115,7 +114,7 @@ def _level(path: Path, name: str | None) -> tuple[str, dict[str, Any], Floats, F
         scales = []
         pairs = list(_pairs(path, level, "measurements", len(xy)))
         for measured, (a, b) in zip(level.get("measurements") or [], pairs, strict=True):
-            said = measured[2].get("distance") if len(measured) > 2 and isinstance(measured[2], dict) else None
+            said = _parameter(measured[2:], "distance")
             length = positive("distance of a measurement", said[1] if isinstance(said, list) and said[1:] else None)
             scales.append(length / positive("pixels of a measurement", float(np.hypot(*(xy[b] - xy[a])))))
         if not scales:

@@ -4,6 +4,7 @@ where the clock was set back, and without single bad stamps; and headings held a
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import nan
 
 import numpy as np
 
@@ -29,9 +30,7 @@ def seconds(times: Floats) -> tuple[Floats, str]:
 def in_order(times: Floats) -> tuple[Ints, list[str]]:
     """Which rows to use, in which order, and what is to be said about it.
 
-    Raises
-    ------
-    ValueError : where times fall so often that they are none, or too many rows would be dropped
+    Raises ValueError where times fall so often that they are none, or too many rows would be dropped.
 
     >>> in_order(np.array([0.0, 2.0, 1.0, 3.0]))[0].tolist()
     [0, 2, 1, 3]
@@ -48,19 +47,15 @@ def in_order(times: Floats) -> tuple[Ints, list[str]]:
         notes.append(f"{100 * dropped:.1f} % of the rows have times far off their neighbours', and were left out")
     parts = np.split(kept, _restarts(times[kept]))
     if len(parts) > _MAX_RESTARTS + 1:
-        raise ValueError(
-            f"times fall in {int((np.diff(times) < 0).sum())} of {len(times)} rows: is the first column no time (three "
-            "nameless columns are time, x, y)? Name the columns"
-        )
+        falls = f"times fall in {int((np.diff(times) < 0).sum())} of {len(times)} rows"
+        what = "is the first column no time (three nameless columns are time, x, y)? Name the columns"
+        raise ValueError(f"{falls}: {what}")
     if len(parts) > 1:
-        used = max(parts[1:], key=len)
-        used = parts[0] if 2 * len(parts[0]) >= len(used) else used
-        back = times[parts[0][-1]] - times[parts[1][0]]
-        notes.append(
-            f"the clock is set back by {back:.3g} s in row {parts[1][0] + 1}: the log is cut there, and rows "
-            f"{used[0] + 1} to {used[-1] + 1} of {len(times)} are used"
-        )
-        kept = used
+        longest = max(parts[1:], key=len)
+        kept = parts[0] if 2 * len(parts[0]) >= len(longest) else longest
+        back = f"set back by {times[parts[0][-1]] - times[parts[1][0]]:.3g} s in row {parts[1][0] + 1}"
+        used = f"rows {kept[0] + 1} to {kept[-1] + 1} of {len(times)}"
+        notes.append(f"the clock is {back}: the log is cut there, and {used} are used")
     disordered = int((np.diff(times[kept]) < 0).sum())
     if disordered > _SAID_SHARE * len(kept):
         notes.append(f"{disordered} rows were not in the order of their times, and were sorted")
@@ -69,15 +64,10 @@ def in_order(times: Floats) -> tuple[Ints, list[str]]:
 
 def _bad_stamps(times: Floats) -> Bools:
     """Single times far from both neighbours, which are in order without them."""
-    bad = np.zeros(len(times), dtype=bool)
-    if len(times) < 3:
-        return bad
     step = _BAD_STAMP_STEPS * float(np.median(np.abs(np.diff(times))))
     before, at, after = times[:-2], times[1:-1], times[2:]
-    bad[1:-1] = (
-        (before <= after) & (after - before < step) & (np.minimum(np.abs(at - before), np.abs(at - after)) > step)
-    )
-    return bad
+    far = np.minimum(np.abs(at - before), np.abs(at - after)) > step
+    return np.pad((before <= after) & (after - before < step) & far, 1)[: len(times)]
 
 
 def _restarts(times: Floats) -> Ints:
@@ -109,18 +99,16 @@ def agreement(positions: Complexes, heading: Floats) -> float:
     along = np.concatenate([[0.0], np.cumsum(steps)])
     moving = steps[steps > 0]
     if moving.size < 3:
-        return float("nan")
+        return nan
     spacing = max(along[-1] / _CHORDS, _SMOOTH_STEPS * float(np.median(moving)))
     marks = np.unique(np.searchsorted(along, np.arange(0, along[-1], spacing)))
     if len(marks) < 4:
-        return float("nan")
+        return nan
     chord, middle = np.diff(positions[marks]), (marks[1:] + marks[:-1]) // 2
     straight = np.abs(chord) > 0.9 * np.diff(along[marks])
-    if straight.sum() < 3:
-        return float("nan")
     course = np.angle(chord[straight])
-    if np.abs(np.diff(np.unwrap(2 * course)) / 2).sum() < _TURNED:
-        return float("nan")
+    if len(course) < 3 or np.abs(np.diff(np.unwrap(2 * course)) / 2).sum() < _TURNED:
+        return nan
     return float(np.abs(np.mean(np.exp(2j * (course - heading[middle][straight])))))
 
 

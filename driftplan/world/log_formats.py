@@ -17,7 +17,6 @@ from driftplan.world.log_tables import Table, read_table
 
 Role = Literal["odometry", "truth"]
 
-_POSE = ("x", "y", "heading")
 _POSITION, _QUATERNION = ("x", "y", "z"), ("x", "y", "z", "w")
 _PLACED = (*(f"pose_pose_position_{c}" for c in _POSITION), *(f"pose_pose_orientation_{c}" for c in _QUATERNION))
 _MOVING = ("twist_twist_linear_x", "twist_twist_angular_z")
@@ -59,9 +58,8 @@ def read_recording(file: Path, role: Role, variable: str | None) -> Table:
 
 def is_bag(file: Path) -> bool:
     """Whether a file or folder is a recording of ROS, by its name."""
-    return (
-        file.name.lower().removesuffix(".gz").endswith((".bag", ".db3", ".mcap")) or (file / "metadata.yaml").is_file()
-    )
+    name = file.name.lower().removesuffix(".gz")
+    return name.endswith((".bag", ".db3", ".mcap")) or (file / "metadata.yaml").is_file()
 
 
 def _carmen(lines: Sequence[str], role: Role) -> Table:
@@ -70,12 +68,10 @@ def _carmen(lines: Sequence[str], role: Role) -> Table:
     tails = (f[2 + int(f[1]) :] for f in _fields(lines, "FLASER"))
     laser = _rows("FLASER", 7, ((f[6], *f[:6]) for f in tails))
     if role == "odometry":
-        found = odometry if len(odometry) else laser[:, [0, 4, 5, 6]]
-    elif not len(laser) or np.allclose(laser[:, 1:4], laser[:, 4:7]):
+        return _table(odometry if len(odometry) else laser[:, [0, 4, 5, 6]])
+    if not len(laser) or np.allclose(laser[:, 1:4], laser[:, 4:7]):
         raise ValueError("expected corrected poses in the FLASER lines, as a .clf file has them, found the odometry's")
-    else:
-        found = laser[:, :4]
-    return Table(found, ("time", *_POSE), lines=np.arange(1, len(found) + 1))
+    return _table(laser[:, :4])
 
 
 def _g2o(lines: Sequence[str], role: Role) -> Table:
@@ -83,8 +79,7 @@ def _g2o(lines: Sequence[str], role: Role) -> Table:
     if any(line.startswith(("VERTEX_SE3", "EDGE_SE3")) for line in lines):
         raise ValueError("expected a graph in the plane, VERTEX_SE2 and EDGE_SE2, found one in space")
     if role == "truth":
-        vertices = _rows("VERTEX_SE2", 4, (f[1:5] for f in _fields(lines, "VERTEX_SE2")))
-        return Table(vertices, ("time", *_POSE), lines=np.arange(1, len(vertices) + 1))
+        return _table(_rows("VERTEX_SE2", 4, (f[1:5] for f in _fields(lines, "VERTEX_SE2"))))
     edges = _rows("EDGE_SE2", 5, (f[1:6] for f in _fields(lines, "EDGE_SE2") if int(f[2]) == int(f[1]) + 1))
     edges = edges[np.unique(edges[:, 0], return_index=True)[1]]
     gap = np.flatnonzero(np.diff(edges[:, 0]) != 1)
@@ -93,9 +88,11 @@ def _g2o(lines: Sequence[str], role: Role) -> Table:
         raise ValueError(f"expected an EDGE_SE2 from every vertex to the next, found {where}")
     heading = np.concatenate([[0.0], np.cumsum(edges[:, 4])])
     place = np.concatenate([[0j], np.cumsum((edges[:, 2] + 1j * edges[:, 3]) * np.exp(1j * heading[:-1]))])
-    times = edges[0, 0] + np.arange(len(place))
-    poses = np.column_stack([times, place.real, place.imag, heading])
-    return Table(poses, ("time", *_POSE), lines=np.arange(1, len(poses) + 1))
+    return _table(np.column_stack([edges[0, 0] + np.arange(len(place)), place.real, place.imag, heading]))
+
+
+def _table(values: Floats, names: Sequence[str] = ("x", "y", "heading")) -> Table:
+    return Table(values, ("time", *names), lines=np.arange(1, len(values) + 1))
 
 
 def _fields(lines: Iterable[str], word: str) -> list[list[str]]:
@@ -153,9 +150,7 @@ def _of_messages(messages: Iterable[Any], kind: str, frames: str, where: str) ->
         raise TrajectoryError(f"{where} holds no message")
     if frames not in rows and (frames or len(rows) != 1):
         raise TrajectoryError(f"{where}: say which frames to read, after a blank; it holds {', '.join(sorted(rows))}")
-    values = np.array(rows[frames or next(iter(rows))])
-    names = ("time", *(_PLACED if pose else ()), *(_MOVING if twist else ()))
-    return Table(values, names, lines=np.arange(1, len(values) + 1))
+    return _table(np.array(rows[frames or next(iter(rows))]), _PLACED * bool(pose) + _MOVING * bool(twist))
 
 
 # endings of the name, words of which one begins a line, reader

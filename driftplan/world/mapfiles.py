@@ -30,8 +30,6 @@ FORMATS = (
     Format("GeoJSON", (".geojson", ".json"), read_geojson_map, geojson_map_files, ("origin",)),
     Format("IMDF", (".imdf", ".zip"), read_imdf_map, options=("origin", "level")),
 )
-_BUNDLED = Path(__file__).parents[1] / "maps"
-_BUNDLED_SUFFIXES = (".yaml", ".geojson")
 
 
 def load_world(
@@ -65,10 +63,8 @@ def load_world(
     zones : path of a zone file, optional
         Floors of other noise, for maps of any format (`driftplan.world.zone_files`); they cover the map's own.
 
-    Raises
-    ------
-    MapError : if the file is missing, broken, too large or not a map; the message names file and line, key or feature
-    ValueError : if an argument is out of range or means nothing for this format
+    Raises MapError if the file is missing, broken, too large or not a map: the message names file and line, key or
+    feature; ValueError if an argument is out of range or means nothing for this format.
 
     >>> world = load_world(bundled_map("office"), robot_radius=0.3)
     >>> len(world.zones)
@@ -103,10 +99,8 @@ def save_world(world: World, path: str | os.PathLike[str], *, cell_size_m: float
     ----------
     cell_size_m : size of a cell: 0.05 m for ROS and 1 m for MovingAI maps unless given; GeoJSON has no cells.
 
-    Raises
-    ------
-    ValueError : if the format cannot hold the world's zones or origin, or an argument is out of range. Nothing is
-        written.
+    Raises ValueError if the format cannot hold the world's zones or origin, or an argument is out of range: nothing is
+    written.
 
     >>> import tempfile
     >>> world = World.from_polygons([[(2, 0), (3, 0), (3, 4), (2, 4)]], bounds=(0, 0, 5, 4), robot_radius=0.4)
@@ -135,7 +129,7 @@ def bundled_maps() -> tuple[str, ...]:
     >>> bundled_maps()
     ('office', 'warehouse')
     """
-    return tuple(sorted(path.stem for path in _BUNDLED.iterdir() if path.suffix in _BUNDLED_SUFFIXES))
+    return tuple(sorted(_bundled()))
 
 
 def bundled_map(name: str) -> Path:
@@ -144,7 +138,11 @@ def bundled_map(name: str) -> Path:
     >>> bundled_map("warehouse").name
     'warehouse.yaml'
     """
-    for path in _BUNDLED.iterdir():
-        if path.suffix in _BUNDLED_SUFFIXES and path.stem == name:
-            return path
-    raise ValueError(f"expected one of the maps {', '.join(bundled_maps())}, got {name!r}")
+    if name not in bundled_maps():
+        raise ValueError(f"expected one of the maps {', '.join(bundled_maps())}, got {name!r}")
+    return _bundled()[name]
+
+
+def _bundled() -> dict[str, Path]:
+    folder = Path(__file__).parents[1] / "maps"
+    return {path.stem: path for path in folder.iterdir() if path.suffix in (".yaml", ".geojson")}

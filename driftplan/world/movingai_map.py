@@ -45,15 +45,13 @@ def read_movingai_map(
     known = np.isin(cells, np.frombuffer(_PASSABLE + _BLOCKED, dtype=np.uint8))
     if not known.all():
         row, column = np.argwhere(~known)[0]
-        raise MapError(
-            f"{path}, line {row + 5}, column {column + 1}: expected one of {(_PASSABLE + _BLOCKED).decode()}, "
-            f"got {bytes([cells[row, column]])!r}"
-        )
+        where, wanted = f"line {row + 5}, column {column + 1}", (_PASSABLE + _BLOCKED).decode()
+        raise MapError(f"{path}, {where}: expected one of {wanted}, got {bytes([cells[row, column]])!r}")
     passable = np.isin(cells, np.frombuffer(_PASSABLE, dtype=np.uint8))
     occupied, size, said = fewer_cells(~passable[::-1], size, coarsen=coarsen, despeckle_m=despeckle_m)
+    notes = tuple(f"{path}: {note}" for note in said)
     with naming(path, MapError):
         obstacles, bounds = outline_of_cells(occupied, cell_size_m=size, origin=(0.0, 0.0, 0.0))
-    notes = tuple(f"{path}: {note}" for note in said)
     return World(obstacles=obstacles, bounds=bounds, robot_radius=robot_radius, notes=notes)
 
 

@@ -11,11 +11,10 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path, PureWindowsPath
 from reprlib import repr as short
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +32,7 @@ _MIN_RESOLUTION_M = 1e-6
 _PLACED = ("image", "resolution", "origin")
 
 
-@dataclass(frozen=True)
-class CellPicture:
+class CellPicture(NamedTuple):
     """A YAML file and its picture."""
 
     image: Path  # where the picture is
@@ -56,9 +54,8 @@ def read_header(path: Path, required: Sequence[str], allowed: Sequence[str] | No
     required = (*_PLACED, *required)
     if not isinstance(values, dict):
         raise MapError(f"{path}: expected the keys {', '.join(required)}, got {short(values)}")
-    for key in required:
-        if key not in values:
-            raise MapError(f"{path}: the key {key!r} is missing")
+    if missing := [key for key in required if key not in values]:
+        raise MapError(f"{path}: the key {missing[0]!r} is missing")
     known = (*required, *(values if allowed is None else allowed))
     if unknown := [key for key in values if key not in known]:
         raise MapError(f"{path}: unknown key {short(unknown[0])}; known are {', '.join(known)}")
@@ -81,28 +78,23 @@ def read_pixels(image: Path, named_by: Path, *, colour: bool, coarsen: int | Non
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # our own limit is lower
-            picture: Image.Image = Image.open(BytesIO(content), formats=("PPM", "PNG", "BMP"))
+            picture = Image.open(BytesIO(content), formats=("PPM", "PNG", "BMP"))
         with picture:
             with naming(image, MapError):
                 refuse_too_many(*picture.size, coarsen)
             if not colour and picture.mode not in ("1", "L", "I", "I;16"):
                 raise MapError(f"{image}: expected a picture of greys, got one of mode {picture.mode}")
             picture.load()
-            if picture.mode in ("PA", "LA") or (colour and "transparency" in picture.info):
-                picture = picture.convert("RGBA")
-            elif picture.mode == "P":
-                picture = picture.convert("RGB")
-            elif picture.mode == "1":
-                picture = picture.convert("L")
-            return np.asarray(picture)
+            clear = picture.mode in ("PA", "LA") or (colour and "transparency" in picture.info)
+            mode = "RGBA" if clear else {"P": "RGB", "1": "L"}.get(picture.mode)
+            return np.asarray(picture.convert(mode) if mode else picture)
     except MapError:
         raise
     except Image.DecompressionBombError as err:
         raise MapError(f"{image}: expected at most {MAX_CELLS} pixels, got far more") from err
     except Exception as err:  # decoders raise nearly anything on broken files
-        raise MapError(
-            f"{image}: not a readable PGM, PNG or BMP picture (image of {named_by}): {str(err)[:200]}"
-        ) from err
+        what = f"not a readable PGM, PNG or BMP picture (image of {named_by})"
+        raise MapError(f"{image}: {what}: {str(err)[:200]}") from err
 
 
 def _picture_beside(path: Path, name: Any, *, lenient: bool) -> tuple[Path, tuple[str, ...]]:
@@ -133,8 +125,7 @@ _SAVED_UNKNOWN = 205
 _ROWS_AT_ONCE = 256  # of a picture, to bound the memory
 
 
-@dataclass(frozen=True)
-class _Rule:
+class _Rule(NamedTuple):
     """What pixels mean."""
 
     negate: bool
@@ -161,11 +152,9 @@ def read_ros_map(
     notes = picture.notes
     unknown_grey = states[pixels == _SAVED_UNKNOWN] if pixels.dtype == np.uint8 and pixels.ndim == 2 else states[:0]
     if rule.mode != "raw" and (unknown_grey == _FREE).any():
-        notes += (
-            f"{path}: grey {_SAVED_UNKNOWN}, which savers of maps write for unknown, is free by its free_thresh of "
-            f"{rule.free_thresh:g}, as map_server has it; {'mode: trinary with ' * (rule.mode == 'scale')}free_thresh: "
-            "0.196 keeps it unknown",
-        )
+        grey = f"{path}: grey {_SAVED_UNKNOWN}, which savers of maps write for unknown, is free by its free_thresh of"
+        kept = f"{'mode: trinary with ' * (rule.mode == 'scale')}free_thresh: 0.196 keeps it unknown"
+        notes += (f"{grey} {rule.free_thresh:g}, as map_server has it; {kept}",)
     occupied = (states == _OCCUPIED if unknown_is_free else states != _FREE)[::-1]  # row 0 at the bottom
     occupied, size, said = fewer_cells(occupied, picture.resolution, coarsen=coarsen, despeckle_m=despeckle_m)
     with naming(picture.image, MapError):
@@ -179,15 +168,13 @@ def ros_map_files(world: World, path: Path, *, cell_size_m: float) -> dict[Path,
     occupied = cells_of_outline(world.obstacles, world.bounds, cell_size_m)
     picture = path.with_suffix(".pgm")
     pixels = np.where(occupied[::-1], 0, 254).astype(np.uint8)  # the greys that map_saver writes
-    content = BytesIO()
-    content.write(b"P5\n%d %d\n255\n" % (pixels.shape[1], pixels.shape[0]))
-    content.write(pixels.tobytes())
+    content = b"P5\n%d %d\n255\n" % pixels.shape[::-1] + pixels.tobytes()
     text = (
         f"{head('map')}image: {picture.name}\nmode: trinary\nresolution: {cell_size_m!r}\n"
         f"origin: [{world.bounds[0]!r}, {world.bounds[1]!r}, 0.0]\n"
         "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
     )
-    return {picture: content.getvalue(), path: text.encode()}
+    return {picture: content, path: text.encode()}
 
 
 def _rule(path: Path, values: dict[Any, Any]) -> _Rule:
@@ -206,9 +193,8 @@ def _rule(path: Path, values: dict[Any, Any]) -> _Rule:
 def _states(pixels: NDArray[Any], rule: _Rule) -> NDArray[np.uint8]:
     """Free, unknown or occupied for pixels (rows, columns) of grey or (rows, columns, 3 or 4) of colour."""
     light = pixels if pixels.dtype == np.uint8 else pixels / 257.0  # 16 bits of grey
-    known: Any = True
+    known: Any = light[..., 3] == 255 if light.shape[2:] == (4,) else True
     if light.ndim == 3:
-        known = light[..., 3] == 255 if light.shape[2] == 4 else True
         light = light[..., :3].mean(axis=2)
     if rule.mode == "raw":  # the pixel is the percentage, whatever negate says; above 100 is unknown
         p, known = np.rint(light) / 100.0, known & (np.rint(light) <= 100)

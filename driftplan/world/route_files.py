@@ -25,7 +25,9 @@ from driftplan.world.plain_data import read_yaml
 
 _STRAIGHT_WITHIN_M = 0.02  # what a recorded way swings less is jitter
 _PATH_COLUMNS = {"x": ("x_m",), "y": ("y_m",), "heading": ("heading_rad", "yaw", "yaw_rad", "theta")}
-
+_MAX_BYTES = 20_000_000
+_MAX_POSES = 1e6
+_PLACES = 6  # micrometres, microradians
 
 read_trajectory = read_truth  # a trajectory is what the truth of a calibration is
 
@@ -59,8 +61,7 @@ def read_path(path: str | os.PathLike[str], *, variable: str | None = None) -> F
     try:
         return _waypoints(file, read_table(file, variable))
     except TrajectoryError:
-        driven = _driven(file, variable)
-        if driven is None:
+        if (driven := _driven(file, variable)) is None:
             raise
         return driven
 
@@ -96,10 +97,8 @@ def _waypoints(file: Path, table: Table) -> Floats:
         raise TrajectoryError(f"{file}: expected the columns x, y and perhaps heading, got {width}{called}")
     in_rad = any(unit in ("rad", "radians") for unit in table.units or ())
     if "heading" in found and not in_rad and _fits_in_degrees(found["x"] + 1j * found["y"], found["heading"]):
-        raise TrajectoryError(
-            f"{file}: the headings point along the path if they are degrees, not if they are radians: call the column "
-            "heading [deg], or heading [rad]"
-        )
+        fits = "the headings point along the path if they are degrees, not if they are radians"
+        raise TrajectoryError(f"{file}: {fits}: call the column heading [deg], or heading [rad]")
     return np.stack([found[name] for name in _PATH_COLUMNS if name in found], axis=-1)
 
 
@@ -112,11 +111,6 @@ def _fits_in_degrees(waypoints: Complexes, heading: Floats) -> bool:
 
     beyond = float(np.abs(heading).max()) > 2 * np.pi + 0.1
     return beyond and follows(np.radians(heading)) > max(0.9, follows(heading) + 0.1)
-
-
-_MAX_BYTES = 20_000_000
-_MAX_POSES = 1e6
-_PLACES = 6  # micrometres, microradians
 
 
 def poses_along(path: Floats, spacing_m: float) -> tuple[Floats, Floats]:
@@ -174,18 +168,10 @@ def poses_csv(drift: Drift, *, spacing_m: float = 0.25, frame: str = "map") -> b
     '0,0,0,0,1,0,0,0,0'
     """
     poses, driven = poses_along(drift.xy, spacing_m)
-    at = drift.at(np.minimum(driven, float(drift.length)))
-    columns = {
-        "x_m": poses[:, 0],
-        "y_m": poses[:, 1],
-        "heading_rad": poses[:, 2],
-        "qz": np.sin(poses[:, 2] / 2),
-        "qw": np.cos(poses[:, 2] / 2),
-        "cov_xx_m2": at.cov[:, 0, 0],
-        "cov_xy_m2": at.cov[:, 0, 1],
-        "cov_yy_m2": at.cov[:, 1, 1],
-        "heading_var_rad2": at.heading_std**2,
-    }
+    at, half = drift.at(np.minimum(driven, float(drift.length))), poses[:, 2] / 2
+    columns = dict(zip(("x_m", "y_m", "heading_rad"), poses.T, strict=True)) | {"qz": np.sin(half), "qw": np.cos(half)}
+    columns |= {"cov_xx_m2": at.cov[:, 0, 0], "cov_xy_m2": at.cov[:, 0, 1], "cov_yy_m2": at.cov[:, 1, 1]}
+    columns["heading_var_rad2"] = at.heading_std**2
     rows = np.column_stack(list(columns.values())).tolist()
     lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
     return "\n".join([head(frame) + ",".join(columns), *lines, ""]).encode()
@@ -229,10 +215,8 @@ def read_ros_path(file: Path) -> Floats:
             if not np.abs(q).max() <= 2 or abs(np.linalg.norm(q) - 1) > 0.01 or np.hypot(q[0], q[1]) > 0.05:
                 raise ValueError(f"expected a unit quaternion about z, got {q.tolist()}")
             poses[k] = x, y, 2 * np.arctan2(q[2], q[3])
-    if not np.isfinite(poses).all():
-        raise TrajectoryError(
-            f"{file}: expected finite poses, got {poses[~np.isfinite(poses).all(axis=1)][0].tolist()}"
-        )
+    if len(wrong := poses[~np.isfinite(poses).all(axis=1)]):
+        raise TrajectoryError(f"{file}: expected finite poses, got {wrong[0].tolist()}")
     poses[:, 2] = np.unwrap(poses[:, 2])
     return poses
 

@@ -40,9 +40,7 @@ def load_zones(path: str | os.PathLike[str], *, origin: tuple[float, float] | No
     path : path of a ``.geojson``, ``.json``, ``.yaml`` or ``.yml`` file, as the module's docstring says
     origin : (longitude, latitude), of GeoJSON in degrees, as for `load_world`
 
-    Raises
-    ------
-    MapError : if the file is missing, broken or without zones, or names a grey that its picture does not have
+    Raises MapError if the file is missing, broken or without zones, or names a grey that its picture does not have.
 
     >>> from driftplan.world.mapfiles import bundled_map
     >>> [zone.polygon.area > 50 for zone in load_zones(bundled_map("office"))]
@@ -56,20 +54,14 @@ def load_zones(path: str | os.PathLike[str], *, origin: tuple[float, float] | No
     return zones
 
 
-def _read_geojson(path: Path, origin: tuple[float, float] | None) -> tuple[Zone, ...]:
-    return read_geojson_map(path, robot_radius=0.0, origin=origin).zones
-
-
 def _read_raster(path: Path) -> tuple[Zone, ...]:
     picture = read_header(path, (), ("zones", *RULE_KEYS))
     pixels = read_pixels(picture.image, path, colour=False)[::-1]  # row 0 at the bottom
     listed = picture.values.get("zones")
     if not (isinstance(listed, dict) and 0 < len(listed) <= _MOST_ZONES):
+        wanted = f"expected zones to give 1 to {_MOST_ZONES} greys a noise, got {short(listed)}"
         greys = f"the greys of {picture.image.name} are {short(np.unique(pixels).tolist())}"
-        raise MapError(
-            f"{path}: expected zones to give 1 to {_MOST_ZONES} greys a noise, got {short(listed)}: add, say, zones: "
-            f"{{100: {{heading_var_per_m: 1e-3}}}}; {greys}"
-        )
+        raise MapError(f"{path}: {wanted}: add, say, zones: {{100: {{heading_var_per_m: 1e-3}}}}; {greys}")
     zones = []
     for grey, noise in listed.items():
         where = f"{path}, zone {short(grey)}"
@@ -84,6 +76,10 @@ def _read_raster(path: Path) -> tuple[Zone, ...]:
             area = area_of_cells(chosen, cell_size_m=picture.resolution, origin=picture.origin)
         zones.append(Zone(area, zone_noise(where, noise)))
     return tuple(zones)
+
+
+def _read_geojson(path: Path, origin: tuple[float, float] | None) -> tuple[Zone, ...]:
+    return read_geojson_map(path, robot_radius=0.0, origin=origin).zones
 
 
 FORMATS = (
