@@ -123,10 +123,7 @@ def place_at(
     """`place_beacons`, ``began`` then by the monotonic clock, at stations that several placements may share."""
     problem = placement_problem(scenario, sites, max_beacons=max_beacons, budget=budget)
 
-    def tell(_: float, cost: float, bound: float) -> None:
-        if progress is not None:
-            progress(time.monotonic() - began, cost, bound)
-
+    tell = progress and (lambda _, cost, bound: progress(time.monotonic() - began, cost, bound))
     limits = None if asked.max_drift is None else asked.per_route(len(scenario.routes))
     if limits is None and max_beacons is None and budget is None:
         wanted = "max_drift, or max_beacons or budget for the least drift within them"

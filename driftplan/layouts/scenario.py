@@ -265,9 +265,6 @@ def _named(beacons: Sequence[Beacon], letter: str, taken: set[str]) -> list[Beac
     return named
 
 
-# Points
-
-
 def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ()) -> Floats:
     """Points of a square grid, ``spacing_m`` apart, where the robot's centre may be: (n, 2), row by row from below.
 

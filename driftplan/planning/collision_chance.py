@@ -64,7 +64,6 @@ class CollisionChance:
     by: Floats
 
     def __repr__(self) -> str:
-        """What a person would want to know, not every place."""
         return (
             f"CollisionChance({self.probability:.3g}, 95 % in [{self.low:.3g}, {self.high:.3g}], at most "
             f"{self.bound:.3g}; at one place at most {self.at.max():.3g}, {self.distance[self.at.argmax()]:.4g} m on)"
@@ -102,14 +101,13 @@ def collision_chance(
     arriving, leaving = drift.on_arrival(distance), drift.at(distance)
     walls = _Walls(world, arriving.xy)
     touched = np.concatenate(list(_drives(drift, distance, walls, runs, np.random.default_rng(seed))))
-    count = int(touched[:, -1].sum())
-    low, high = _share(count, runs)
+    count, tail = int(touched[:, -1].sum()), (1 - _CONFIDENCE) / 2
     at = walls.inside(np.arange(len(distance)), _gaussian(arriving.bias, arriving.cov)) @ _weights(2)
     return CollisionChance(
         runs=runs,
         probability=count / runs,
-        low=low,
-        high=high,
+        low=float(betaincinv(count, runs - count + 1, tail)) if count > 0 else 0.0,
+        high=float(betaincinv(count + 1, runs - count, 1 - tail)) if count < runs else 1.0,
         bound=min(float(at[0]) + _entries(walls, arriving, leaving, drift.is_fused), 1.0),
         xy=arriving.xy,
         distance=distance,
@@ -171,14 +169,6 @@ def _drives(drift: Drift, distance: Floats, walls: _Walls, runs: int, rng: np.ra
         yield np.logical_or.accumulate(np.concatenate([walls.inside(place[:1], errors[:1]), entered])).T
 
 
-def _share(count: int, runs: int) -> tuple[float, float]:
-    """Clopper and Pearson's interval of a share."""
-    tail = (1 - _CONFIDENCE) / 2
-    low = float(betaincinv(count, runs - count + 1, tail)) if count > 0 else 0.0
-    high = float(betaincinv(count + 1, runs - count, 1 - tail)) if count < runs else 1.0
-    return low, high
-
-
 def _entries(walls: _Walls, arriving: PointDrift, leaving: PointDrift, fused: bool) -> float:
     """How often, on average, a wall is run into from where there was none: on the way from place to place, and where
     readings make the robot steer back."""
@@ -186,12 +176,8 @@ def _entries(walls: _Walls, arriving: PointDrift, leaving: PointDrift, fused: bo
     A, B = leaving.moments[:-1], arriving.moments[1:]
     move = B.p - A.p  # e_B = e_A + δ_A move + what is new
     driven = _covariance(A.N + A.a * move.conj(), A.e2 + A.b * move, A.e1, A.e1 + A.d1 * move)
-    total = _entered(
-        walls,
-        (place[:-1], leaving.bias[:-1]),
-        (place[1:], arriving.bias[1:]),
-        (leaving.cov[:-1], driven, arriving.cov[1:]),
-    )
+    onward = (place[:-1], leaving.bias[:-1]), (place[1:], arriving.bias[1:])
+    total = _entered(walls, *onward, (leaving.cov[:-1], driven, arriving.cov[1:]))
     read = place[~np.isclose(arriving.cov, leaving.cov, rtol=1e-9, atol=0.0).all(axis=(1, 2))]
     before, after = arriving.cov[read], leaving.cov[read]
     across = after if fused else np.zeros(after.shape)  # after a filter's reading the error does not go with the step

@@ -120,7 +120,9 @@ def geodesic_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNo
     total = r0 + r1
     # Differences of nearly equal levers are formed from the step itself, so that short edges keep their digits.
     radial = _dot(step, w0 + w1) / np.where(total > 0, total, 1.0)  # r0 - r1
-    angle = np.arctan2(_cross_norm(step, w0), _dot(w0, w1))
+    in_plane = step[..., 0] * w0[..., 1] - step[..., 1] * w0[..., 0]
+    across = np.abs(in_plane) if w0.shape[-1] == 2 else np.linalg.norm(np.cross(step, w0), axis=-1)
+    angle = np.arctan2(across, _dot(w0, w1))
     chord = np.hypot(radial * (r0**2 + r0 * r1 + r1**2), 2 * (r0 * r1) ** 1.5 * np.sin(1.5 * angle))
     metric = np.where(angle < np.pi / 3, chord, r0**3 + r1**3) / 3
     return np.asarray(rates.heading * metric + rates.position * length)
@@ -164,10 +166,3 @@ def _levers(
 
 def _dot(a: Floats, b: Floats) -> Floats:
     return np.asarray(np.einsum("...i,...i", a, b))
-
-
-def _cross_norm(a: Floats, b: Floats) -> Floats:
-    """|a × b| for (..., 2) or (..., 3)."""
-    if a.shape[-1] == 2:
-        return np.abs(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
-    return np.asarray(np.linalg.norm(np.cross(a, b), axis=-1))

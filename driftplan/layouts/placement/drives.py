@@ -301,9 +301,6 @@ def _in_doubt(intervals: IntervalMoments, limit: Limit, driven: _Driven, route: 
     return doubt[limit.broken_between(begun, square[doubt], route[doubt], table, driven.segment[doubt])]
 
 
-# With beacons dead
-
-
 def failures(scenario: Scenario, beacons: Sequence[Beacon]) -> list[Failure]:
     """Every route with every set of at most redundancy - 1 dead beacons of those it comes within range of."""
     routes = range(len(scenario.routes))

@@ -81,10 +81,8 @@ class LocalSearch:
         self.part[entries] = part
 
     def _entries_of(self, rows: Ints) -> Ints:
-        starts = self.rows.indptr
-        return np.concatenate(
-            [np.zeros(0, dtype=np.intp), *(np.arange(starts[r], starts[r + 1]) for r in rows.tolist())]
-        )
+        entries = (np.arange(*self.rows.indptr[r : r + 2]) for r in rows.tolist())
+        return np.concatenate([np.zeros(0, dtype=np.intp), *entries])
 
     def _flip(self, column: int, step: int) -> None:
         rows, change = self.rows_of[column], -1.0 if self.y[column] else 1.0

@@ -89,8 +89,6 @@ class DriftRequirements:
         out[order] = stop
         return out
 
-    # Rows known beforehand
-
     def rows(self) -> list[Cut]:
         """Demands that are known before any layout is judged, without those that another one implies."""
         found: list[Cut] = []
@@ -137,8 +135,6 @@ class DriftRequirements:
     def _at_least(self, sites: Ints, route: int, slot: int, count: int = 1) -> Cut:
         """At least ``count`` living sites of these, whichever others are dead."""
         return Cut(sites, np.ones(len(sites)), float(count + self.redundancy - 1), (route, slot))
-
-    # The oracle
 
     def cuts(self, chosen: Bools, near: int | None = None) -> list[Cut]:
         """Cuts that ``chosen`` violates (see the module's docstring), none if it holds; ``near`` as in `covering`."""
@@ -271,8 +267,6 @@ class DriftRequirements:
         columns = np.concatenate([absent, keep])
         weights = np.concatenate([np.ones(len(absent)), -np.ones(len(keep))])
         return Cut(columns, weights, 1.0 - len(keep), (route, slot))
-
-    # For messages
 
     def able(self, route: int) -> Ints:
         """How many sites can hold each slot of a route by their own last reading, (slots,)."""

@@ -104,10 +104,10 @@ class RouteTable:
         return np.repeat(np.arange(self.routes), np.diff(self.first_reading))
 
     def readings_of(self, route: int) -> slice:
-        return slice(int(self.first_reading[route]), int(self.first_reading[route + 1]))
+        return slice(*self.first_reading[route : route + 2].tolist())
 
     def segments_of(self, route: int) -> slice:
-        return slice(int(self.first_segment[route]), int(self.first_segment[route + 1]))
+        return slice(*self.first_segment[route : route + 2].tolist())
 
     def distances_of(self, route: int) -> Floats:
         """Metres driven at the breakpoints of a route, (m + 1,)."""

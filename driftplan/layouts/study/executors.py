@@ -18,7 +18,7 @@ from typing import IO, Any
 
 from driftplan.errors import DriftplanError
 from driftplan.layouts.study.inputs import CellTask, digest
-from driftplan.layouts.study.work import FAILED, Row, Workshop, routes_key, row_of, work_until_closed
+from driftplan.layouts.study.work import FAILED, Row, Workshop, routes_key, work_until_closed
 
 Done = Iterator[tuple[CellTask, Row]]
 _PATIENCE, _GRACE_S = 2.0, 60.0  # times a cell's limit, and then so many seconds, before its worker is ended
@@ -31,9 +31,6 @@ def here(shared: Mapping[str, Any], tasks: Iterable[CellTask]) -> Done:
     workshop = Workshop(shared)
     for task in tasks:
         yield task, workshop.row(task)
-
-
-# Processes
 
 
 def in_processes(shared: Mapping[str, Any], tasks: Sequence[CellTask], count: int) -> Done:
@@ -155,10 +152,7 @@ class Child:
 
 
 def lost(task: CellTask, why: str) -> Row:
-    return row_of(task, {"outcome": FAILED, "why": f"the cell was given up: {why}"}, {})
-
-
-# Dask
+    return {"key": task.key, "outcome": FAILED, "why": f"the cell was given up: {why}", "spent": {}}
 
 
 def on_cluster(client: Any, shared: Mapping[str, Any], tasks: Iterable[CellTask]) -> Done:
@@ -200,6 +194,5 @@ def on_cluster(client: Any, shared: Mapping[str, Any], tasks: Iterable[CellTask]
             send()
         client.unregister_worker_plugin(name)
     except (CancelledError, OSError, TimeoutError) as err:
-        raise DriftplanError(
-            f"the Dask scheduler went away ({type(err).__name__}): what is done is kept, and the next run goes on"
-        ) from err
+        gone = f"the Dask scheduler went away ({type(err).__name__})"
+        raise DriftplanError(f"{gone}: what is done is kept, and the next run goes on") from err

@@ -132,8 +132,6 @@ class Inputs:
             place("confidence").refuse(why)
         DriftLimit(plain["limit_m"], plain["redundancy"], plain["confidence"])
 
-    # The sections
-
     def _file(self, name: str) -> Path:
         return self._folder / name
 
@@ -188,9 +186,8 @@ class Inputs:
             trips = [(trip.start, trip.goal) for trip in load_trips(self._file(trips))]
         if {np.ndim(trip) for trip in trips} != {2 if graph is None else 1}:
             raise ValueError("expected trips from place to place, or with a graph from node to node")
-        return Trips(
-            ends=tuple(tuple(map(tuple, trip)) if graph is None else tuple(trip) for trip in trips), graph=graph
-        )
+        ends = tuple(tuple(map(tuple, trip)) if graph is None else tuple(trip) for trip in trips)
+        return Trips(ends=ends, graph=graph)
 
     def _sites(self, scenario: Values) -> SitesAsked:
         beacons, asked = scenario.get("beacon", []), dict(scenario.get("sites", {}))

@@ -177,9 +177,6 @@ def _executed(executor: Any, workers: int | None, shared: Mapping[str, Any], tas
     return in_processes(shared, tasks, min(count, len(tasks)))
 
 
-# The file of results
-
-
 def read_rows(path: Path) -> dict[str, Row]:
     """The last row of every key, none without a file; a StudyError names a line but the last that is no row."""
     if not path.exists():

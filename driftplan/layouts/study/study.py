@@ -197,9 +197,6 @@ def _label(value: Any, number: int) -> str:
     return f"{number}"
 
 
-# The schema
-
-
 @cache
 def study_schema() -> Values:
     """The schema of a study file."""

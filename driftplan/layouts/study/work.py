@@ -60,7 +60,7 @@ class Workshop:
             kind = "" if isinstance(err, (DriftplanError, ValueError)) else f"{type(err).__name__}: "
             found = {"outcome": FAILED, "why": f"{kind}{err}"}
         spent = {"seconds": time.monotonic() - began, "processor_s": time.process_time() - cpu}
-        return row_of(task, found, {name: round(s, 3) for name, s in spent.items()})
+        return {"key": task.key, **found, "spent": {name: round(s, 3) for name, s in spent.items()}}
 
     def _answer(self, task: CellTask) -> Row:
         asked, plain = self.shared[task.sites], task.plain
@@ -82,8 +82,6 @@ class Workshop:
         length = sum(float(np.hypot(*np.diff(route, axis=0).T).sum()) for route in routes)
         drift = {"worst_drift_m": max(worst), "worst_route": int(np.argmax(worst))}
         return {"outcome": DONE, **drift, "routes": len(routes), "route_m": length, **found}
-
-    # What cells share
 
     def _stations(self, task: CellTask, scenario: Scenario) -> Stations:
         """The sites of a cell on its routes, the same for all cells that have both."""
@@ -119,11 +117,6 @@ def routes_key(shared: Mapping[str, Any], task: CellTask) -> tuple[Any, ...]:
     trips, plain = shared[task.trips], task.plain
     decides = task.noise if trips.graph is not None or plain["minimise"] != "length" else ""
     return task.world, task.trips, plain["minimise"], decides, plain["seed"] if trips.random else 0
-
-
-def row_of(task: CellTask, found: Row, spent: Row) -> Row:
-    """A row of the results."""
-    return {"key": task.key, **found, "spent": spent}
 
 
 def sites_for(asked: SitesAsked, world: World | None, routes: Routes) -> Sites:
@@ -172,9 +165,6 @@ def _places(world: World, count: int, rng: np.random.Generator) -> list[Floats]:
     return places
 
 
-# What is said of an answer
-
-
 def _of_layout(layout: Layout, kinds: Sequence[BeaconKind]) -> Row:
     return {
         "beacons": len(layout.beacons),
@@ -212,9 +202,6 @@ def _simulated(scenario: Scenario, beacons: tuple[Beacon, ...], drives: int, see
         "z_route": worst,
         "ends": [[*pair, z] for pair, z in zip(rms, zs, strict=True)],
     }
-
-
-# In a process of its own
 
 
 def work_until_closed(descriptor: int, shared: int) -> None:
