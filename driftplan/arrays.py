@@ -140,9 +140,8 @@ def covariance(name: str, matrix: Any, dimensions: Sequence[int] = (2,)) -> Floa
     """A covariance matrix of one of these dimensions."""
     array = finite(name, matrix)
     if array.ndim != 2 or array.shape[0] != array.shape[1] or array.shape[0] not in dimensions:
-        raise ValueError(
-            f"expected {name} a square matrix of dimension {' or '.join(map(str, dimensions))}, got {array.shape}"
-        )
+        wanted = f"a square matrix of dimension {' or '.join(map(str, dimensions))}"
+        raise ValueError(f"expected {name} {wanted}, got {array.shape}")
     if not np.allclose(array, array.T) or np.linalg.eigvalsh(array)[0] < -1e-12 * np.trace(array):
         raise ValueError(f"expected {name} symmetric and positive semi-definite, got {array.tolist()}")
     return array
@@ -177,10 +176,9 @@ def point_of(name: str, value: ArrayLike) -> tuple[float, float]:
 def bounds_of(value: Sequence[float]) -> tuple[float, float, float, float]:
     try:
         bounds = tuple(number("a bound", v) for v in value)
-    except (TypeError, ValueError, OverflowError):
+    except (TypeError, ValueError):
         bounds = ()
-    if len(bounds) != 4 or not all(isfinite(v) for v in bounds) or bounds[0] >= bounds[2] or bounds[1] >= bounds[3]:
-        raise ValueError(
-            f"expected bounds (xmin, ymin, xmax, ymax), finite and not empty, got {bounds or short(value)}"
-        )
+    if len(bounds) != 4 or bounds[0] >= bounds[2] or bounds[1] >= bounds[3]:
+        wanted = "bounds (xmin, ymin, xmax, ymax), finite and not empty"
+        raise ValueError(f"expected {wanted}, got {bounds or short(value)}")
     return bounds

@@ -81,8 +81,8 @@ _PLAIN = {
     "str": _Wanted("a str", "strs", lambda value: isinstance(value, str)),
     "os.PathLike[str]": _Wanted("a Path", "Paths", lambda value: isinstance(value, os.PathLike)),
 }
-_OTHERS = {*["Axes", "Figure", "Mark", "SegmentCheck", "Generator", "SpaceInformation", "PathGeometric", "PathControl"]}
-_OTHERS |= {"OptimizationObjective"}
+_OTHERS = {"Axes", "Figure", "Generator", "Mark", "SegmentCheck"}
+_OTHERS |= {"OptimizationObjective", "PathControl", "PathGeometric", "SpaceInformation"}
 _PART = re.compile(r"(?:[^|\[\]]|\[(?:[^\[\]]|\[[^\[\]]*\])*\])+")
 
 

@@ -66,10 +66,8 @@ def write_files(files: Mapping[Path, bytes]) -> None:
     A link stays a link, and the file it leads to is written; a file keeps its mode. What is no regular file (a device,
     a pipe, ``/dev/stdout``) is written into, never replaced.
 
-    Raises
-    ------
-    ValueError : if two of the names stand for one file
-    OSError : if something cannot be written; a pipe that nobody reads from is among that
+    Raises ValueError if two of the names stand for one file, OSError if something cannot be written; a pipe that nobody
+    reads from is among that.
     """
     targets: dict[Path, Path] = {}
     for path in files:

@@ -26,9 +26,7 @@ class BoxWorld:
     bounds : (2, 3), of the space, metres
     robot_radius : metres, >= 0
 
-    Raises
-    ------
-    ValueError : if a box or the bounds are not from least to greatest, or anything is not finite
+    Raises ValueError if a box or the bounds are not from least to greatest, or anything is not finite.
 
     >>> hall = BoxWorld(boxes=[[(4, 0, 0), (6, 10, 3)]], bounds=[(0, 0, 0), (10, 10, 5)], robot_radius=0.5)
     >>> hall.is_free([[2, 5, 2], [5, 5, 2], [5, 5, 4]]).tolist()
@@ -48,9 +46,9 @@ class BoxWorld:
         for name, box in (("a box", boxes), ("bounds", bounds[None])):
             if wrong := np.flatnonzero((box[:, 0] > box[:, 1]).any(axis=1)).tolist():
                 raise ValueError(f"expected {name} from least to greatest coordinates, got {box[wrong[0]].tolist()}")
-        radius = not_negative("robot_radius", self.robot_radius)
-        for name, value in (("boxes", boxes), ("bounds", bounds), ("robot_radius", radius)):
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "boxes", boxes)
+        object.__setattr__(self, "bounds", bounds)
+        object.__setattr__(self, "robot_radius", not_negative("robot_radius", self.robot_radius))
 
     @cached_property
     def _grown(self) -> tuple[Floats, Floats]:

@@ -102,9 +102,7 @@ class RouteGraph:
 def load_graph(path: str | os.PathLike[str], *, level: str | None = None) -> RouteGraph:
     """The route graph of a file: GeoJSON of nav2's, LIF, or the lanes of an Open-RMF building (of a ``level``).
 
-    Raises
-    ------
-    MapError : if the file is missing, broken, or no route graph: the message names the feature
+    Raises MapError if the file is missing, broken, or no route graph: the message names the feature.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -185,13 +183,14 @@ def _read_nav2(file: Path) -> RouteGraph:
             raise MapError(f"{where}: expected a Point with an id, or a LineString with id, startid and endid, numbers")
         if is_node and held["id"] in nodes:
             raise MapError(f"{where}: the id {held['id']} occurs twice")
+        known = held.get("metadata") or {}
         if is_node:
             nodes[held["id"]] = (place.x, place.y)
+        elif not isinstance(known, dict):
+            raise MapError(f"{where}: expected metadata by their names, got {short(known)}")
         else:
             edges.append((held["id"], held["startid"], held["endid"]))
-            metadata.append(held.get("metadata") or {})
-            if not isinstance(metadata[-1], dict):
-                raise MapError(f"{where}: expected metadata by their names, got {short(metadata[-1])}")
+            metadata.append(known)
     index = {number: k for k, number in enumerate(nodes)}
     for number, *pair in edges:
         if lost := [end for end in pair if end not in index]:
@@ -263,8 +262,7 @@ def graph_geojson(graph: RouteGraph, added: Sequence[Mapping[str, Any]] = ()) ->
     edge = iter(added)
     for start, end in _features(text) if added else ():
         held = json.loads(text[start:end])
-        more = dict(next(edge)) if "startid" in held else {}
-        if not more:
+        if not (more := dict(next(edge)) if "startid" in held else {}):
             continue
         inside = dict(_members(text, start))
         if "metadata" in inside:

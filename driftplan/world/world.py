@@ -56,9 +56,7 @@ class World:
     zones : where zones overlap, the later one holds
     notes : what a person might not expect of the map's file
 
-    Raises
-    ------
-    ValueError : if the bounds are empty, the radius is negative, a polygon is invalid, or anything is not finite
+    Raises ValueError if the bounds are empty, the radius is negative, a polygon is invalid, or anything is not finite.
 
     >>> world = World.from_polygons([[(4, 0), (6, 0), (6, 7), (4, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
     >>> world.is_free([[2, 2], [5, 5]]).tolist()
@@ -76,13 +74,11 @@ class World:
     def __post_init__(self) -> None:
         instance("obstacles", self.obstacles, MultiPolygon, Polygon)
         parts = shapely.get_parts(polygon_of("obstacles", self.obstacles)) if not self.obstacles.is_empty else []
-        radius = not_negative("robot_radius", self.robot_radius)
-        zones = tuple(self.zones)
-        for zone in zones:
+        for zone in (zones := tuple(self.zones)):
             instance("a zone", zone, Zone)
         object.__setattr__(self, "obstacles", MultiPolygon(list(parts)))
         object.__setattr__(self, "bounds", bounds_of(self.bounds))
-        object.__setattr__(self, "robot_radius", radius)
+        object.__setattr__(self, "robot_radius", not_negative("robot_radius", self.robot_radius))
         object.__setattr__(self, "zones", zones)
 
     @classmethod
@@ -124,9 +120,8 @@ class World:
     def free(self) -> Polygon | MultiPolygon:
         """Where the robot's centre may be, as a shapely area (its boundary belongs to the obstacles)."""
         xmin, ymin, xmax, ymax = self._inflation.bounds
-        if xmin >= xmax or ymin >= ymax:
-            return Polygon()
-        return shapely.box(xmin, ymin, xmax, ymax).difference(self._inflation.obstacles)
+        room = Polygon() if xmin >= xmax or ymin >= ymax else shapely.box(xmin, ymin, xmax, ymax)
+        return room.difference(self._inflation.obstacles)
 
     @cached_property
     def free_parts(self) -> tuple[Polygon, ...]:
@@ -173,24 +168,19 @@ class World:
         """
         xy = points_of("xy", xy)
         part = np.full(xy.shape[:-1], -1, dtype=np.int64)
-        to_place = np.asarray(self.is_free(xy))
+        free = np.asarray(self.is_free(xy))
         for i, polygon in enumerate(self._prepared_parts):
-            if not to_place.any():
+            if not (left := free & (part < 0)).any():
                 break
-            here = to_place.copy()
-            here[to_place] = shapely.intersects_xy(polygon.prepared, xy[to_place])
-            part[here] = i
-            to_place &= ~here
-        if to_place.any():  # free, yet a round-off outside of all parts
-            part[to_place] = shapely.STRtree(self.free_parts).nearest(shapely.points(xy[to_place]))
+            part[left] = np.where(shapely.intersects_xy(polygon.prepared, xy[left]), i, -1)
+        if (left := free & (part < 0)).any():  # free, yet a round-off outside of all parts
+            part[left] = shapely.STRtree(self.free_parts).nearest(shapely.points(xy[left]))
         return part
 
     def nearest_free(self, xy: ArrayLike) -> Floats:
         """The free point nearest to ``xy`` (2,), up to micrometres; ``xy`` itself where that is free.
 
-        Raises
-        ------
-        ValueError : if no place of the map is free for this robot
+        Raises ValueError if no place of the map is free for this robot.
         """
         x, y = point_of("xy", xy)
         if self.point_free(x, y):
@@ -243,8 +233,7 @@ class World:
 
     @cached_property
     def _corners(self) -> dict[float, Floats]:
-        """By tolerance: every search for a route asks for the same ones."""
-        return {}
+        return {}  # by tolerance: every search for a route asks for the same ones
 
     # Seeing
 
@@ -334,11 +323,8 @@ class World:
         width, height = xmax - xmin, ymax - ymin
         line = max(width, height) / 400
         drawn = "".join(zone.polygon.svg(line, "#e69f00") for zone in self.zones) + self.obstacles.svg(line, "#888888")
-        return (
-            f"<p>{escape(repr(self))}</p>"
-            f'<svg viewBox="{xmin} {-ymax} {width} {height}" width="480" height="{480 * height / width:.0f}">'
-            f'<g transform="scale(1, -1)">{drawn}</g></svg>'
-        )
+        frame = f'viewBox="{xmin} {-ymax} {width} {height}" width="480" height="{480 * height / width:.0f}"'
+        return f'<p>{escape(repr(self))}</p><svg {frame}><g transform="scale(1, -1)">{drawn}</g></svg>'
 
 
 def _thin_out(ring: Floats, *, bulge_m: float, dent_m: float) -> Floats:

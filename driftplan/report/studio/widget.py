@@ -33,9 +33,7 @@ def studio_widget(
     max_drift : the limit of every route, metres; None: there is none yet
     time_limit : seconds for a search that is asked for in the studio
 
-    Raises
-    ------
-    ImportError : without anywidget: ``pip install 'driftplan[notebook]'``
+    Raises ImportError without anywidget: ``pip install 'driftplan[notebook]'``.
 
     >>> from driftplan import BeaconKind
     >>> tag = Beacon(BeaconKind.rfid(range_m=1.5, position_std_m=0.1), x=3.0, y=0.0, id="A7")
