@@ -41,9 +41,8 @@ def tags_yaml(beacons: Sequence[Beacon], *, size_m: float, frame: str = "map") -
     for tag, beacon in zip(tag_numbers(beacons), beacons, strict=True):
         half = radians(beacon.facing_deg or 0.0) / 2
         turned = f"qw: {_short(cos(half))}, qx: 0.0, qy: 0.0, qz: {_short(sin(half))}"
-        lines.append(
-            f"    - {{id: {tag}, size: {size}, x: {_short(beacon.x)}, y: {_short(beacon.y)}, z: 0.0, {turned}}}"
-        )
+        place = f"x: {_short(beacon.x)}, y: {_short(beacon.y)}, z: 0.0, {turned}"
+        lines.append(f"    - {{id: {tag}, size: {size}, {place}}}")
     return "\n".join([*lines, ""]).encode()
 
 
@@ -92,12 +91,11 @@ def read_tags_yaml(path: Path) -> list[Mark]:
     """The tags of all bundles."""
     held = read_yaml(path, MapError)
     bundles = held.get("tag_bundles") if isinstance(held, dict) else None
-    if not isinstance(bundles, list) or not all(
-        isinstance(b, dict) and isinstance(b.get("layout"), list) for b in bundles
-    ):
+    listed: list[Any] = bundles if isinstance(bundles, list) else [None]
+    if not all(isinstance(bundle, dict) and isinstance(bundle.get("layout"), list) for bundle in listed):
         raise MapError(f"{path}: expected tag_bundles, each with a layout; standalone tags have no places")
     tags = []
-    for tag in (tag for bundle in bundles for tag in bundle["layout"]):
+    for tag in (tag for bundle in listed for tag in bundle["layout"]):
         if not isinstance(tag, dict) or type(tag.get("id")) is not int:
             raise MapError(f"{path}: expected a tag with an id, a whole number, got {tag!r:.80}")
         with naming(f"{path}, tag {tag['id']}", MapError):

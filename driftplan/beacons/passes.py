@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from driftplan.arrays import Floats, Ints
+from driftplan.arrays import Bools, Floats, Ints
 from driftplan.model.paths import wrap
 from driftplan.world.world import World
 
@@ -52,7 +52,7 @@ class Views(NamedTuple):
     half_angle: Floats  # to either side of it a beacon is seen
     sensor_half_angle: Floats  # to either side of straight ahead the robot's sensor sees
 
-    def at(self, beacon: Ints, away: Floats, heading: Floats) -> NDArray[np.bool_]:
+    def at(self, beacon: Ints, away: Floats, heading: Floats) -> Bools:
         """Whether beacons (k,) are seen by a robot that is ``away`` (k, 2) from them, facing ``heading`` (k,)."""
         bearing = np.arctan2(away[:, 1], away[:, 0])
         there = (away == 0).all(axis=1)
@@ -62,12 +62,7 @@ class Views(NamedTuple):
 
 
 def passes_of(
-    path: Floats,
-    xy: Floats,
-    range_m: Floats,
-    must_see: NDArray[np.bool_],
-    world: World | None,
-    views: Views | None = None,
+    path: Floats, xy: Floats, range_m: Floats, must_see: Bools, world: World | None, views: Views | None = None
 ) -> Passes:
     """All passes of a path (n, 2) through the ranges ``range_m`` (m,) of beacons at ``xy`` (m, 2), metres.
 
@@ -101,9 +96,7 @@ def passes_of(
     return _merged(chords.beacon, begins[chords.leg] + chords.start, begins[chords.leg] + chords.end, begins[-1])
 
 
-def chords_in_discs(
-    offset: Floats, along: Floats, lengths: Floats, radius: Floats
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def chords_in_discs(offset: Floats, along: Floats, lengths: Floats, radius: Floats) -> tuple[Floats, Floats, Bools]:
     """Where straight legs are within closed discs, (...): from and to so many metres from where the leg begins, and
     whether there is such a part; a touch is one. ``offset`` (..., 2) leads from there to a disc's centre; ``along``
     (..., 2) are unit vectors, of legs of no length zero; ``lengths`` and ``radius`` are in metres."""
@@ -114,7 +107,7 @@ def chords_in_discs(
     return start, end, inside & (off_line <= radius + _TOUCH)
 
 
-def _proper(start: Floats, end: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def _proper(start: Floats, end: Floats) -> tuple[Floats, Floats, Bools]:
     """Intervals, of which some end before they begin by rounding only: then a touch; and which there are."""
     middle, touch = 0.5 * (start + end), start > end
     return np.where(touch, middle, start), np.where(touch, middle, end), start <= end + _TOUCH
@@ -162,9 +155,7 @@ def _merged(beacon: Ints, enter: Floats, leave: Floats, length: float) -> Passes
     return Passes(beacon, enter, leave)
 
 
-def _in_sight(
-    chords: _Chords, path: Floats, along: Floats, xy: Floats, must_see: NDArray[np.bool_], world: World
-) -> _Chords:
+def _in_sight(chords: _Chords, path: Floats, along: Floats, xy: Floats, must_see: Bools, world: World) -> _Chords:
     """The parts of chords from which the beacon is seen."""
     eye, unit, origin = xy[chords.beacon], along[chords.leg], path[chords.leg]
     a, b = origin + chords.start[:, None] * unit, origin + chords.end[:, None] * unit

@@ -275,10 +275,8 @@ def grid_sites(world: World, spacing_m: float, *, forbidden: Sequence[Any] = ())
     spacing = positive("spacing_m", spacing_m)
     xmin, ymin, xmax, ymax = world.bounds
     bounded("sites of a grid", (xmax - xmin) * (ymax - ymin) / spacing**2, _MAX_SITES, "use a larger spacing_m")
-    x, y = (
-        low + spacing / 2 + spacing * np.arange(int((high - low) / spacing))
-        for low, high in ((xmin, xmax), (ymin, ymax))
-    )
+    sides = (xmin, xmax), (ymin, ymax)
+    x, y = (low + spacing / 2 + spacing * np.arange(int((high - low) / spacing)) for low, high in sides)
     xy = np.round(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2), _PLACES)
     return allowed(xy[world.is_free(xy)], forbidden)
 

@@ -19,15 +19,7 @@ from driftplan.model.readings import Estimator, Fix
 from driftplan.model.worst import worst_rms
 from driftplan.planning.bounds import least_end_drift, least_length, least_worst_drift
 from driftplan.planning.collision_chance import CollisionChance, collision_chance
-from driftplan.planning.request import (
-    ROADMAP,
-    DriftLimit,
-    Objective,
-    Planner,
-    PlanRequest,
-    Reliance,
-    check_connected,
-)
+from driftplan.planning.request import ROADMAP, DriftLimit, Objective, Planner, PlanRequest, Reliance, check_connected
 from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.beacon_walks import ROUNDING
 from driftplan.planning.roadmap.itinerary_check import why_infeasible

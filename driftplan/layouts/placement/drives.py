@@ -80,10 +80,8 @@ class FreshFixes:
     low: Complexes  # least real and imaginary part that d1 of the heading may have there
     high: Complexes  # greatest; where equal to the least the heading's moments are those of ``state``
 
-    def __getitem__(self, index: NDArray[Any]) -> FreshFixes:
-        return FreshFixes(
-            self.route[index], self.breakpoint[index], self.state[index], self.low[index], self.high[index]
-        )
+    def __getitem__(self, some: NDArray[Any]) -> FreshFixes:
+        return FreshFixes(self.route[some], self.breakpoint[some], self.state[some], self.low[some], self.high[some])
 
     def least_square(self, sofar: Moments) -> Floats:
         """Least E|e|² that the box of headings allows after ``sofar``: exact where the box is a point."""

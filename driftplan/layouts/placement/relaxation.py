@@ -96,22 +96,20 @@ class Relaxation:
         return np.asarray(core)
 
 
-def _optimum(
-    cost: Floats, rows: Any, least: Floats, low: Floats, high: Floats, time_limit: float, *, whole: bool
-) -> Any:
+def _optimum(cost: Floats, rows: Any, least: Floats, low: Floats, high: Floats, limit_s: float, *, whole: bool) -> Any:
     """scipy's result, of status 0 (optimal), 1 (time limit) or 2 (infeasible)."""
     from scipy.optimize import Bounds, LinearConstraint, linprog, milp
 
-    seconds = max(0.05, time_limit)
+    options: dict[str, Any] = {"time_limit": max(0.05, limit_s)}
     rows.indices, rows.indptr = rows.indices.astype(np.int32), rows.indptr.astype(np.int32)  # scipy 1.13's milp
 
     def solved() -> Any:
         if whole:
             limited = {"constraints": LinearConstraint(rows, lb=least)} if len(least) else {}
-            options = {"time_limit": seconds, "mip_rel_gap": 0.0}
+            options["mip_rel_gap"] = 0.0
             return milp(cost, integrality=np.ones(len(cost)), bounds=Bounds(low, high), options=options, **limited)
         limited = {"A_ub": -rows, "b_ub": -least} if len(least) else {}
-        return linprog(cost, bounds=np.stack([low, high], axis=1), options={"time_limit": seconds}, **limited)
+        return linprog(cost, bounds=np.stack([low, high], axis=1), options=options, **limited)
 
     found = _interruptible(solved)
     if found.status not in (0, 1, 2):

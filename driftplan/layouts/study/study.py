@@ -191,9 +191,7 @@ def _values(key: str, values: Any, place: Place) -> dict[Any, Any] | Range:
 
 def _label(value: Any, number: int) -> str:
     if isinstance(value, Mapping):
-        return ", ".join(
-            f"{key} {item:g}" if isinstance(item, float) else f"{key} {item}" for key, item in value.items()
-        )
+        return ", ".join(f"{name} {x:g}" if isinstance(x, float) else f"{name} {x}" for name, x in value.items())
     return f"{number}"
 
 

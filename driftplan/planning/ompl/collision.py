@@ -71,15 +71,11 @@ class CurveMotionValidator(ob.MotionValidator):
             step = length / pieces
             tangent = radius * tan(0.5 * step / radius)
             for _ in range(pieces):
-                there = after_arc(x, y, yaw, step, sense / radius)
+                to_x, to_y, to_yaw = after_arc(x, y, yaw, step, sense / radius)
                 apex_x, apex_y = x + tangent * cos(yaw), y + tangent * sin(yaw)
-                if not (
-                    free(x, y, there[0], there[1])
-                    and free(x, y, apex_x, apex_y)
-                    and free(apex_x, apex_y, there[0], there[1])
-                ):
+                if not (free(x, y, to_x, to_y) and free(x, y, apex_x, apex_y) and free(apex_x, apex_y, to_x, to_y)):
                     return False
-                x, y, yaw = there
+                x, y, yaw = to_x, to_y, to_yaw
         return True
 
 

@@ -125,9 +125,7 @@ def _flight(positions: Floats, turns: Floats | None, noise: OdometryNoise) -> Sp
         if turns is None:
             raise ValueError(f"expected no noise per radian in R^3, whose states have no attitude, got {noise!r}")
         if (turns[lengths == 0] > 0).any():
-            raise ValueError(
-                "expected an attitude that turns on the way only: noise of turning in place is not modelled"
-            )
+            raise ValueError("expected an attitude that turns on the way only: turning in place has no noise here")
         rate = turns / np.where(lengths > 0, lengths, 1.0)
     return predict_flight_drift(
         positions,
