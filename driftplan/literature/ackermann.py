@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from driftplan.arrays import Array, Floats, as_covariance, as_plane, finite, not_negative, positive
-from driftplan.literature.relative_pose import element
+from driftplan.model.elements import step_element
 from driftplan.model.moments import Moments, identity, scan
 
 _NODES = 16  # Gauss-Hermite, over the steering error; to rounding, as long as
@@ -111,7 +111,8 @@ def ackermann_step(
     r_tau, r2_tau = mean(1j * g * v * (1 + turned1)), mean(2j * g * v * (1 + turned2))  # E τ = 0
     s2 = mean((v - 4 * g**2 * v**2) * (1 + turned2))
     a, b = -r_tau, r2_tau - r_tau  # E[s conj δ], E[s δ] for s = rτ, |r| = 1
-    return element(np.exp(1j * d * t0[..., 0] / L), d, d1, d2, -2 * d1.real, r_tau, np.full(d.shape, v), s2, a, b)
+    u = np.exp(1j * d * t0[..., 0] / L)
+    return step_element(u, u, d, d1, d2, -2 * d1.real, r_tau, np.full(d.shape, v), s2, a, b)
 
 
 def ackermann_drift(

@@ -11,13 +11,26 @@ Plane as complex numbers, j to the left. Errors are estimate minus truth (Knuth 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Array, Floats, choice, covariance, finite, not_negative, number, plane, shaped
-from driftplan.model.heading_laws import law_moments, shifted
+from driftplan.arrays import (
+    Array,
+    Floats,
+    as_covariance,
+    as_plane,
+    choice,
+    covariance,
+    finite,
+    not_negative,
+    number,
+    plane,
+    shaped,
+)
+from driftplan.model.elements import step_element, step_errors
+from driftplan.model.heading_laws import law_moments
 from driftplan.model.moments import Moments, identity, scan
 from driftplan.model.noise import HeadingLaw
 from driftplan.model.point_drift import PointDrift
@@ -74,30 +87,12 @@ class StepNoise:
         gain = complex(*shaped("gain_m_per_rad", gain_m_per_rad, (2,)))
         P = covariance("translation_cov_m2", translation_cov_m2)
         choice("heading_law", heading_law, HeadingLaw)
-        law = law_moments(heading_law, np.asarray(var))
         if heading_law == "von_mises" and gain != 0:
             raise ValueError("gain_m_per_rad is not available for heading_law='von_mises': use 'gaussian', got both")
-        d1, d2 = (complex(x) for x in shifted(law.d1, law.d2, np.asarray(mean)))
         skew = complex(P[0, 0] - P[1, 1], 2 * P[0, 1])
-        noise = cls._independent(d1, d2, bias, float(abs(bias) ** 2 + np.trace(P)), bias**2 + skew)
-        if gain == 0:
-            return noise
-        w = np.exp(1j * mean)
-        theta_r, theta_r2, theta2_r2 = 1j * law.theta_r * w, 1j * law.theta_r2 * w * w, law.theta2_r2 * w * w
-        return replace(
-            noise,
-            s1=complex(noise.s1 + gain * theta_r),
-            S=noise.S + abs(gain) ** 2 * var,
-            s2=complex(noise.s2 + 2 * gain * bias * theta_r2 + gain**2 * theta2_r2),
-            a=complex(noise.a - gain * theta_r),
-            b=complex(noise.b + gain * (theta_r2 - theta_r)),
-        )
-
-    @classmethod
-    def _independent(cls, d1: complex, d2: complex, bias: complex, S: float, square: complex) -> StepNoise:
-        """Rotation errors with E δ, E δ², and errors τ independent of them with E τ, E|τ|², E τ²."""
-        s2, b = (1 + 2 * d1 + d2) * square, (d1 + d2) * bias
-        return cls(d1=d1, d2=d2, D=-2 * d1.real, s1=(1 + d1) * bias, S=S, s2=s2, a=-d1 * bias, b=b)
+        given = (np.asarray(x) for x in (var, mean, bias, np.trace(P), skew, gain))
+        d1, d2, D, s1, S, s2, a, b = (complex(x) for x in step_errors(heading_law, *given))
+        return cls(d1=d1, d2=d2, D=D.real, s1=s1, S=S.real, s2=s2, a=a, b=b)
 
     @classmethod
     def polar(
@@ -137,10 +132,14 @@ class StepNoise:
         along = law_moments(direction_law, np.asarray(direction_var))
         loss, twice = float(along.d1), float(along.d2)  # E(exp(jφ̃) - 1), E(exp(jφ̃) - 1)²
         square = t**2 * twice + var * (t / abs(t)) ** 2 * (1 + 2 * loss + twice)  # E τ²
-        turned = cls.additive(
-            heading_std_rad=heading_std_rad, heading_mean_rad=heading_mean_rad, heading_law=heading_law
+        bias = np.asarray(t * loss)
+        return cls.additive(
+            heading_std_rad=heading_std_rad,
+            heading_mean_rad=heading_mean_rad,
+            heading_law=heading_law,
+            translation_bias_m=as_plane(bias),
+            translation_cov_m2=as_covariance(bias, np.asarray(-2 * abs(t) ** 2 * loss + var), np.asarray(square)),
         )
-        return cls._independent(turned.d1, turned.d2, t * loss, -2 * abs(t) ** 2 * loss + var, square)
 
     @property
     def coherence(self) -> float:
@@ -175,19 +174,8 @@ def step_moments(turns_rad: ArrayLike, translations_m: ArrayLike, noise: StepNoi
     turns, t = finite("turns_rad", turns_rad), plane("translations_m", translations_m)
     if np.broadcast_shapes(turns.shape, t.shape) != turns.shape:
         raise ValueError(f"expected one translation per turn, {(*turns.shape, 2)} in all, got {(*t.shape, 2)}")
-    return element(np.exp(1j * turns), np.broadcast_to(t, turns.shape), *moments_of_noise(noise, turns.shape))
-
-
-def element(
-    u: Array, t: Array, d1: Array, d2: Array, D: Array, s1: Array, S: Array, s2: Array, a: Array, b: Array
-) -> Moments:
-    """Element of a step that turns by ``u``, then moves by ``t``, with the error e = u(δt + s) of `StepNoise`."""
-    e1, N, e2 = (
-        u * (t * d1 + s1),
-        np.abs(t) ** 2 * D + S + 2 * np.real(np.conj(t) * a),
-        u * u * (t * t * d2 + 2 * t * b + s2),
-    )
-    return Moments(u, u * t, d1, d2, D, e1, N, e2, u * (t * D + a), u * (t * d2 + b))
+    u = np.exp(1j * turns)
+    return step_element(u, u, np.broadcast_to(t, turns.shape), *moments_of_noise(noise, turns.shape))
 
 
 def dead_reckoning(

@@ -62,7 +62,7 @@ class CovarianceMap:
     def __call__(self, P: Floats) -> Floats:
         """The covariance at the end of the stretch, given that at its beginning, (..., d, d)."""
         inner = np.linalg.solve(np.eye(P.shape[-1]) + P @ self.J, P)
-        return _symmetric(self.A @ inner @ _T(self.A) + self.C)
+        return _symmetric(self.A @ inner @ self.A.mT + self.C)
 
     def read(self, rows: Sequence[Row]) -> CovarianceMap:
         """The same stretch with a reading at its end; nothing is inverted.
@@ -73,7 +73,7 @@ class CovarianceMap:
         A, C, J = self.A, self.C, self.J
         for row in rows:
             h = row.vector(A.shape[-1])
-            g, back = (np.squeeze(x @ h[..., None], -1) for x in (C, _T(A)))
+            g, back = (np.squeeze(x @ h[..., None], -1) for x in (C, A.mT))
             s = np.maximum((h * g).sum(-1) + row.variance, _PERFECT_READING_VARIANCE * (h * h).sum(-1))[..., None, None]
             gain = g[..., :, None] / s
             A, C = A - gain * back[..., None, :], _symmetric(C - gain * g[..., None, :])
@@ -94,9 +94,9 @@ def compose(first: CovarianceMap, second: CovarianceMap) -> CovarianceMap:
     3.0
     """
     M: Floats = np.asarray(np.linalg.inv(np.eye(first.A.shape[-1]) + first.C @ second.J), dtype=float)
-    onward, back = second.A @ M, _T(first.A) @ _T(M) @ second.J
+    onward, back = second.A @ M, first.A.mT @ M.mT @ second.J
     return CovarianceMap(
-        onward @ first.A, _symmetric(onward @ first.C @ _T(second.A) + second.C), _symmetric(back @ first.A + first.J)
+        onward @ first.A, _symmetric(onward @ first.C @ second.A.mT + second.C), _symmetric(back @ first.A + first.J)
     )
 
 
@@ -204,9 +204,5 @@ def _in_turn(columns: tuple[Any, ...]) -> list[tuple[Any, ...]]:
     return list(zip(*(x.tolist() if x.ndim == 1 else list(np.moveaxis(x, -1, 0)) for x in columns), strict=True))
 
 
-def _T(x: Floats) -> Floats:
-    return np.swapaxes(x, -1, -2)
-
-
 def _symmetric(x: Floats) -> Floats:
-    return np.asarray(0.5 * (x + _T(x)))
+    return np.asarray(0.5 * (x + x.mT))

@@ -85,24 +85,19 @@ class Drift(PointDrift):
 
     def departures(self) -> Moments:
         """Moments at the beginning of every leg's run, after turning on the spot, for one path."""
-        if self._drives:
-            return _averaged([(weight, one.departures()) for weight, one in self._drives])
         turns, begun = self.runs.turns, self._driven.leaving[:-1]
-        if self._beliefs is None and not any(noise.turns_matter for noise in self.noises):
+        if self._beliefs is None and not self._drives and not any(noise.turns_matter for noise in self.noises):
             return replace(begun, u=begun.u * np.exp(1j * turns))
         zero = np.zeros(turns.shape)
-        return self._onward(begun, np.arange(len(turns)), turns, zero, zero, self.leg_noises)
+        return self._onward(np.arange(len(turns)), turns, zero, zero, self.leg_noises)
 
     def inside_legs(self, shares: Floats) -> Moments:
         """Moments at these shares (k,) of every leg's run, for one path, (legs, k)."""
         shares = np.clip(finite("shares", shares).reshape(-1), 0.0, 1.0)
-        if self._drives:
-            return _averaged([(weight, one.inside_legs(shares)) for weight, one in self._drives])
         runs, last = self.runs, len(self.runs.lengths)
         border = np.repeat(np.arange(last)[:, None], len(shares), axis=1)
-        begin = self._driven.leaving[border]
         driven, which = runs.lengths[:, None] * shares, self.leg_noises[border]
-        return self._onward(begin, border, runs.turns[border], driven, runs.curvatures[border], which)
+        return self._onward(border, runs.turns[border], driven, runs.curvatures[border], which)
 
     def simulated(self, distances_m: Floats, *, runs: int, rng: np.random.Generator | int = 0) -> Floats:
         """Errors of as many robots as ``runs`` at these ascending distances (k,) along one path, after the readings
@@ -134,10 +129,12 @@ class Drift(PointDrift):
         spread = self._beliefs is not None and bool(self._beliefs.spread.names)
         return spread or any(noise.is_systematic for noise in self.noises)
 
-    def _onward(
-        self, begin: Moments, border: Ints, turns: Floats, lengths: Floats, curvatures: Floats, which: Ints
-    ) -> Moments:
-        """Moments after driving on from borders, where they are ``begin``: the one place where the engines differ."""
+    def _onward(self, border: Ints, turns: Floats, lengths: Floats, curvatures: Floats, which: Ints) -> Moments:
+        """Moments after driving on from borders: the one place where the engines differ."""
+        if self._drives:
+            driven = [(weight, one._onward(border, turns, lengths, curvatures, which)) for weight, one in self._drives]
+            return _averaged(driven)
+        begin = Moments(*(_picked(x, border) for x in self._driven.leaving.arrays()))
         if self._beliefs is not None:
             return self._beliefs.onward(begin, border, (turns, lengths, curvatures, which))
         return compose(begin, of_legs(turns, lengths, curvatures, which, self.noises))
@@ -188,9 +185,6 @@ class Drift(PointDrift):
     def _inside(self, s: Floats, *, after: bool = True) -> PointDrift:
         """Drift at distances (..., k) on the path: the last border before (``after`` the readings of a border that is
         there, or on arrival at it), and the leg from there, if it has begun."""
-        if self._drives:
-            inside = [(weight, one._inside(s, after=after).moments) for weight, one in self._drives]
-            return PointDrift(s, _averaged(inside))
         borders, last = self._border_distance, self.runs.lengths.shape[-1]
         within = same_place_within(float(np.max(self.length, initial=0.0)))
         reached = s + within / 3 if after else s - within  # a fix lies where it was said to, rounding or not
@@ -200,15 +194,17 @@ class Drift(PointDrift):
             border = (borders[..., None, :] <= reached[..., :, None]).sum(axis=-1) - 1
         border = np.clip(border, 0, last)
         leg = np.minimum(border, last - 1)
+        driven = np.clip(s - _picked(borders, border), 0.0, None)
+        turns = np.where(driven > 0, _picked(self.runs.turns, leg), 0.0)
+        curvatures, which = _picked(self.runs.curvatures, leg), _picked(self.leg_noises, leg)
+        return PointDrift(s, self._onward(border, turns, driven, curvatures, which))
 
-        def pick(x: Array, index: Ints) -> Array:
-            return np.take_along_axis(np.broadcast_to(x, (*s.shape[:-1], x.shape[-1])), index, axis=-1)
 
-        begin = Moments(*(pick(x, border) for x in self._driven.leaving.arrays()))
-        driven = np.clip(s - pick(borders, border), 0.0, None)
-        turns = np.where(driven > 0, pick(self.runs.turns, leg), 0.0)
-        curvatures, which = pick(self.runs.curvatures, leg), pick(self.leg_noises, leg)
-        return PointDrift(s, self._onward(begin, border, turns, driven, curvatures, which))
+def _picked(x: Array, index: Ints) -> Array:
+    """Of one path's borders or legs, or each of its own path's."""
+    if x.ndim == 1:
+        return x[index]
+    return np.take_along_axis(x, index, axis=-1)
 
 
 def predict_drift(

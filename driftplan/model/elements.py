@@ -30,7 +30,7 @@ import numpy as np
 from driftplan.arrays import Array
 from driftplan.model.heading_laws import law_moments, shifted
 from driftplan.model.moments import Moments, compose, doubled, power
-from driftplan.model.noise import OdometryNoise, steps_in
+from driftplan.model.noise import HeadingLaw, OdometryNoise, steps_in
 
 _ORDER = 12  # of the Taylor series
 _BLOCK = 8192  # pieces solved at once
@@ -200,12 +200,7 @@ def _taylor(
 
 
 def _step(turn: Array, length: Array, noise: OdometryNoise, *, speed: float) -> Moments:
-    """One step, of a run at ``speed`` 1, or a turn on the spot at 0: the heading error is drawn first and turns the
-    whole step, then its translation error is added.
-
-    With r = exp(jθ) for the heading error θ, τ the translation error along (real) and across (imaginary) the step and
-    s = rτ, the position error is e = δ p + s·(direction of p).
-    """
+    """One step, of a run at ``speed`` 1, or a turn on the spot at 0."""
     angle = np.abs(turn)
     heading_var, distance_var, lateral_var = (
         speed * per_step + per_m * length + per_rad * angle
@@ -216,32 +211,50 @@ def _step(turn: Array, length: Array, noise: OdometryNoise, *, speed: float) -> 
         )
     )
     heading_mean = noise.heading_bias_per_m * length + noise.heading_bias_per_rad * turn
-    distance_mean = noise.distance_scale_error * length
-    law = law_moments(noise.heading_law, heading_var)
-    d1, d2 = shifted(law.d1, law.d2, heading_mean)
-    w = np.exp(1j * heading_mean) if np.any(heading_mean) else np.ones(())
-    share = noise.heading_distance_corr  # τ = mean + slope θ + independent rest
+    share = noise.heading_distance_corr
     slope = share * np.sqrt(distance_var / np.maximum(heading_var, 1e-300)) if share else np.zeros(())
     rest_var = distance_var - slope**2 * heading_var
-    theta_r = 1j * law.theta_r * w if share else 0.0
-    theta_r2 = 1j * law.theta_r2 * w * w if share else 0.0
-    theta2_r2 = law.theta2_r2 * w * w if share else 0.0
-    m1, m2 = 1 + d1, 1 + 2 * d1 + d2
-    s1 = distance_mean * m1 + slope * theta_r
-    ss = distance_mean**2 + distance_var + lateral_var
-    s2 = m2 * (distance_mean**2 + rest_var - lateral_var) + 2 * distance_mean * slope * theta_r2 + slope**2 * theta2_r2
-    s_conj_d = -distance_mean * d1 - slope * theta_r
-    s_d = distance_mean * (d1 + d2) + slope * (theta_r2 - theta_r)
-
+    errors = step_errors(
+        *(noise.heading_law, heading_var, heading_mean, noise.distance_scale_error * length),
+        *(rest_var + lateral_var, rest_var - lateral_var, slope),
+    )
     turning = turn.any()
     u = np.exp(1j * turn) if turning else np.ones(turn.shape)
     p = length * _phi(1j * turn) if turning and speed else length
     reach = np.abs(p)
     along = np.where(reach > 0, p / np.where(reach > 0, reach, 1.0), u)  # on the spot: where the turn leaves it facing
-    D = -2 * d1.real
-    N = reach**2 * D + ss + 2 * (np.conj(p) * along * s_conj_d).real
-    e2 = p * p * d2 + 2 * p * along * s_d + along**2 * s2
-    return Moments(u, p, d1, d2, D, p * d1 + along * s1, N, e2, p * D + along * s_conj_d, p * d2 + along * s_d)
+    return step_element(u, along, reach, *errors)
+
+
+def step_errors(
+    law: HeadingLaw, heading_var: Array, heading_mean: Array, mean: Array, square: Array, skew: Array, slope: Array
+) -> tuple[Array, ...]:
+    """E δ, E δ², E|δ|², E s, E|s|², E s², E[s conj δ] and E[s δ] of a step that draws its heading error, r = exp(jθ) =
+    1 + δ, first, and turns its translation error τ by it: s = rτ.
+
+    θ has a ``heading_mean`` and the variance and law of what it is about that, τ is ``mean`` + ``slope`` (θ - E θ) and
+    an independent rest of mean 0 with E|rest|² = ``square`` and E rest² = ``skew``, complex, x along the step.
+    """
+    of_law = law_moments(law, heading_var)
+    d1, d2 = shifted(of_law.d1, of_law.d2, heading_mean)
+    s1, s2 = mean * (1 + d1), (1 + 2 * d1 + d2) * (mean**2 + skew)
+    a, b = -mean * d1, mean * (d1 + d2)
+    if np.any(slope):
+        w = np.exp(1j * heading_mean)
+        theta_r, theta_r2, theta2_r2 = 1j * of_law.theta_r * w, 1j * of_law.theta_r2 * w * w, of_law.theta2_r2 * w * w
+        s1, s2 = s1 + slope * theta_r, s2 + 2 * mean * slope * theta_r2 + slope**2 * theta2_r2
+        a, b = a - slope * theta_r, b + slope * (theta_r2 - theta_r)
+    return d1, d2, -2 * d1.real, s1, np.abs(mean) ** 2 + np.abs(slope) ** 2 * heading_var + square, s2, a, b
+
+
+def step_element(
+    u: Array, v: Array, t: Array, d1: Array, d2: Array, D: Array, s1: Array, S: Array, s2: Array, a: Array, b: Array
+) -> Moments:
+    """Element of a step that turns by ``u`` and moves by ``t`` along ``v``, with the error e = v(δt + s): moments of δ
+    and s as `step_errors` gives them."""
+    e1, e2 = v * (t * d1 + s1), v * v * (t * t * d2 + 2 * t * b + s2)
+    N = np.abs(t) ** 2 * D + S + 2 * np.real(np.conj(t) * a)
+    return Moments(u, v * t, d1, d2, D, e1, N, e2, v * (t * D + a), v * (t * d2 + b))
 
 
 def _phi(z: Array) -> Array:

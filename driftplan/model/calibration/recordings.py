@@ -328,14 +328,12 @@ def _chord(turns: Floats) -> Complexes:
 def _merged(times: Floats, moves: Complexes, turns: Floats) -> OdometryLog:
     """Steps that end no later than they began are joined to the step before them: the motion they report is real, only
     their time is not. (Before any time has passed there is nothing to join to: such motion precedes the log.)"""
-    keep = _later(times)
+    log, keep = OdometryLog(times, moves, turns), _later(times)
     if keep.all():
-        return OdometryLog(times, moves, turns)
-    headings = np.concatenate([[0.0], np.cumsum(turns)])
-    positions = np.concatenate([[0.0], np.cumsum(moves * np.exp(1j * headings[:-1]))])
+        return log
     # the last sample of each group of repeated times holds all the motion reported up to that time
     last = np.append(np.flatnonzero(keep)[1:] - 1, len(times) - 1)
-    headings, positions = headings[last], positions[last]
+    headings, positions = log.headings[last], log.positions[last]
     moves = np.diff(positions) * np.exp(-1j * headings[:-1])
     return OdometryLog(times[keep], moves, np.diff(headings), repeated=int((~keep).sum()))
 
