@@ -63,12 +63,8 @@ class CostRates:
             along += noise.distance_var_per_step / noise.step_m
             across += noise.lateral_var_per_step / noise.step_m
         axes = dimensions - 1  # that swing the goal, and directions that are lateral
-        return cls(
-            heading=axes * heading,
-            position=along + axes * across,
-            turn_heading=axes * noise.heading_var_per_rad,
-            turn_position=noise.distance_var_per_rad,
-        )
+        turn_heading, turn_position = axes * noise.heading_var_per_rad, noise.distance_var_per_rad
+        return cls(axes * heading, along + axes * across, turn_heading, turn_position)
 
 
 def edge_cost(a: ArrayLike, b: ArrayLike, goal: ArrayLike, noise: OdometryNoise | CostRates) -> Floats:

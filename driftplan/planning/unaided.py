@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -249,16 +249,9 @@ class _OmplPaths:
         def stop() -> bool:
             return request.left_s(_SEARCH_SHARE) <= keep_s
 
-        raw = solve(
-            world,
-            request.ends[0],
-            request.ends[1],
-            noise if score == "drift" else None,
-            planner=request.planner.name,
-            stop=stop,
-            iterations=request.iterations,
-            seed=request.seed,
-        )
+        ends, objective = request.ends, noise if score == "drift" else None
+        limits: dict[str, Any] = {"iterations": request.iterations, "seed": request.seed}
+        raw = solve(world, ends[0], ends[1], objective, planner=request.planner.name, stop=stop, **limits)
         in_time = request.iterations is not None and not stop()
         self._status = Status.ITERATIONS_DONE if in_time else Status.TIME_LIMIT
         if raw is None:

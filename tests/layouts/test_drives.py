@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import drift_with_beacons
-from driftplan.layouts.placement.drives import HOLDS, Limit, drives_of, first_breach, worst_squares
+from driftplan.layouts.placement.drives import KEPT, Limit, drives_of, first_breach, worst_squares
 from driftplan.layouts.placement.problem import LimitSearch, placement_problem
 from driftplan.layouts.placement.route_table import IntervalMoments
 from driftplan.layouts.scenario import Scenario, Sites
@@ -149,7 +149,7 @@ def test_a_limit_broken_only_inside_a_piece_is_seen():
             intervals = IntervalMoments(table)
             intervals.forgets[:] = stepwise
             slot, _ = first_breach(intervals, drives_of(table, np.array([False]), np.arange(1)), needs.limit)
-            assert (slot[0] == HOLDS) is np.bool_(holds)
+            assert (slot[0] == KEPT) is np.bool_(holds)
 
 
 def test_a_radius_is_judged_by_its_quantile():
@@ -161,7 +161,7 @@ def test_a_radius_is_judged_by_its_quantile():
     for limit, holds in ((0.999 * radius, False), (1.001 * radius, True)):
         assert (not search.requirements([limit]).cuts(np.array([False]))) is holds
     assert Limit(np.array([radius]), 0.9).confidence == 0.9
-    assert HOLDS < 0
+    assert KEPT < 0
 
 
 def test_a_radius_beyond_the_limit_only_inside_a_piece_is_seen():
@@ -182,7 +182,7 @@ def test_a_radius_beyond_the_limit_only_inside_a_piece_is_seen():
         stepwise = IntervalMoments(table)
         stepwise.forgets[:] = True
         slot, _ = first_breach(stepwise, drives_of(table, np.array([False]), np.arange(1)), needs.limit)
-        assert (slot[0] == HOLDS) is np.bool_(holds)
+        assert (slot[0] == KEPT) is np.bool_(holds)
 
 
 def _along(table):

@@ -27,7 +27,7 @@ from driftplan.model.worst import ceiling, exceeds_between, greatest_between
 
 _RADIUS_PARTS = 16  # of a segment on which a radius comes close to the limit
 _CLOSE = 0.01  # share of 1 - confidence: a probability this near to the confidence may be below it between breakpoints
-HOLDS = -1
+KEPT = -1
 Failure = tuple[int, tuple[int, ...]]  # a route, and the beacons that are dead, by position
 _BREAKPOINTS_AT_ONCE = 200_000  # what more drives than that would take in memory
 
@@ -212,7 +212,7 @@ def _worst_squares(intervals: IntervalMoments, sets: ReadingSets) -> Floats:
 
 
 def first_breach(intervals: IntervalMoments, sets: ReadingSets, limit: Limit) -> tuple[Ints, Bools]:
-    """The first slot of each drive in which the limit breaks (`HOLDS`: none), and whether at the slot's start."""
+    """The first slot of each drive in which the limit breaks (`KEPT`: none), and whether at the slot's start."""
     found = [_first_breach(intervals, part, limit) for part in sets.parts(intervals.table.slots)]
     nothing = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
     slots, early = zip(nothing, *found, strict=True)
@@ -280,7 +280,7 @@ def _first_breach(intervals: IntervalMoments, sets: ReadingSets, limit: Limit) -
             broken[some] = limit.broken_within(begun, route[some], intervals.table, driven.segment[some])
     at_start = e == j
     slot = j - intervals.first[route] - ~at_start
-    breach, early = np.full(len(sets.route), HOLDS), np.zeros(len(sets.route), dtype=bool)
+    breach, early = np.full(len(sets.route), KEPT), np.zeros(len(sets.route), dtype=bool)
     bad = np.flatnonzero(broken)
     bad = bad[np.lexsort((~at_start[bad], -slot[bad]))]  # of several the first slot is written last
     breach[drive[bad]], early[drive[bad]] = slot[bad], at_start[bad]

@@ -29,15 +29,7 @@ import numpy as np
 
 from driftplan.arrays import Bools, Floats, Ints
 from driftplan.layouts.placement.cut_pool import Cut
-from driftplan.layouts.placement.drives import (
-    HOLDS,
-    FreshFixes,
-    Limit,
-    ReadingSets,
-    drives_of,
-    first_breach,
-    last_slots,
-)
+from driftplan.layouts.placement.drives import KEPT, FreshFixes, Limit, ReadingSets, drives_of, first_breach, last_slots
 from driftplan.layouts.placement.exclusions import Chances, Pairs, chance_exclusion, order_exclusion, pair_exclusions
 from driftplan.layouts.placement.route_table import IntervalMoments, RouteTable
 from driftplan.model.moments import Moments
@@ -65,7 +57,7 @@ class DriftRequirements:
         self.last_slot_of_start = self._last_slots(self.start, table.slots)
         again = self._before_next_own()
         until = np.minimum(self._last_slots(self.fresh, again), again)
-        self.last_slot_of = np.where(self.places, until, HOLDS)
+        self.last_slot_of = np.where(self.places, until, KEPT)
         self.intervals = IntervalMoments(table)
         met = np.unique(np.stack([table.site, self.route]), axis=1)
         self._routes_meeting = np.split(met[1], np.searchsorted(met[0], np.arange(1, sites)))
@@ -145,7 +137,7 @@ class DriftRequirements:
         if not simple.all():
             rest = sets.only(~simple)
             slots, early = first_breach(self.intervals, rest, self.limit)
-            for k in np.flatnonzero(slots != HOLDS).tolist():
+            for k in np.flatnonzero(slots != KEPT).tolist():
                 alive = rest.reading[rest.drive == k]
                 found += self._cuts_of(chosen, int(rest.route[k]), int(slots[k]), bool(early[k]), alive)
         return found

@@ -192,18 +192,9 @@ def _headings_would_help(search: BeaconSearch, limit: float, longest: float) -> 
 
 def _fusing_would_help(search: BeaconSearch, limit: float, longest: float) -> bool:
     """Whether a robot that fuses its readings is soon found to keep the limit."""
-    other = type(search)(
-        search.space,
-        search.world,
-        search.ends,
-        search.noise,
-        replace(search.reliance, estimator="filter"),
-        max_nodes=search.max_nodes,
-        seed=search.seed,
-        stop=search.stop,
-        shortest=search.shortest,
-        known=search.known,
-    )
+    given = search.space, search.world, search.ends, search.noise, replace(search.reliance, estimator="filter")
+    same: dict[str, Any] = {name: getattr(search, name) for name in ("max_nodes", "seed", "stop", "shortest", "known")}
+    other = type(search)(*given, **same)
     other.max_labels = _LABELS
     return other.any_within(limit, longest, _SLACK) is not None
 
