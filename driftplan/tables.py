@@ -21,12 +21,8 @@ NONE = "-"  # what a cell says that has no number
 
 
 def table(columns: Mapping[str, Iterable[object]]) -> str:
-    """Columns as wide as they need to be.
-
-    Parameters
-    ----------
-    columns : mapping of heading to cells
-        Cells are what `str` makes of them: `decimals` and `digits` make them of numbers.
+    """Columns by their headings, as wide as they need to be. Cells are what `str` makes of them: `decimals` and
+    `digits` make them of numbers.
 
     >>> print(table({"route": ["a", "shortest"], "m": decimals([12.5, 9.0], 1)}))
     route        m
@@ -150,14 +146,9 @@ class Tabular(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class Rows(Tabular):
-    """Things side by side, one row each.
+    """Things side by side, one row each."""
 
-    Attributes
-    ----------
-    rows : values by names that say their units
-    """
-
-    rows: tuple[dict[str, Any], ...]
+    rows: tuple[dict[str, Any], ...]  # values by names that say their units
 
     def columns(self) -> dict[str, Iterable[object]]:
         """What people read: headings and cells."""

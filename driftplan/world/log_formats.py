@@ -33,16 +33,10 @@ _MESSAGES: dict[str, tuple[str, str]] = {
 
 
 def read_recording(file: Path, role: Role, variable: str | None) -> Table:
-    """The numbers of a recording in whatever format.
+    """The numbers of a recording in whatever format; the ``role`` counts where a format holds both.
 
-    Parameters
-    ----------
-    file : Path
-    role : {"odometry", "truth"}, where a format holds both
-    variable : of a MATLAB file the array's name; of a ROS bag the topic, for transforms with the two frames, as in
-        ``/tf odom>base_link``
-
-    Raises TrajectoryError if the file cannot be read: the message names it, and what in it.
+    The ``variable`` is a MATLAB file's array, or a ROS bag's topic, for transforms with the two frames, as in
+    ``/tf odom>base_link``. Raises TrajectoryError if the file cannot be read: the message names it, and what in it.
     """
     if is_bag(file):
         return _bag(file, variable)

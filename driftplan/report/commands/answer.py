@@ -21,18 +21,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """Everything is computed before anything is printed or written; each part is made if it is asked for.
+    """Everything is computed before anything is printed or written; each part is made if it is asked for."""
 
-    Attributes
-    ----------
-    payload : what ``--json`` prints: a dict. Keys carry their unit; lengths are metres, angles radians.
-    text : the same for people, who get degrees
-    files : mapping of option or path to callable
-        What is written there, bytes or a figure: for the options that name a file, and for paths in any case.
-    """
-
-    payload: Callable[[], dict[str, Any]]
-    text: Callable[[], str]
+    payload: Callable[[], dict[str, Any]]  # what ``--json`` prints: keys carry their unit, m and radians
+    text: Callable[[], str]  # the same for people, who get degrees
+    # per option that names a file, if it is given, and per path in any case, what is written there
     files: Mapping[str | Path, Callable[[], bytes | Figure]] = field(default_factory=dict)
     failed: bool = False  # what was asked is answered with no: exit code 1
 
@@ -99,11 +92,9 @@ class Progress:
             print(_CLEAR_LINE, end="", file=sys.stderr, flush=True)
 
     def _tell(self) -> None:
-        since = time.monotonic()
-        pause = _QUIET_S
+        since, pause = time.monotonic(), _QUIET_S
         while not self._done.wait(pause):
-            pause = _TELL_EVERY_S
-            news = f": {Progress.news}" if Progress.news else ""
+            pause, news = _TELL_EVERY_S, f": {Progress.news}" if Progress.news else ""
             print(f"{_CLEAR_LINE}{time.monotonic() - since:.0f} s{news}", end="", file=sys.stderr, flush=True)
 
 

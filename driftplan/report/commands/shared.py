@@ -161,33 +161,23 @@ LAYOUT_FILES = {
 
 def noise_from(args: argparse.Namespace) -> OdometryNoise:
     """The noise that the options describe: spreads, rates, or a file or preset; systematic errors go with each."""
-    from driftplan import OdometryNoise
+    from driftplan import PRESETS, OdometryNoise, load_noise
 
     spread, rates, systematic, kept = (_given(args, table) for table in (_SPREADS, _RATES, _SYSTEMATIC, (_KEPT,)))
-    ways = [next(option.flag for option in _NOISE if option.name in way) for way in (spread, rates, kept) if way]
+    ways = [f"--{next(iter(way)).replace('_', '-')}" for way in (spread, rates, kept) if way]
     if len(ways) > 1:
         raise ValueError(f"expected the noise as spreads, as rates or from a file, got {' and '.join(ways)}")
     if rates.keys() == {"step_m"}:  # without a variance the odometry would silently be perfect
         raise ValueError("expected --step-m together with a variance, such as --heading-var-per-step, got it alone")
-    if kept:
-        noise = _noise_called(args.noise)
-    else:
+    if not kept:
         noise = OdometryNoise(**rates) if rates else OdometryNoise.from_std(**{**DEFAULT_SPREAD, **spread})
+    elif args.noise in PRESETS:
+        noise = PRESETS[args.noise].noise
+    elif Path(args.noise).exists():
+        noise = load_noise(args.noise)
+    else:
+        raise ValueError(f"expected --noise a noise file or a preset, one of {', '.join(PRESETS)}; got {args.noise!r}")
     return replace(noise, **systematic)
-
-
-_NOISE = tuple(option for group in NOISE for option in group.options)
-
-
-def _noise_called(name: str) -> OdometryNoise:
-    """The noise of a file, or the preset of that name."""
-    from driftplan import PRESETS, load_noise
-
-    if name in PRESETS:
-        return PRESETS[name].noise
-    if not Path(name).exists():
-        raise ValueError(f"expected --noise a noise file or a preset, one of {', '.join(PRESETS)}; got {name!r}")
-    return load_noise(name)
 
 
 def world_from(args: argparse.Namespace) -> World:
@@ -238,10 +228,8 @@ def _end(
     if args.snap:
         talk(f"{wrong}: moved {hypot(x - point[0], y - point[1]):.3g} m to {format_point(nearest)}")
         return x, y
-    raise error(
-        f"{wrong}; the nearest free point is {format_point(nearest)}: --snap takes that, for a robot of radius "
-        f"{world.robot_radius:g} m"
-    )
+    robot = f"a robot of radius {world.robot_radius:g} m"
+    raise error(f"{wrong}; the nearest free point is {format_point(nearest)}: --snap takes that, for {robot}")
 
 
 def layout_files(args: argparse.Namespace, layout: Layout) -> dict[str | Path, Callable[[], Any]]:
@@ -284,10 +272,10 @@ def start_fix_from(args: argparse.Namespace) -> Fix | None:
     """The uncertainty at the start that the options describe; None where it is known."""
     from driftplan import Fix
 
-    if args.start_position_std_m is None and args.start_heading_std_deg is None:
+    position, heading = args.start_position_std_m, args.start_heading_std_deg
+    if position is None and heading is None:
         return None
-    position, heading = args.start_position_std_m or 0.0, args.start_heading_std_deg or 0.0
-    return Fix.full(0.0, position_std_m=position, heading_std=radians(heading))
+    return Fix.full(0.0, position_std_m=position or 0.0, heading_std=radians(heading or 0.0))
 
 
 def kind_from(args: argparse.Namespace, **common: Any) -> BeaconKind:

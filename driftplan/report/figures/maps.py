@@ -210,15 +210,8 @@ def diagonal(box: Sequence[float]) -> float:
 def error_ellipse(cov: ArrayLike, confidence: float = 0.95) -> tuple[Floats, Floats, Floats]:
     """Width, height and tilt of the ellipse that holds a Gaussian error of covariance ``cov`` with this confidence.
 
-    Parameters
-    ----------
-    cov : (..., 2, 2) array, m²
-    confidence : float in (0, 1)
-
-    Returns
-    -------
-    width_m, height_m, angle_deg : (...), full axes, the longer one first, and the angle from +x to it,
-        counter-clockwise, in degrees, as matplotlib has it
+    Of ``cov`` (..., 2, 2) in m² and a confidence in (0, 1) it makes width and height (...) in metres, full axes, the
+    longer one first, and the angle from +x to it, counter-clockwise, in degrees, as matplotlib has it.
 
     >>> [round(float(x), 3) for x in error_ellipse([[4.0, 0.0], [0.0, 1.0]])]
     [9.791, 4.895, 0.0]

@@ -11,18 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from driftplan.arrays import number
-from driftplan.report.figures import style
-from driftplan.report.figures.maps import (
-    box_around,
-    diagonal,
-    drift_of,
-    magnification,
-    mark_spacing_of,
-    marked_profile,
-    plot_beacons,
-    plot_route,
-    plot_world,
-)
+from driftplan.report.figures import maps, style
 from driftplan.tables import counted
 
 if TYPE_CHECKING:
@@ -62,8 +51,8 @@ def plot_drift(
     ['mine', '95 % within this radius']
     """
     ax = style.current_axes(ax)
-    drift = drift_of(route)
-    profile, marks = marked_profile(drift, mark_spacing_of([drift], spacing_m))
+    drift = maps.drift_of(route)
+    profile, marks = maps.marked_profile(drift, maps.mark_spacing_of([drift], spacing_m))
     look = {"linewidth": 1.8, "markersize": 4, "label": label, **style.own_look(ax, line_kwargs)}
     lines = ax.plot(profile.distance, profile.rms, markevery=marks, **look)
     if radius_at is not None:
@@ -103,18 +92,19 @@ def plot_comparison(
     """
     if not routes:
         raise ValueError("expected at least one route to draw, got none")
-    drifts = {label: drift_of(route) for label, route in routes.items()}
-    spacing = mark_spacing_of(list(drifts.values()), None)
-    box = box_around(*(d.profile().xy for d in drifts.values())) if world is None else world.bounds
-    magnify = magnification(list(drifts.values()), diagonal(box), confidence)
+    drifts = {label: maps.drift_of(route) for label, route in routes.items()}
+    spacing = maps.mark_spacing_of(list(drifts.values()), None)
+    box = maps.box_around(*(d.profile().xy for d in drifts.values())) if world is None else world.bounds
+    magnify = maps.magnification(list(drifts.values()), maps.diagonal(box), confidence)
     figure, on_map, on_drift = style.map_and_curve(figure, box)
-    drawn_world = None if world is None else plot_world(world, ax=on_map)
+    drawn_world = None if world is None else maps.plot_world(world, ax=on_map)
     drawn, handles = [], list[Any]()
     ranked = sorted(drifts, key=lambda label: -float(drifts[label].end.rms))
     others = ranked[len(style.ROUTE_STYLES) :]
     for label, own in zip([label for label in drifts if label not in others], style.ROUTE_STYLES, strict=False):
         drift = drifts[label]
-        drawn.append(plot_route(drift, ax=on_map, magnify=magnify, spacing_m=spacing, confidence=confidence, **own))
+        look = {"magnify": magnify, "confidence": confidence, "spacing_m": spacing, **own}
+        drawn.append(maps.plot_route(drift, ax=on_map, **look))
         legend = f"{label}: {_metric(float(drift.length))} m, rms {_metric(float(drift.end.rms))} m at the end"
         handles += plot_drift(drift, ax=on_drift, label=legend, spacing_m=spacing, **own)
     for label in others:
@@ -167,10 +157,10 @@ def plot_itinerary(
     '1 beacon counted on: worst drift 0.381 m, under the limit of 0.5 m'
     """
     figure, on_map, on_drift = style.map_and_curve(figure, world.bounds)
-    plot_world(world, ax=on_map)
-    drawn = plot_beacons(beacons or itinerary.beacons, ax=on_map, used=itinerary.beacons)
+    maps.plot_world(world, ax=on_map)
+    drawn = maps.plot_beacons(beacons or itinerary.beacons, ax=on_map, used=itinerary.beacons)
     own = style.ROUTE_STYLES[0]
-    route = plot_route(itinerary, ax=on_map, **own)
+    route = maps.plot_route(itinerary, ax=on_map, **own)
     label = f"{itinerary.length:.4g} m, worst {itinerary.worst_drift:.3g} m, at the end {itinerary.rms:.3g} m"
     lines = plot_drift(itinerary, ax=on_drift, label=label, **own)
     title = f"{counted(len(itinerary.beacons), 'beacon')} counted on: worst drift {itinerary.worst_drift:.3g} m"
@@ -200,9 +190,9 @@ def plot_pareto(world: World, routes: Sequence[Route], *, figure: Figure | None 
 
     best = knee(routes)
     figure, on_map, on_curve = style.map_and_curve(figure, world.bounds)
-    plot_world(world, ax=on_map)
+    maps.plot_world(world, ax=on_map)
     used = {id(beacon): beacon for route in routes for beacon in route.beacons}
-    drawn = plot_beacons(list(used.values()), ax=on_map, used=list(used.values()))
+    drawn = maps.plot_beacons(list(used.values()), ax=on_map, used=list(used.values()))
     lines = []
     for k, (route, own) in enumerate(zip(routes, cycle(style.ROUTE_STYLES), strict=False)):
         label = f"{route.length:.4g} m, worst {route.worst_drift:.3g} m, at the end {route.rms:.3g} m"
@@ -237,7 +227,7 @@ def plot_collisions(world: World, chance: CollisionChance, *, figure: Figure | N
     from matplotlib.collections import LineCollection
 
     figure, on_map, on_curve = style.map_and_curve(figure, world.bounds)
-    drawn = plot_world(world, ax=on_map)
+    drawn = maps.plot_world(world, ax=on_map)
     on_map.plot(*chance.xy.T, color="black", linewidth=5.5, solid_capstyle="round", zorder=2.9)
     ways = np.stack([chance.xy[:-1], chance.xy[1:]], axis=1)
     greater = np.maximum(chance.at[:-1], chance.at[1:])
