@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from math import inf, isfinite
 from reprlib import repr as short
-from typing import Any, SupportsFloat, cast, get_args
+from typing import Any, Self, SupportsFloat, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +21,22 @@ Bools = NDArray[np.bool_]
 
 MAX_NUMBER = 1e13  # metres or anything: of greater ones products overflow
 _MIN_POSITIVE = 1e-50
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """Arrays that go together: the fields of a dataclass."""
+
+    def arrays(self) -> tuple[Array, ...]:
+        """The arrays, in the order of the attributes."""
+        return tuple(getattr(self, field.name) for field in fields(self))
+
+    def __getitem__(self, index: Any) -> Self:
+        return type(self)(*(x[index] for x in self.arrays()))
+
+    def numbers(self) -> list[Self]:
+        """One by one, in Python's numbers, on which a single operation costs a tenth."""
+        return [type(self)(*row) for row in zip(*(np.ravel(x).tolist() for x in self.arrays()), strict=True)]
 
 
 def is_number(value: object) -> bool:

@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Array, Complexes, Floats, Ints, as_covariance, as_plane
+from driftplan.arrays import Array, Columns, Complexes, Floats, Ints, as_covariance, as_plane
 from driftplan.model import moments
 from driftplan.model.elements import run_moments, turn_moments
 from driftplan.model.filter_state import LegColumns, Row, transition_entries, upper_triangle
@@ -45,19 +45,12 @@ _PERFECT_READING_VARIANCE = 1e-12  # m² or rad²: of a perfect reading of what 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CovarianceMap:
+class CovarianceMap(Columns):
     """What driving and reading do to the covariance: ``P ↦ A (I + P J)⁻¹ P Aᵀ + C``, over any leading axes."""
 
     A: Floats  # (..., d, d) transition, d = 3 + constants
     C: Floats  # (..., d, d) covariance gained
     J: Floats  # (..., d, d) information gained about the state at the beginning
-
-    def arrays(self) -> tuple[Floats, Floats, Floats]:
-        return self.A, self.C, self.J
-
-    def __getitem__(self, index: Any) -> CovarianceMap:
-        """By the first of the leading axes."""
-        return CovarianceMap(*(x[index] for x in self.arrays()))
 
     def __call__(self, P: Floats) -> Floats:
         """The covariance at the end of the stretch, given that at its beginning, (..., d, d)."""

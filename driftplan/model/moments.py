@@ -16,11 +16,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Array
+from driftplan.arrays import Array, Columns
 
 _SMALLEST_COHERENCE = 1e-100  # a smaller factor is taken for this: what it multiplies is forgotten either way
 _FEW = 16  # up to so many pieces, Python's numbers beat numpy's arrays
@@ -28,7 +27,7 @@ _CHUNK_LOG = 400.0  # natural logarithm by which the coherence may fall within o
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moments:
+class Moments(Columns):
     """True motion and error moments of pieces of odometry, over any leading axes.
 
     Attributes
@@ -54,9 +53,6 @@ class Moments:
     def shape(self) -> tuple[int, ...]:
         return np.shape(self.N)
 
-    def __getitem__(self, index: Any) -> Moments:
-        return Moments(*(x[index] for x in self.arrays()))
-
     @classmethod
     def concatenate(cls, parts: Iterable[Moments], axis: int = -1) -> Moments:
         """Pieces one after the other along an axis."""
@@ -67,10 +63,6 @@ class Moments:
         """Single pieces, in Python's numbers or not, as arrays (n,)."""
         u, p, d1, d2, D, e1, N, e2, a, b = (np.array(x) for x in zip(*map(_fields, pieces), strict=True))
         return cls(u, p, d1, d2, D.real, e1, N.real, e2, a, b)
-
-    def numbers(self) -> list[Moments]:
-        """The pieces (n,), or the one there is, in Python's numbers, on which composing costs a tenth."""
-        return [Moments(*row) for row in zip(*(np.ravel(x).tolist() for x in self.arrays()), strict=True)]
 
     def arrays(self) -> tuple[Array, ...]:
         """The ten arrays, in the order of the attributes, broadcast against each other."""

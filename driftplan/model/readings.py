@@ -14,9 +14,9 @@ bearing, which tell neither position nor heading by themselves.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from driftplan.arrays import (
     Array,
     Bools,
+    Columns,
     Complexes,
     Floats,
     Ints,
@@ -157,7 +158,7 @@ class Fix:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Readings:
+class Readings(Columns):
     """Readings along one path, or laws of readings, as arrays of one length.
 
     Attributes
@@ -210,16 +211,9 @@ class Readings:
     def __len__(self) -> int:
         return len(self.s_m)
 
-    def __getitem__(self, index: Any) -> Readings:
-        return Readings(*(x[index] for x in self.arrays()))
-
     def __add__(self, more: Readings) -> Readings:
         """These and, at one place after those of the same rank, ``more``."""
         return Readings(*(np.concatenate(pair) for pair in zip(self.arrays(), more.arrays(), strict=True)))
-
-    def arrays(self) -> tuple[Array, ...]:
-        """The arrays, in the order of the attributes."""
-        return tuple(getattr(self, field.name) for field in fields(self))
 
     @property
     def read_position(self) -> Bools:
@@ -299,7 +293,7 @@ class Readings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Resets:
+class Resets(Columns):
     """What readings do to error moments when they replace what they measure: each a linear map with these coefficients.
 
     With probability ``chance`` the heading error δ, if it is read, becomes a fresh one with moments d1, d2, -2 d1, and
@@ -331,14 +325,6 @@ class Resets:
         return Moments(
             before.u, before.p, d1, d2, D, keep * e1, keep * before.N + self.N, keep * before.e2 + self.e2, a, b
         )
-
-    def __getitem__(self, index: Any) -> Resets:
-        return Resets(*(getattr(self, field.name)[index] for field in fields(self)))
-
-    def numbers(self) -> list[Resets]:
-        """One by one, as Python's numbers, on which a single `apply` costs a tenth."""
-        columns = (getattr(self, field.name).tolist() for field in fields(self))
-        return [Resets(*row) for row in zip(*columns, strict=True)]
 
 
 def start_errors(start_fix: Fix | None) -> Moments:

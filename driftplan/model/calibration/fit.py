@@ -135,16 +135,11 @@ class NoiseFit(Tabular):
 
     def to_dicts(self) -> list[dict[str, Any]]:
         """One row per fitted rate, in the units of `OdometryNoise`."""
-        return [
-            {
-                "rate": name,
-                "fitted": getattr(self.noise, name),
-                "std_error": self.std_errors[name],
-                "low": low,
-                "high": high,
-            }
-            for name, (low, high) in self.intervals.items()
-        ]
+        names = ("rate", "fitted", "std_error", "low", "high")
+        rows = (
+            (name, getattr(self.noise, name), self.std_errors[name], *held) for name, held in self.intervals.items()
+        )
+        return [dict(zip(names, row, strict=True)) for row in rows]
 
     def columns(self) -> dict[str, list[str]]:
         rows = self.to_dicts()

@@ -12,6 +12,7 @@ from driftplan.arrays import Array, Bools, Complexes, Floats, number
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.resampling import ResampledDrive, along_travel, resample, robust_std, true_motion
 
+_MOST_OFFSET_S = 1.0
 _OFFSETS = 20  # clock offsets tried to either side
 _CLEARLY = 0.95  # an offset must reduce the disagreement of the recordings to this share
 _CLEARLY_TURNED = 4.0  # standard errors that a heading offset must have,
@@ -172,13 +173,13 @@ def _mounting(resampled: list[ResampledDrive]) -> float:
     return angle if abs(angle) > max(_CLEARLY_TURNED * error, _LEAST_RAD) else 0.0
 
 
-def _clock_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0) -> float:
-    """Truth clock minus odometry clock, s, up to ``reach_s``: where turns (without headings: distances) over short
+def _clock_offset(odometry: OdometryLog, truth: Trajectory) -> float:
+    """Truth clock minus odometry clock, s: where turns (without headings: distances) over short
     windows agree best. 0 unless their mean difference falls by a twentieth: a slow or steady drive says nothing about
     clocks."""
     window = max(0.5, 2 * float(np.median(np.diff(truth.times))), 2 * float(np.median(np.diff(odometry.times))))
-    first = max(odometry.times[0], truth.times[0]) + reach_s
-    last = min(odometry.times[-1], truth.times[-1]) - reach_s
+    first = max(odometry.times[0], truth.times[0]) + _MOST_OFFSET_S
+    last = min(odometry.times[-1], truth.times[-1]) - _MOST_OFFSET_S
     if last - first < 20 * window:
         return 0.0
     at = np.linspace(first, last, min(int((last - first) / (0.5 * window)), 4000))
@@ -198,18 +199,13 @@ def _clock_offset(odometry: OdometryLog, truth: Trajectory, reach_s: float = 1.0
         return float(np.mean(np.abs(difference - np.median(difference))))
 
     unshifted = disagreement(0.0)
-    best, step = 0.0, reach_s / _OFFSETS
+    best, step = 0.0, _MOST_OFFSET_S / _OFFSETS
     for _ in range(2):  # a coarse search, then a fine one around its best
         offsets = best + step * np.arange(-_OFFSETS, _OFFSETS + 1)
         values = [disagreement(float(offset)) for offset in offsets]
         best, least, step = float(offsets[int(np.argmin(values))]), min(values), step / _OFFSETS
-    if (
-        least > _CLEARLY * unshifted
-        or unshifted < 1e-9 * float(np.ptp(reported))
-        or abs(best) > (1 - 1 / _OFFSETS) * reach_s
-    ):
-        return 0.0
-    return best
+    telling = least <= _CLEARLY * unshifted and unshifted >= 1e-9 * float(np.ptp(reported))
+    return best if telling and abs(best) <= (1 - 1 / _OFFSETS) * _MOST_OFFSET_S else 0.0
 
 
 def _good_samples(odometry: OdometryLog, truth: Trajectory) -> tuple[Bools, list[tuple[float, float]]]:

@@ -181,10 +181,8 @@ def _with_or_without_heading(
 
 def truth_repeats(odometry: OdometryLog, truth: Trajectory) -> bool:
     """Whether the truth's headings are nothing but the odometry's turns added up: no measurement of their own."""
-    if truth.heading is None:
-        return False
     inside = (truth.times >= odometry.times[0]) & (truth.times <= odometry.times[-1])
-    if inside.sum() < 3 or np.abs(odometry.turns).sum() == 0:
+    if truth.heading is None or inside.sum() < 3 or np.abs(odometry.turns).sum() == 0:
         return False
     integrated = np.interp(truth.times[inside], odometry.times, odometry.headings)
     return bool(np.median(np.abs(np.diff(truth.heading[inside] - integrated))) < 1e-9)

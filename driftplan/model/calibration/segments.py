@@ -164,12 +164,13 @@ def pieces(part: ResampledDrive, noise: OdometryNoise, way: int = 1) -> Moments:
     pieces: 1/(2n²). On the ``way`` back (-1), a heading bias per metre turns the other way.
     """
     random = _increments(part, noise, way)
-    half = _heading_error(random.heading_var / 2, random.heading_mean / 2)
     move = np.diff(part.truth)
-    shift = noise.distance_scale_error * move
-    zero = np.zeros(move.shape)
+    shift, one, zero = noise.distance_scale_error * move, np.ones(move.shape), np.zeros(move.shape)
+    d1 = np.expm1(-random.heading_var / 4 + 0.5j * random.heading_mean)
+    d2 = np.expm1(-random.heading_var + 1j * random.heading_mean) - 2 * d1
+    half = Moments(one, zero, d1, d2, -2 * d1.real, zero, zero, zero, zero, zero)
     square, skew = np.abs(shift) ** 2 + random.square, shift**2 + random.elongation
-    moved = Moments(np.ones(move.shape), move, zero, zero, zero, shift, square, skew, zero, zero)
+    moved = Moments(one, move, zero, zero, zero, shift, square, skew, zero, zero)
     return compose(compose(half, moved), half)
 
 
@@ -204,14 +205,6 @@ def windows(pieces: Moments, steps: Sequence[int]) -> dict[int, Moments]:
         return known[n]
 
     return {n: of(n) for n in steps}
-
-
-def _heading_error(variance: Floats, mean: Floats) -> Moments:
-    """A heading error ~ N(mean, variance) and nothing else."""
-    d1 = np.expm1(-variance / 2 + 1j * mean)
-    d2 = np.expm1(-2 * variance + 2j * mean) - 2 * d1
-    zero = np.zeros(variance.shape)
-    return Moments(np.ones(variance.shape), zero, d1, d2, -2 * d1.real, zero, zero, zero, zero, zero)
 
 
 def _expect_with_heading(seen: Observations, w: Moments, truth: TruthNoise) -> tuple[Floats, Floats]:
