@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array
 
+from driftplan.layouts.placement.cover_bounds import LocalSearch, Relaxation
 from driftplan.layouts.placement.covering import _CoverSearch, cheapest_cover
 from driftplan.layouts.placement.cut_pool import Cut, CutPool
-from driftplan.layouts.placement.local_search import LocalSearch
-from driftplan.layouts.placement.relaxation import Relaxation
 from driftplan.planning.status import Status
 
 

@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import Bounds, LinearConstraint, linprog, milp
 
 from driftplan.layouts.placement import covering
+from driftplan.layouts.placement.cover_bounds import Solution
 from driftplan.layouts.placement.covering import _CoverSearch, cheapest_cover
 from driftplan.layouts.placement.cut_pool import Cut, CutPool
-from driftplan.layouts.placement.relaxation import Solution
 from driftplan.planning.status import Status
 
 

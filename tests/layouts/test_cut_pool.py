@@ -8,10 +8,9 @@ import pytest
 from scipy.optimize import Bounds, LinearConstraint, linprog, milp
 from scipy.sparse import csr_array
 
-from driftplan.layouts.placement import local_search, relaxation
+from driftplan.layouts.placement import cover_bounds
+from driftplan.layouts.placement.cover_bounds import LocalSearch, Relaxation, _interruptible, common_step
 from driftplan.layouts.placement.cut_pool import Cut, CutPool
-from driftplan.layouts.placement.local_search import LocalSearch
-from driftplan.layouts.placement.relaxation import Relaxation, _interruptible, common_step
 
 
 def cut_of(row, least, where=(0, 0)):
@@ -186,7 +185,7 @@ def test_what_the_solver_could_not_finish_is_no_optimum(whole, monkeypatch):
         limits.append(time_limit)
         return SimpleNamespace(status=1, x=np.full(9, 0.5), mip_dual_bound=told.pop(), fun=3.0)
 
-    monkeypatch.setattr(relaxation, "_optimum", unfinished)
+    monkeypatch.setattr(cover_bounds, "_optimum", unfinished)
     for bound in (2.5 if whole else 0.0, 0.0, 0.0):
         y, mine, solved, impossible = found.optimum(np.inf, 7.0, whole=whole)
         assert (mine, solved, impossible) == (bound, False, False)
@@ -206,8 +205,8 @@ def test_sites_of_layouts_that_are_not_a_step_cheaper_are_not_worth_trying(step,
 
 @pytest.mark.parametrize("size", [3, 0])
 def test_the_sites_that_look_best_are_those_of_least_reduced_cost_and_all_that_are_there(size, monkeypatch):
-    monkeypatch.setattr(relaxation, "_CORE_SITES", size)
-    monkeypatch.setattr(relaxation, "_CORE_PER_ROW", 1)
+    monkeypatch.setattr(cover_bounds, "_CORE_SITES", size)
+    monkeypatch.setattr(cover_bounds, "_CORE_PER_ROW", 1)
     found, *_ = relaxed(0, fixed=[8])
     found.rows.active[:] = False
     found.rows.active[:2] = True
@@ -243,7 +242,7 @@ def test_a_solver_that_fails_and_an_error_beside_the_main_thread_are_not_swallow
     with pytest.raises(ZeroDivisionError):
         _interruptible(fail)
     assert _interruptible(lambda: 7) == 7
-    monkeypatch.setattr(relaxation, "_interruptible", lambda work: SimpleNamespace(status=4, message="numbers"))
+    monkeypatch.setattr(cover_bounds, "_interruptible", lambda work: SimpleNamespace(status=4, message="numbers"))
     found, *_ = relaxed(0)
     with pytest.raises(RuntimeError, match="could not solve the covering problem: numbers"):
         found.optimum(np.inf, 9.0, whole=True)
@@ -353,7 +352,7 @@ def test_a_local_search_stops_at_the_goal_in_time_and_where_nothing_may_go(monke
         looks.append(None)
         return 5.0 * len(looks)
 
-    monkeypatch.setattr(local_search, "time", SimpleNamespace(monotonic=monotonic))
+    monkeypatch.setattr(cover_bounds, "time", SimpleNamespace(monotonic=monotonic))
     late = search()
     assert late.improve(start, 12.0, goal=0.0).sum() == 1
     assert len(looks) == 3

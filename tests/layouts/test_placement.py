@@ -13,7 +13,7 @@ from driftplan.beacons.readings import beacon_fixes, beacon_passes, drift_with_b
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.placement import covering
-from driftplan.layouts.placement.relaxation import Solution
+from driftplan.layouts.placement.cover_bounds import Solution
 from driftplan.layouts.scenario import SiteGroup, Sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix

@@ -13,7 +13,7 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import beacon_passes, drift_with_beacons
 from driftplan.errors import InfeasibleError, KeywordError
 from driftplan.layouts.placement import covering, placement_diagnosis
-from driftplan.layouts.placement.relaxation import Solution
+from driftplan.layouts.placement.cover_bounds import Solution
 from driftplan.layouts.scenario import SiteGroup, grid_sites, route_sites, wall_sites
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix

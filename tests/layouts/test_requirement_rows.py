@@ -56,7 +56,7 @@ class Case:
     def last(self, route, site, slot):
         """The last position reading of a site at or before a slot, or None."""
         before = [e for e in self.readings(route, [site]) if self.table.breakpoint[e] <= slot]
-        before = [e for e in before if not np.isnan(self.table.trace[e])]
+        before = [e for e in before if not np.isnan(self.table.readings.square[e])]
         return before[-1] if before else None
 
     def holders(self, route, slot):
@@ -257,9 +257,9 @@ def test_the_heading_after_a_reading_lies_between_those_of_the_readings_before(n
     for route in range(table.routes):
         here = table.readings_of(route)
         for e in range(here.start, here.stop):
-            if table.chance[e] < 1:
+            if table.readings.chance[e] < 1:
                 continue
-            before = [a for a in range(here.start, e) if turns[a] and table.chance[a] == 1]
+            before = [a for a in range(here.start, e) if turns[a] and table.readings.chance[a] == 1]
             states = [its.state(route, [e])] + [its.state(route, [a, e]) for a in before] * (not turns[e])
             if its.needs.places[e]:
                 assert fresh.state.N[e].real == pytest.approx(states[0].N.real)
@@ -338,7 +338,7 @@ def test_a_no_good_cut_names_the_sites_on_which_the_drift_in_the_slot_depends(na
                     if site not in cut.columns:
                         assert then == pytest.approx(now, rel=1e-9, abs=1e-15)
                 # the last sure position, the last sure heading before that, and whatever is or might be read since
-                sure = [e for e in before.tolist() if table.chance[e] == 1]
+                sure = [e for e in before.tolist() if table.readings.chance[e] == 1]
                 placed = max([e for e in sure if needs.places[e]], default=-1)
                 turned = max([e for e in sure if needs.turns[e] and e <= placed], default=-1)
                 since = [e for e in its.readings(route, met) if table.breakpoint[e] <= slot]

@@ -8,6 +8,6 @@ How the search goes: `route_table` turns routes into arrays of segments and poss
 a limit demands of a layout, with `exclusions` (sets of sites that will not do) and `drives` (how far one gets from
 reading to reading, and where given layouts break the limit, also with beacons dead).
 For a robot that fuses its readings `fused_routes`, `fused_requirements` and `weighted_cuts` take the place of all
-these. `covering` finds the cheapest cover of what is demanded, on plain arrays: `cut_pool` holds the cuts, `relaxation`
-bounds the cost, `local_search` looks for cheaper layouts.
+these. `covering` finds the cheapest cover of what is demanded, on plain arrays: `cut_pool` holds the cuts,
+`cover_bounds` bounds the cost and looks for cheaper layouts.
 """

@@ -14,7 +14,7 @@ relaxation, so its optimum (HiGHS, through scipy) is a lower bound, and when its
 is the optimum. Nothing else is assumed: acceptable layouts need not stay acceptable when a site is added.
 
 In the meantime every rejected layout is completed greedily to an acceptable one, so that there is an answer early; the
-linear relaxation tells which few sites are worth choosing among, a local search (`local_search`) and HiGHS look among
+linear relaxation tells which few sites are worth choosing among, a local search (`cover_bounds`) and HiGHS look among
 them for something cheaper, and sites too dear for any layout better than the best are left out of the master.
 """
 
@@ -28,9 +28,8 @@ from math import ceil, inf
 import numpy as np
 
 from driftplan.arrays import Bools, Floats, Ints
+from driftplan.layouts.placement.cover_bounds import LP_ROOM, LocalSearch, Relaxation, Solution, common_step
 from driftplan.layouts.placement.cut_pool import EPS, Cut, CutPool, Oracle
-from driftplan.layouts.placement.local_search import LocalSearch
-from driftplan.layouts.placement.relaxation import LP_ROOM, Relaxation, Solution, common_step
 from driftplan.planning.status import Status
 
 _LONGEST_S = 600.0  # of a search, as far as it is divided into parts

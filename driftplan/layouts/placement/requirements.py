@@ -46,8 +46,8 @@ class DriftRequirements:
     def __init__(self, table: RouteTable, sites: int, limit: Limit, redundancy: int = 1):
         self.table, self.sites, self.limit, self.redundancy = table, sites, limit, redundancy
         self.route = table.route
-        self.places, self.turns = ~np.isnan(table.trace), ~np.isnan(table.heading_d1)
-        self.sure = _every(table, table.chance == 1)
+        self.places, self.turns = ~np.isnan(table.readings.square), ~np.isnan(table.heading_d1)
+        self.sure = _every(table, table.readings.chance == 1)
         self.blind = ~_every(table, self.places)
         one_kind = _every(table, self.turns) | _every(table, ~self.turns)
         self.independent = self.sure & ~self.blind & one_kind  # the state after a reading is known
@@ -222,7 +222,7 @@ class DriftRequirements:
         alone, together = in_reach.copy(), np.outer(turns, in_reach & ~turns) & np.less.outer(last, last)
         for breakpoint in {slot, min(slot + 1, int(self.table.slots[route]))}:
             base, lever = (x[self.table.breakpoint[last]] for x in self.intervals.to(route, breakpoint))
-            base = base + self.table.trace[last]
+            base = base + self.table.readings.square[last]
             lever = lever * kept
             alone &= turns | (base - 2 * (begun * lever).real <= bar)
             together &= base - 2 * np.multiply.outer(left, lever).real <= bar
@@ -232,8 +232,9 @@ class DriftRequirements:
         """At least so many sites outside a set that cannot hold the slot, judged at one breakpoint; none if it may."""
         readings = self._readings_before(route, slot)
         at_start, squares = self._least_squares(route, breakpoint, readings)
-        chances = Chances(at_start, self.table.site[readings], self.table.chance[readings], squares, self._bar(route))
-        everyone = set(chances.site.tolist())
+        site, chance = self.table.site[readings], self.table.readings.chance[readings]
+        chances = Chances(at_start, site, chance, squares, self._bar(route))
+        everyone = set(site.tolist())
         W, need = chance_exclusion(chances, within)
         if need == 0:
             found = order_exclusion(chances, within)
@@ -245,7 +246,7 @@ class DriftRequirements:
     def _no_good(self, chosen: Bools, route: int, slot: int, alive: Ints) -> Cut:
         """Something that the state in the slot depends on must change."""
         table, here = self.table, self.table.readings_of(route)
-        certain = table.chance[alive] == 1
+        certain = table.readings.chance[alive] == 1
         placing = alive[certain & self.places[alive]]
         placed = int(placing[-1]) if len(placing) else _START
         turning = alive[certain & self.turns[alive] & (alive <= placed)]
@@ -280,7 +281,7 @@ class DriftRequirements:
         if self.blind[route]:
             along = self.intervals.translation[self.intervals.first[route] + np.arange(breakpoint + 1)]
             noise = along[breakpoint] - along
-            return float(table.start.N[route].real + noise[0]), table.trace[readings] + noise[breakpoints]
+            return float(table.start.N[route].real + noise[0]), table.readings.square[readings] + noise[breakpoints]
         base, lever = self.intervals.to(route, breakpoint)
         turned = (1 + table.start.d1[route]) * lever[0]
         at_start = float(table.start.N[route].real + base[0] - 2 * np.real(turned))
@@ -288,7 +289,7 @@ class DriftRequirements:
         low, high = 1 + self.fresh.low[readings], 1 + self.fresh.high[readings]
         most = np.maximum(low.real * lever.real, high.real * lever.real)
         most = most + np.maximum(-low.imag * lever.imag, -high.imag * lever.imag)
-        return at_start, table.trace[readings] + base[breakpoints] - 2 * most
+        return at_start, table.readings.square[readings] + base[breakpoints] - 2 * most
 
     def _bar(self, route: int) -> float:
         """The limit squared, and a little more: rounding must not exclude a layout that just holds."""
@@ -324,6 +325,6 @@ def _sources(table: RouteTable, places: Bools, turns: Bools) -> FreshFixes:
         d2[here] = np.where(turns[here], d2[here], alone)
     low[turns] = high[turns] = table.heading_d1[turns]
     zero = np.zeros(n)
-    trace = np.where(places, table.trace, 0.0)
+    trace = np.where(places, table.readings.square, 0.0)
     state = Moments(np.ones(n), zero, low, d2, -2 * low.real, zero, trace, zero, zero, zero)
     return FreshFixes(table.route, table.breakpoint, state, low, high)

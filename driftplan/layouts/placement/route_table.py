@@ -84,16 +84,6 @@ class RouteTable:
         return self.readings.source
 
     @property
-    def chance(self) -> Floats:
-        """That each reading succeeds, (events,)."""
-        return self.readings.chance
-
-    @property
-    def trace(self) -> Floats:
-        """E|e|² of the position each reading gives, (events,), m²; NaN where it gives none."""
-        return self.readings.square
-
-    @property
     def slots(self) -> Ints:
         """Number of segments of each route, hence its last breakpoint and slot, (routes,)."""
         return np.diff(self.first_segment)
