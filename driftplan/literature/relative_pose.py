@@ -16,19 +16,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import (
-    Array,
-    Floats,
-    as_covariance,
-    as_plane,
-    choice,
-    covariance,
-    finite,
-    not_negative,
-    number,
-    plane,
-    shaped,
-)
+from driftplan.arrays import Array, as_covariance, choice, covariance, finite, not_negative, number, plane, shaped
 from driftplan.model.elements import step_element, step_errors
 from driftplan.model.heading_laws import law_moments
 from driftplan.model.moments import Moments, identity, scan
@@ -137,7 +125,7 @@ class StepNoise:
             heading_std_rad=heading_std_rad,
             heading_mean_rad=heading_mean_rad,
             heading_law=heading_law,
-            translation_bias_m=as_plane(bias),
+            translation_bias_m=(bias.real, bias.imag),
             translation_cov_m2=as_covariance(bias, np.asarray(-2 * abs(t) ** 2 * loss + var), np.asarray(square)),
         )
 
@@ -201,7 +189,7 @@ def dead_reckoning(
     return PointDrift(np.concatenate([[0.0], driven]), states)
 
 
-def checked_steps(turns_rad: ArrayLike, translations_m: ArrayLike) -> tuple[Floats, Array]:
+def checked_steps(turns_rad: ArrayLike, translations_m: ArrayLike) -> tuple[Array, Array]:
     """Turns (n,) and translations, as complex numbers (n,) or, one for all steps, ()."""
     turns, t = finite("turns_rad", turns_rad), plane("translations_m", translations_m)
     if turns.ndim != 1 or not len(turns):
