@@ -28,26 +28,18 @@ _CHUNK_LOG = 400.0  # natural logarithm by which the coherence may fall within o
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moments(Columns):
-    """True motion and error moments of pieces of odometry, over any leading axes.
+    """True motion and error moments of pieces of odometry, over any leading axes."""
 
-    Attributes
-    ----------
-    u, p : true rotation (unit complex) and true translation in metres, in the frame of the piece's start
-    d1, d2, D : E[δ], E[δ²], E[|δ|²] of the heading error δ (no unit). For true rotations ``D = -2 Re d1``.
-    e1, N, e2 : E[e] (m), E[|e|²] (m²), E[e²] (m²) of the position error e
-    a, b : E[e conj(δ)], E[e δ] (m)
-    """
-
-    u: Array
-    p: Array
-    d1: Array
-    d2: Array
-    D: Array
-    e1: Array
-    N: Array
-    e2: Array
-    a: Array
-    b: Array
+    u: Array  # true rotation, unit complex
+    p: Array  # true translation, metres, in the frame of the piece's start
+    d1: Array  # E[δ] of the heading error δ (no unit)
+    d2: Array  # E[δ²]
+    D: Array  # E[|δ|²]; for true rotations -2 Re d1
+    e1: Array  # E[e] of the position error e, m
+    N: Array  # E[|e|²], m²
+    e2: Array  # E[e²], m²
+    a: Array  # E[e conj(δ)], m
+    b: Array  # E[e δ], m
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -161,31 +161,20 @@ class Fix:
 class Readings(Columns):
     """Readings along one path, or laws of readings, as arrays of one length.
 
-    Attributes
-    ----------
-    s_m : where along the path, metres
-    square, skew : E|e|² (m²) and E[e²] (complex, m²) of the position error that is read; NaN where none is
-    heading_var : variance of the heading error that is read, rad² (Gaussian); NaN where none is
-    chance : probability that the reading succeeds
-    rank : of readings at one place the one with the highest rank comes last
-    source : which fix or beacon gives it
-    anchor : complex, metres: to what a range or bearing is measured; NaN where neither is
-    range_var, bearing_var : variances of a distance (m²) and of a direction (rad²) that are read; NaN where none is
-
     >>> Readings.of([Fix.position(3.0, position_std_m=0.1), Fix.heading(5.0, heading_std=0.02)]).s_m.tolist()
     [3.0, 5.0]
     """
 
-    s_m: Floats
-    square: Floats
-    skew: Complexes
-    heading_var: Floats
-    chance: Floats
-    rank: Ints
-    source: Ints
-    anchor: Complexes
-    range_var: Floats
-    bearing_var: Floats
+    s_m: Floats  # where along the path, metres
+    square: Floats  # E|e|² of the position error that is read, m²; NaN where none is
+    skew: Complexes  # E[e²] of it, m²
+    heading_var: Floats  # variance of the heading error that is read, rad² (Gaussian); NaN where none is
+    chance: Floats  # probability that the reading succeeds
+    rank: Ints  # of readings at one place the one with the highest rank comes last
+    source: Ints  # which fix or beacon gives it
+    anchor: Complexes  # metres: to what a range or bearing is measured; NaN where neither is
+    range_var: Floats  # variance of a distance that is read, m²; NaN where none is
+    bearing_var: Floats  # and of a direction, rad²
 
     @classmethod
     def of(cls, fixes: Sequence[Fix]) -> Readings:

@@ -27,29 +27,20 @@ _RULER_KNOTS = 4  # knots per piece on which the true distance is measured
 class ResampledDrive(NamedTuple):
     """One uninterrupted part of a drive, at K knots of about equal spacing.
 
-    Attributes
-    ----------
-    driven : (K,), true distance from the start of the drive, metres, increasing
-    estimate, estimate_heading : (K,), dead-reckoned position x + jy (m) and heading (rad, not wrapped), in the
-        odometry's frame
-    truth : complex array, shape (K,)
-    truth_heading : array, shape (K,), or None
-    turns, angles : (K - 1,), true heading change between knots, signed, and the angle truly turned in either direction,
-        rad. Without true headings: as far as positions tell.
-    travel_axes, turn_axes : (K - 1,), exp(2jθ) of the direction θ in which the robot drives, integrated over the metres
-        and over the angles turned between knots: along which axis errors of distance lie. A robot that turns on the
-        spot counts a distance in all the directions that it sweeps, not along the chord to the next knot.
+    Axes are exp(2jθ) of the direction θ in which the robot drives, integrated: along which axis errors of distance lie.
+    A robot that turns on the spot counts a distance in all the directions that it sweeps, not along the chord to the
+    next knot.
     """
 
-    driven: Floats
-    estimate: Complexes
-    estimate_heading: Floats
-    truth: Complexes
-    truth_heading: Floats | None
-    turns: Floats
-    angles: Floats
-    travel_axes: Complexes
-    turn_axes: Complexes
+    driven: Floats  # (K,), true distance from the start of the drive, metres, increasing
+    estimate: Complexes  # (K,), dead-reckoned position x + jy, metres, in the odometry's frame
+    estimate_heading: Floats  # (K,), likewise, rad, not wrapped
+    truth: Complexes  # (K,)
+    truth_heading: Floats | None  # (K,)
+    turns: Floats  # (K - 1,), true heading change between knots, signed, rad; without headings as far as positions tell
+    angles: Floats  # (K - 1,), the angle truly turned in either direction, likewise
+    travel_axes: Complexes  # (K - 1,), integrated over the metres between knots
+    turn_axes: Complexes  # (K - 1,), and over the angles turned
 
 
 class TrueMotion(NamedTuple):

@@ -40,21 +40,14 @@ class TruthNoise(NamedTuple):
 
 
 class Observations(NamedTuple):
-    """Observed segments of one length in one part.
+    """Observed segments of one length in one part."""
 
-    Attributes
-    ----------
-    starts : (n,), first knot of each
-    values : array, shape (n, 3)
-    frame : (n,), direction of the frame's x axis in the world
-    chord : (n,), true displacement over the segment (with positions alone: over its first part) in that frame, metres:
-        the lever of an alignment error
-    """
-
-    starts: Ints
-    values: Floats
-    frame: Complexes
-    chord: Complexes
+    starts: Ints  # (n,), first knot of each
+    values: Floats  # (n, 3)
+    frame: Complexes  # (n,), direction of the frame's x axis in the world
+    chord: (
+        Complexes  # (n,), true displacement over it (with positions alone: its first part) there, m: an error's lever
+    )
 
 
 def observe(part: ResampledDrive, steps: int, stride: int) -> Observations:
