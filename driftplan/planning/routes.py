@@ -195,10 +195,11 @@ def plan_route(
     planner : its name, or with its options, as `Planner` says
     time_limit : float, optional
         Seconds for everything in the call. Default: until it is done, that is until the additive cost is within 1 % of
-        what no route can beat and a batch of the roadmap brought next to nothing, or two in a row did; at most 5, and
-        as long as it takes with ``iterations``. What is done once for a world (growing the obstacles by the robot's
-        radius, cutting free space into triangles) is not cut short. A longer search without max_detour comes by all
-        paths that a shorter one comes by. Among beacons work is counted in labels and trials, and the time limit only
+        what no route can beat and a batch of the roadmap brought next to nothing, or two in a row did, or one with all
+        corners of obstacles in the roadmap; at most 5, and as long as it takes with ``iterations``. What is done once
+        for a world (growing the obstacles by the robot's radius, cutting free space into triangles) is not cut short. A
+        longer search without max_detour comes by all paths that a shorter one comes by. Among beacons work is counted
+        in labels and trials, and the time limit only
         cuts it short; saying why there is no route may take as long again.
     iterations : int, optional
         Ends every search without beacons after so many: batches of the roadmap (each has twice as many samples as the

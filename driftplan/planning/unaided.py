@@ -22,11 +22,12 @@ from driftplan.planning.roadmap.prices import AdditiveCost, Score, exact_drift, 
 from driftplan.planning.status import Status
 from driftplan.planning.taut_strings import LeastRoute, first_margin_m, taut_route, tight_least_route
 from driftplan.world.world import World
+from driftplan.world.zones import noises_on
 
 _SEARCH_SHARE = 0.85  # of the time limit; the rest is for the bound
 _SHORTEST_SHARE = 0.2  # of it, for OMPL's planner to find the shortest route, whose polished form is a candidate too
 _GAP = 0.01  # of the additive cost, left between a route and what no route can beat, that is small enough
-_IDLE_BATCHES = 2  # in a row, after which no more are needed
+_IDLE_BATCHES = 2  # in a row, after which no more are needed; one if all corners are in the roadmap
 _DETOUR_TRIALS = 5
 _BATCHES_PER_TRIAL = 3
 _PER_METRE = OdometryNoise(distance_var_per_m=1.0)  # its additive cost is the length
@@ -75,8 +76,11 @@ def best_unaided(request: PlanRequest) -> Unaided:
 
 
 def _least(request: PlanRequest, path: Floats) -> LeastRoute:
-    noise = _PER_METRE if request.minimise == "length" else request.noise
-    return tight_least_route(request.world, path, noise, _GAP, left_s=request.left_s)
+    noise, world, gap = _PER_METRE if request.minimise == "length" else request.noise, request.world, _GAP
+    if world.zones and request.minimise == "drift" and len(path) > 1:  # what zones cost beyond their best is left open
+        cost = AdditiveCost(world, path[-1], noise).path(path)
+        gap = max(gap, 1 - LeastRoute.of_path(path).cost(noises_on(world, noise)) / max(cost, 1e-300))
+    return tight_least_route(world, path, noise, gap, left_s=request.left_s)
 
 
 def _within_detour(search: _RoadmapPaths | _OmplPaths, longest: float) -> list[Floats]:
@@ -131,7 +135,7 @@ class _RoadmapPaths:
                 given, left_s = (world, *ends, first_margin_m(world), search.path), partial(self._left_s, search)
                 string = taut_route(*given, by_length=by_length, left_s=left_s)
             # A search that had no time for the string polishes the other: so must one that had.
-            alone = string is not None and self.request.time_limit is None
+            alone = (string is not None or not by_length) and self.request.time_limit is None
             for path in (string,) if alone else (string, channel):
                 if path is not None and not stop():
                     search.consider(path, stop)
@@ -194,7 +198,7 @@ class _RoadmapPaths:
             return search.is_optimal
         if search is not self._searches[0]:
             return search.idle_batches > 0
-        if search.idle_batches >= _IDLE_BATCHES:
+        if search.idle_batches >= (1 if search.has_all_corners else _IDLE_BATCHES):
             return self.request.until_done
         return self.request.until_done and search.idle_batches > 0 and self._is_near_bound(search)
 

@@ -26,6 +26,7 @@ class ZoneBoxes:
         self._boxes = [tuple(box) for box in boxes.tolist()]
         self._all = range(len(boxes) - 1, -1, -1)
         self._few = len(boxes) <= _FEW_BOXES
+        self._low, self._high = boxes[:, None, :2], boxes[:, None, 2:]
         self._tree = shapely.STRtree(shapely.box(*boxes.T))
         self._room_m2 = float(np.prod(boxes[:, 2:].max(axis=0) - boxes[:, :2].min(axis=0))) / len(boxes)
 
@@ -37,6 +38,9 @@ class ZoneBoxes:
 
     def at_points(self, xy: Floats) -> tuple[Ints, Ints]:
         """Pairs of a point of (n, 2) and a box that it is in, boxes in their order."""
+        if self._few:
+            box, point = np.nonzero(((xy >= self._low) & (xy <= self._high)).all(axis=2))
+            return point, box
         point, box = self._tree.query(shapely.points(xy))
         order = np.argsort(box, kind="stable")
         return point[order], box[order]

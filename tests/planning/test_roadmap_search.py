@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 from driftplan.errors import GoalError, NoPathError, StartError
 from driftplan.model.drift import predict_drift
 from driftplan.model.noise import OdometryNoise
+from driftplan.planning.request import PlanRequest
+from driftplan.planning.roadmap import growth
 from driftplan.planning.roadmap.growth import RoadmapSearch
 from driftplan.planning.roadmap.prices import AdditiveCost, exact_drift
 from driftplan.planning.routes import plan_route
@@ -76,6 +78,39 @@ def test_a_path_is_never_worse_than_a_free_straight_run(start, goal, noise):
 def test_more_batches_never_cost_more(minimise):
     costs = [searched(ROOM, ACROSS, NOISE, minimise=minimise, batches=n).cost for n in (1, 2, 3, 4)]
     assert costs == sorted(costs, reverse=True)
+
+
+def test_a_path_that_is_found_again_is_not_polished_again(monkeypatch):
+    search, polishings = searched(ROOM, ACROSS, NOISE, batches=3), []
+    monkeypatch.setattr(growth, "polished", lambda *args: polishings.append(args) or args[1])
+    monkeypatch.setattr(search.roadmap, "shortest", lambda limit: search.roadmap._priced(best_nodes(search)))
+    search.grow()
+    assert search.batches == 4
+    assert not polishings
+
+
+def best_nodes(search):
+    """Those of the best path, which is part of the roadmap."""
+    return np.array([np.flatnonzero((search.roadmap.xy == place).all(axis=1))[0] for place in search.path])
+
+
+def test_among_zones_a_search_that_has_all_corners_ends_when_a_batch_brought_next_to_nothing(monkeypatch):
+    bad = Zone([(5, 0), (12, 0), (12, 10), (5, 10)], NOISE.scaled(3.0))  # keeps the bound apart
+    world = World.from_polygons(
+        [box(4, 2, 5, 9), box(8, 0, 9, 6), box(12, 4, 13, 10)], bounds=(0, 0, 16, 10), robot_radius=0.3, zones=[bad]
+    )
+    seen, grow = [], RoadmapSearch.grow
+    monkeypatch.setattr(RoadmapSearch, "grow", lambda search, stop: (seen.append(idle(search)), grow(search, stop))[1])
+    monkeypatch.setattr(PlanRequest, "left_s", lambda *_: 1e3)
+    route = plan_route(world, *ACROSS, NOISE)
+    assert route.status is Status.NOTHING_GAINED
+    drift = [(has_all, idle) for minimise, has_all, idle in seen if minimise == "drift"]
+    assert all(idle == 0 for has_all, idle in drift if has_all)
+    assert all(idle < 2 for _, idle in drift)
+
+
+def idle(search):
+    return search.pricing.minimise, search.has_all_corners, search.idle_batches
 
 
 def test_when_it_is_late_a_search_that_has_a_path_begins_nothing():

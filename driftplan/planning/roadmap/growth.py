@@ -51,9 +51,10 @@ class RoadmapSearch:
         self.additive_cost = math.inf
         self._least_additive = math.inf  # of any path found
         self._joined: Floats | None = None  # the latest path that is part of the roadmap
+        self._polished: Floats | None = None  # the latest best path that nothing more can be done about
         self._free = FreeSamples(pricing.space, np.random.default_rng(seed).random(2), _MAX_DRAWS)
         self._corners_left: list[Floats] | None = None  # of those asked for; None before any were
-        self._has_all_corners = False
+        self.has_all_corners = False
         self._search_s_per_edge = 0.0
         self._consider(self.roadmap.shortest().nodes, lambda: False)
 
@@ -103,11 +104,15 @@ class RoadmapSearch:
         path = path[np.append(True, (np.diff(path, axis=0) != 0).any(axis=1))]
         self.offer(path)
         if not stop():
-            self.offer(polished(self.pricing, path, self.start_heading, stop))
+            better = polished(self.pricing, path, self.start_heading, stop)
+            self.offer(better)
+            if self.path is better and not stop():
+                self._polished = better
 
     def _consider(self, nodes: Ints, stop: Callable[[], bool]) -> None:
-        if len(nodes):
-            self.consider(self.roadmap.xy[nodes], stop)
+        path = self.roadmap.xy[nodes]
+        if len(path) and not (self._polished is not None and np.array_equal(path, self._polished)):
+            self.consider(path, stop)
 
     def offer(self, path: Floats) -> None:
         """Take a collision-free path as it is, if it is the best by exact cost."""
@@ -122,7 +127,7 @@ class RoadmapSearch:
     def _renew(self) -> None:
         """Start a new roadmap with the corners and the best path, so that memory stays bounded."""
         self.roadmap = Roadmap(self.pricing, self.roadmap.xy[0], self.start_heading)
-        self._has_all_corners, self._corners_left = False, None
+        self.has_all_corners, self._corners_left = False, None
         self._joined = None
 
     def _join(self) -> None:
@@ -140,8 +145,8 @@ class RoadmapSearch:
         corners = np.zeros((0, 2))
         if self._corners_left is None:
             corners = coarse_corners(space)
-        if not self._has_all_corners and len(corners) <= _FEW_CORNERS:
-            self._has_all_corners = True
+        if not self.has_all_corners and len(corners) <= _FEW_CORNERS:
+            self.has_all_corners = True
             corners = space.corners()
         corners = self._informed(corners)
         self._corners_left = [corners[k : k + _CHUNK] for k in range(0, len(corners), _CHUNK)]
