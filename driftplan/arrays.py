@@ -153,12 +153,11 @@ def plane(name: str, values: Any) -> Array:
     return np.asarray(array[..., 0] + 1j * array[..., 1])
 
 
-def covariance(name: str, matrix: Any, dimensions: Sequence[int] = (2,)) -> Floats:
-    """A covariance matrix of one of these dimensions."""
+def covariance(name: str, matrix: Any) -> Floats:
+    """A covariance matrix of the plane."""
     array = finite(name, matrix)
-    if array.ndim != 2 or array.shape[0] != array.shape[1] or array.shape[0] not in dimensions:
-        wanted = f"a square matrix of dimension {' or '.join(map(str, dimensions))}"
-        raise ValueError(f"expected {name} {wanted}, got {array.shape}")
+    if array.shape != (2, 2):
+        raise ValueError(f"expected {name} a square matrix of dimension 2, got {array.shape}")
     if not np.allclose(array, array.T) or np.linalg.eigvalsh(array)[0] < -1e-12 * np.trace(array):
         raise ValueError(f"expected {name} symmetric and positive semi-definite, got {array.tolist()}")
     return array

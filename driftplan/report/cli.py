@@ -57,17 +57,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # such as `driftplan maps | head -1`
         _drop_stdout()
         return CLOSED_PIPE
-    except UsageError as err:
-        return _failed(words, name, err, str(err), BAD_INPUT)
     except KeyboardInterrupt as err:
         return _failed(words, name, err, "interrupted; no file was left half written", INTERRUPTED)
-    except (NoPathError, InfeasibleError) as err:
-        return _failed(words, name, err, in_options(str(err), COMMANDS[name]), NO_ROUTE)
-    except (MapError, TrajectoryError, StudyError, OSError) as err:  # about a file, in its own words
+    except (UsageError, MapError, TrajectoryError, StudyError, OSError) as err:  # in its own words
         _drop_stdout()
         return _failed(words, name, err, str(err), BAD_INPUT)
     except (DriftplanError, ValueError, ImportError) as err:
-        return _failed(words, name, err, in_options(str(err), COMMANDS[name]), BAD_INPUT)
+        code = NO_ROUTE if isinstance(err, (NoPathError, InfeasibleError)) else BAD_INPUT
+        return _failed(words, name, err, in_options(str(err), COMMANDS[name]), code)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
@@ -140,8 +137,8 @@ def build_parser() -> Parser:
     )
     parser.add_argument("--version", action="version", version=f"driftplan {version('driftplan')}")
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for command in COMMANDS.values():
-        command.add_to(subparsers)
+    for name, command in COMMANDS.items():
+        command.add_to(subparsers, name)
     return parser
 
 

@@ -74,7 +74,6 @@ def read_table(
         is not numbers, or from the last comment before the numbers if it names as many columns, as in
         ``# Time [s]  x [m]  y [m]``. Units stand in brackets.
     variable : name of the array in a MATLAB file
-    min_rows : int
     recording : whether columns of text are left out, and up to a fifth of the rows where a value is missing or not
         finite, as exports of recordings have them. Otherwise these are refused.
 
@@ -100,8 +99,14 @@ def named(file: Path, table: Table, aliases: Mapping[str, Sequence[str]]) -> dic
 
     Raises TrajectoryError where a column has a unit that is not in `UNITS`: it lists them.
     """
-    columns = columns_of(table.names or (), aliases)
-    return {name: table.values[:, k] * unit_size(file, table, k) for name, k in columns.items()}
+    found = {}
+    for name, k in columns_of(table.names or (), aliases).items():
+        unit = table.units[k] if table.units else ""
+        if unit not in UNITS:
+            called = f" of column {table.names[k]!r}" if table.names else ""
+            raise TrajectoryError(f"{file}: unknown unit [{unit}]{called}; known: {', '.join(filter(None, UNITS))}")
+        found[name] = table.values[:, k] * UNITS[unit]
+    return found
 
 
 def columns_of(names: Sequence[str], aliases: Mapping[str, Sequence[str]]) -> dict[str, int]:
@@ -115,15 +120,6 @@ def columns_of(names: Sequence[str], aliases: Mapping[str, Sequence[str]]) -> di
         if candidates:
             found[wanted] = candidates[0]
     return found
-
-
-def unit_size(file: Path, table: Table, column: int) -> float:
-    """One of the column's unit in SI units; 1 where none is named."""
-    unit = "" if table.units is None else table.units[column]
-    if unit not in UNITS:
-        name = "" if table.names is None else f" of column {table.names[column]!r}"
-        raise TrajectoryError(f"{file}: unknown unit [{unit}]{name}; known: {', '.join(filter(None, UNITS))}")
-    return UNITS[unit]
 
 
 def _matlab(file: Path, variable: str | None) -> Floats:

@@ -39,7 +39,7 @@ from driftplan.errors import TrajectoryError, naming
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.world.log_checks import in_order, misread, seconds
 from driftplan.world.log_formats import read_recording
-from driftplan.world.log_tables import Table, columns_of, name_and_unit, unit_size
+from driftplan.world.log_tables import Table, columns_of, name_and_unit, named
 
 Kind = Literal["increments", "velocities", "poses"]
 
@@ -175,8 +175,7 @@ def _recording(
 ) -> tuple[dict[str, Floats], tuple[str, ...]]:
     """The columns that the caller, the file or their number name, in SI units and the order of their times; notes."""
     table = _with_names(table, columns, rate_hz)
-    where = columns_of(table.names or (), _ALIASES)
-    found = {name: table.values[:, k] * unit_size(file, table, k) for name, k in where.items()}
+    where, found = columns_of(table.names or (), _ALIASES), named(file, table, _ALIASES)
     notes = list(table.notes)
     if {"sec", "nanosec"} <= found.keys():
         found["time"] = found["sec"] + 1e-9 * found["nanosec"]

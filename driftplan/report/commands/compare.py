@@ -70,20 +70,12 @@ def rows_of(routes: Mapping[str, Route | Drift], world: World, collisions: World
 
     rows = compared(routes, world, collisions).to_dicts()
     for row, route in zip(rows, routes.values(), strict=True):
-        row |= at_end(route.drift) | how_found(route) if isinstance(route, Route) else at_end(route)
+        (end,) = (route.drift if isinstance(route, Route) else route).end.to_dicts()
+        row |= {key: value for key, value in end.items() if key not in ("distance_m", "x_m", "y_m")}
+        if isinstance(route, Route):
+            row |= record(route, "minimise", "status", "bound_covers")
+            row["bound_length_m" if route.minimise == "length" else "bound_rms_m"] = route.bound
     return rows
-
-
-def at_end(drift: Drift) -> dict[str, float]:
-    """Everything about the drift at the end."""
-    (row,) = drift.end.to_dicts()
-    return {key: value for key, value in row.items() if key not in ("distance_m", "x_m", "y_m")}
-
-
-def how_found(route: Route) -> dict[str, Any]:
-    """What was searched for, why the search ended, and what it proves."""
-    bound = "bound_length_m" if route.minimise == "length" else "bound_rms_m"
-    return {**record(route, "minimise", "status", "bound_covers"), bound: route.bound}
 
 
 def _given(world: World, file: str, noise: OdometryNoise, args: argparse.Namespace) -> Drift:
@@ -102,7 +94,6 @@ _PLANNERS = shared.SEARCH[0]._replace(help=_SEVERAL, default=None, how={"action"
 COLLISIONS = Option("collisions", "M", "how likely a robot of this radius, metres, that steers by its estimate touches "
                     "a wall; give --robot-radius a margin above it")
 COMMAND = Command(
-    name="compare",
     summary="given paths and planned routes on a map, side by side",
     description="Compare paths on a map. With --start and --goal, the lowest-drift route of every --planner and the "
     "shortest route join in.",

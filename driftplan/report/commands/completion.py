@@ -54,7 +54,6 @@ def run(args: argparse.Namespace) -> Answer:
 
 
 COMMAND = Command(
-    name="completion",
     summary="completion of commands and options for bash and zsh",
     description="Print a script that makes a shell complete commands, options, their choices and files: for bash into "
     "~/.local/share/bash-completion/completions/driftplan, for zsh to the end of ~/.zshrc.",

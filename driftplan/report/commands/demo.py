@@ -122,7 +122,6 @@ def as_json(layout: Layout | str) -> dict[str, Any]:
 
 # fmt: off
 COMMAND = Command(
-    name="demo",
     summary="lowest-drift against shortest routes on the maps that come along, and RFID tags: tables and pictures",
     description="Plan the lowest-drift and the shortest route on the maps that come along, compare and draw them; "
     "then place the fewest RFID tags that keep five rounds through the warehouse under 0.8 m of drift, for a robot "

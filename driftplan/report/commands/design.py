@@ -115,7 +115,6 @@ _SITES = Group("where beacons may go", (
     shared.EXISTING,
 ))
 COMMAND = Command(
-    name="design",
     summary="beacons and routes chosen together for trips, at the least cost of both",
     description="Choose beacons and routes together: every trip gets a route on which the drift stays under the "
     "limit, and what beacons and driving cost together is least. Compared with shortest routes for which beacons are "

@@ -48,7 +48,6 @@ def run(args: argparse.Namespace) -> Answer:
 
 
 COMMAND = Command(
-    name="examples",
     summary="copy a map, routes, trips and two recorded drives into a folder, to try the other commands on",
     description="Copy ready inputs for the other commands into a folder: a map, routes, trips, and two drives of an "
     "invented robot with the truth beside its odometry. Nothing that is there already is overwritten.",

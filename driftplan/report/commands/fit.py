@@ -144,7 +144,6 @@ _MESSAGES = Group("messages of ROS, with --ros", (
     Option("message_rate_hz", "HZ", "odometry messages per second", default=30.0),
 ))
 COMMAND = Command(
-    name="fit",
     summary="the noise of an odometry from recorded drives and their truth",
     description="Fit the systematic and the random errors of an odometry to recorded drives whose truth is known, "
     "with intervals, and say how well the fit predicts. Files: TUM, KITTI, MR.CLAM, ROS bags and exports of topics, "

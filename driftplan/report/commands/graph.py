@@ -94,7 +94,6 @@ def ways_on_graph(
 
 # fmt: off
 COMMAND = Command(
-    name="graph",
     summary="drift on a route graph of nav2's, and penalties for its route server",
     description="Predict what every edge of a route graph adds to the drift, and find the way between two nodes on "
     "which the drift at the goal is least. Written back as GeoJSON every edge has metadata: penalty, which nav2's "

@@ -29,7 +29,6 @@ def run(args: argparse.Namespace) -> Answer:
 
 
 COMMAND = Command(
-    name="maps",
     summary="the maps that come along",
     description="List the maps that come along, and their sizes in metres.",
     run=run,

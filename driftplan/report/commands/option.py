@@ -75,9 +75,8 @@ class Idle(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Command:
-    """A subcommand."""
+    """A subcommand, called like its file."""
 
-    name: str
     summary: str
     description: str
     run: Callable[[argparse.Namespace], Answer]  # from parsed arguments to the answer
@@ -92,14 +91,14 @@ class Command:
         """Everything but the files and the arguments by place."""
         return tuple(option for group in self.groups for option in group.options)
 
-    def add_to(self, subparsers: argparse._SubParsersAction[Any]) -> None:
+    def add_to(self, subparsers: argparse._SubParsersAction[Any], name: str) -> None:
         """Add the subcommand's parser."""
-        examples = "".join(f"\n  driftplan {self.name} {words}" for words in self.examples)
+        examples = "".join(f"\n  driftplan {name} {words}" for words in self.examples)
         words = [f"{option.unit} ..." if option.how.get("nargs") == "+" else option.unit for option in self.arguments]
         words += [f"{option.flag} {option.unit}" for option in self.options if option.how.get("required")]
         about: dict[str, Any] = {"help": self.summary, "description": self.description}
         about |= {"usage": " ".join(["%(prog)s", *words, "[options]"]), "epilog": f"Examples:{examples}"}
-        parser = subparsers.add_parser(self.name, **about)
+        parser = subparsers.add_parser(name, **about)
         for argument in self.arguments:
             argument.add_to(parser, positional=True)
         files = tuple(

@@ -167,7 +167,6 @@ _SITES = Group("where beacons may go", (
     shared.TAG_SIZE,
 ))
 COMMAND = Command(
-    name="place",
     summary="the fewest beacons that keep the drift of routes under a limit",
     description="Place beacons so that the drift stays under a limit everywhere on every route: the fewest, or the "
     "cheapest, with a proof. With --max-beacons or --budget and no --max-drift: the least worst drift within them.",

@@ -229,7 +229,6 @@ _BEACONS = Group("beacons on the way", (
     *shared.START_SPREAD,
 ))
 COMMAND = Command(
-    name="plan",
     summary="the lowest-drift route between two points of a map",
     description="Plan the route from start to goal on which odometry gets lost least.",
     run=run,

@@ -49,7 +49,6 @@ def run(args: argparse.Namespace) -> Answer:
 
 # fmt: off
 COMMAND = Command(
-    name="predict",
     summary="drift along given paths",
     description="Predict the drift of odometry along paths, at every waypoint or at chosen distances.",
     run=run,

@@ -148,7 +148,6 @@ def run(args: argparse.Namespace) -> Answer:
 
 
 COMMAND = Command(
-    name="selftest",
     summary="whether this installed copy computes what it should",
     description="Compare the model with integrals and simulated drives, a route with shapely and its bound, a layout "
     "with all sets of sites, a fit with what was simulated; print what was compared. Takes some seconds. Exit code 1 "

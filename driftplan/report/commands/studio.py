@@ -50,7 +50,6 @@ def run(args: argparse.Namespace) -> Answer:
 
 # fmt: off
 COMMAND = Command(
-    name="studio",
     summary="drag beacons on the map in a browser, and see the drift",
     description="Open a page with the map, the routes, the beacons and the drift along every route, at which every "
     "change answers at once. It is served to this machine only, and needs no network.",

@@ -192,7 +192,6 @@ _SHOW = Group("what is shown", (
     Option("cell", "K", "the cell whose beacons --geojson writes", int),
 ))
 COMMAND = Command(
-    name="study",
     summary="many scenarios at once: a study file, its cells on all cores or a cluster, and what they say together",
     description="A study is a scenario in a YAML file with some of it varied. ACTION: init writes a commented one; "
     "check says how many cells it has and how long they may take; run does those that are not done yet, and can be "

@@ -181,9 +181,8 @@ def drift_of(route: Route | Drift) -> Drift:
 
 
 def mark_spacing_of(drifts: Sequence[Drift], spacing_m: float | None) -> float:
-    if spacing_m is None:
-        return mark_spacing(max(float(drift.length) for drift in drifts))
-    return positive("spacing_m", spacing_m)
+    longest = max(float(drift.length) for drift in drifts)
+    return mark_spacing(longest) if spacing_m is None else positive("spacing_m", spacing_m)
 
 
 def marked_profile(drift: Drift, spacing_m: float) -> tuple[PointDrift, list[int]]:
@@ -225,15 +224,15 @@ def error_ellipse(cov: ArrayLike, confidence: float = 0.95) -> tuple[Floats, Flo
     return full[..., 1], full[..., 0], np.degrees(np.arctan2(np.where(x < 0, -y, y), np.abs(x)))
 
 
-def mark_spacing(length_m: float, marks: int = 8) -> float:
-    """A round distance (1, 2 or 5 times a power of ten, metres) that divides ``length_m`` into about ``marks`` pieces.
+def mark_spacing(length_m: float) -> float:
+    """A round distance (1, 2 or 5 times a power of ten, metres) that divides ``length_m`` into about eight pieces.
 
     >>> mark_spacing(62.0)
     10.0
     """
     if not length_m > 0:
         return 1.0
-    wanted = length_m / marks
+    wanted = length_m / 8
     return min(_round_numbers_about(wanted), key=lambda step: abs(log(step / wanted)))
 
 
