@@ -26,7 +26,7 @@ time limit of place_beacons                layouts/place.py; report/commands/pla
 why no layout will do                      layouts/placement/placement_diagnosis.py
 the price of a co-design                   layouts/co_design/design_problem.py
 what the studio draws and edits            page/studio.js; what it computes: page/drift.js
-what the studio may ask of Python          report/studio/answers.py, page/host.js
+what the studio may ask of Python          report/studio.py, page/host.js
 keys of a study file, what a cell answers  layouts/study/schema.yaml, layouts/study/inputs.py; layouts/study/work.py
 columns of the installers' table           layouts/layout_files.py (InstallerRow); report/commands/place.py
 options of driftplan plan                  report/commands/plan.py; shared ones: report/commands/shared.py

@@ -106,7 +106,7 @@ from .report.figures.routes import plot_itinerary as plot_itinerary
 from .report.figures.routes import plot_pareto as plot_pareto
 from .report.figures.sheet import layout_pdf as layout_pdf
 from .report.figures.style import ROUTE_STYLES as ROUTE_STYLES
-from .report.studio.widget import studio_widget as studio_widget
+from .report.studio import studio_widget as studio_widget
 from .report.study_report import study_html as study_html
 from .world.box_world import BoxWorld as BoxWorld
 from .world.mapfiles import bundled_map as bundled_map

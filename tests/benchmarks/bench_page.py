@@ -19,7 +19,7 @@ import numpy as np
 
 from driftplan import Beacon, BeaconKind, OdometryNoise, World, bundled_map, load_world, plan_route
 from driftplan.page.scene import page, scene_of
-from driftplan.report.studio.answers import Answers
+from driftplan.report.studio import Answers
 from tests.page.browser import Browser, chromium
 
 NOISE = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)

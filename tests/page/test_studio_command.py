@@ -19,8 +19,7 @@ from driftplan.beacons.beacon_files import beacons_geojson, fiducial_map, tags_y
 from driftplan.layouts.layout_files import InstallerRow, layout_building, layout_csv, layout_lif
 from driftplan.page.scene import beacon_said, scene_of, script
 from driftplan.report.cli import main
-from driftplan.report.studio.answers import Answers
-from driftplan.report.studio.server import StudioServer
+from driftplan.report.studio import Answers, StudioServer
 
 STUDIO = "document.getElementById('studio').studio"
 

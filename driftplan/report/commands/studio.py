@@ -15,8 +15,7 @@ def run(args: argparse.Namespace) -> Answer:
     """Serve the page until Ctrl-C, or write it."""
     from driftplan import load_beacons, read_path
     from driftplan.page.scene import page, scene_of
-    from driftplan.report.studio.answers import Answers
-    from driftplan.report.studio.server import StudioServer
+    from driftplan.report.studio import Answers, StudioServer
 
     world = shared.world_from(args)
     scene = scene_of(

@@ -1,14 +1,18 @@
-"""What the page of `driftplan.page` asks of Python, answered in JSON: the fewest beacons, routes, and files that are no
-plain text, read and written."""
+"""What stands behind the page of `driftplan.page` while Python runs: answers in JSON to what the page asks (the fewest
+beacons, routes, files that are no plain text), a server on the loopback address, and the page in a notebook."""
 
 from __future__ import annotations
 
 import csv
 import io
+import json
+import secrets
+import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,6 +23,7 @@ import numpy as np
 from driftplan.arrays import positive
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.beacon_files import beacons_geojson, load_beacons
+from driftplan.beacons.readings import waypoints_of
 from driftplan.errors import DriftplanError, InfeasibleError
 from driftplan.files import write_files
 from driftplan.layouts.layout import Layout
@@ -26,8 +31,8 @@ from driftplan.layouts.layout_files import InstallerRow, layout_building, layout
 from driftplan.layouts.place import place_beacons
 from driftplan.layouts.scenario import Scenario, Sites
 from driftplan.model.noise import OdometryNoise
-from driftplan.model.readings import Fix
-from driftplan.page.scene import Scene, beacon_of, beacon_said, zones_of
+from driftplan.model.readings import Estimator, Fix
+from driftplan.page.scene import Scene, beacon_of, beacon_said, page, scene_of, script, style, zones_of
 from driftplan.planning.routes import plan_route
 from driftplan.planning.status import Status
 from driftplan.report.commands.answer import figure_bytes
@@ -44,6 +49,7 @@ _WRITERS: dict[str, Callable[[Layout], bytes]] = {
     "table.html": layout_html,
     "layout.svg": lambda layout: figure_bytes(layout_figure(layout), "svg"),
 }
+_MAX_BYTES = 64 << 20  # of a question
 _AT_ONCE_S = 0.05  # to plan a first route, while a better one is looked for
 
 
@@ -230,3 +236,135 @@ def _as_built(text: str, scene: Scene, kind: BeaconKind) -> list[dict[str, Any]]
         kept = {key: own[key] for key in ("locked", "dead") if key in own} if own else {}
         found.append({**beacon_said(beacon, existing=row.get("new") == "False"), **kept})
     return found
+
+
+class StudioServer(ThreadingHTTPServer):
+    """Serves one page at `url` and answers what it asks; no file of this machine is ever sent.
+
+    Whoever does not know the token in the URL gets nothing, and what another site's page sends is refused.
+    """
+
+    daemon_threads = True  # a search does not outlive the command
+
+    def __init__(self, scene: Scene, answers: Answers, port: int = 0):
+        super().__init__(("127.0.0.1", port), _Requests)
+        self.answers, self.page = answers, page(scene, asks=True, saves=answers.save is not None)
+        self.root = f"/{secrets.token_urlsafe(24)}/"
+        self.url = f"http://127.0.0.1:{self.server_port}{self.root}"
+
+
+class _Requests(BaseHTTPRequestHandler):
+    server: StudioServer
+
+    def do_GET(self) -> None:
+        if self._is_ours(self.path):
+            self._send(200, "text/html; charset=utf-8", self.server.page)
+        else:
+            self._send(404, "text/plain", b"nothing here")
+
+    def do_POST(self) -> None:
+        """Answers with lines of JSON: progress, then the answer or an error. A page that hangs up ends the search."""
+        root, _, what = self.path.partition("ask/")
+        is_json = self.headers.get("Content-Type") == "application/json"  # a form of another site cannot send that
+        size = self.headers.get("Content-Length", "")
+        if not (self._is_ours(root) and is_json and size.isdecimal() and int(size) <= _MAX_BYTES):
+            return self._send(404, "text/plain", b"nothing here")
+        try:
+            question = json.loads(self.rfile.read(int(size)))
+        except (ValueError, RecursionError):
+            return self._send(400, "text/plain", b"expected JSON")
+        self._send(200, "application/x-ndjson")
+        return self._line(self.server.answers.answer(what, question, lambda news: self._line({"progress": news})))
+
+    def _line(self, message: dict[str, Any]) -> None:
+        self.wfile.write(json.dumps(message).encode() + b"\n")
+
+    def _is_ours(self, path: str) -> bool:
+        """Whether the token is there, and the browser knows whom it talks to: no name that someone points here."""
+        hosts = [f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")]
+        return secrets.compare_digest(path.encode(), self.server.root.encode()) and self.headers.get("Host") in hosts
+
+    def _send(self, status: int, kind: str, body: bytes = b"") -> None:
+        """The answer, or the beginning of one that goes on until the connection ends (HTTP/1.0)."""
+        self.send_response(status)
+        headers = {"Content-Type": kind, "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
+        for name, value in headers.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(body)
+
+    def handle(self) -> None:
+        try:
+            super().handle()
+        except (BrokenPipeError, ConnectionResetError):
+            self.close_connection = True  # it hung up
+
+    def log_message(self, *_: object) -> None:
+        """Nothing: the URL holds the token."""
+
+
+def studio_widget(
+    world: World | None,
+    routes: Sequence[Any],
+    noise: OdometryNoise,
+    *,
+    beacons: Sequence[Beacon] = (),
+    max_drift: float | None = None,
+    estimator: Estimator = "reset",
+    time_limit: float = 60.0,
+) -> Any:
+    """A studio in a notebook's cell, with Python behind it: ``.beacons`` is what was made in it, as a tuple of Beacon.
+
+    Parameters
+    ----------
+    world, routes, noise, beacons, estimator : as for `place_beacons` and `drift_with_beacons`
+    max_drift : the limit of every route, metres; None: there is none yet
+    time_limit : seconds for a search that is asked for in the studio
+
+    Raises ImportError without anywidget: ``pip install 'driftplan[notebook]'``.
+
+    >>> from driftplan import BeaconKind
+    >>> tag = Beacon(BeaconKind.rfid(range_m=1.5, position_std_m=0.1), x=3.0, y=0.0, id="A7")
+    >>> studio_widget(None, [[(0, 0), (10, 0)]], OdometryNoise(heading_var_per_m=1e-3), beacons=[tag]).beacons == (tag,)
+    True
+    """
+    try:
+        from anywidget import AnyWidget
+        from traitlets import Dict
+    except ImportError:
+        raise ImportError("studio_widget needs anywidget: pip install 'driftplan[notebook]'") from None
+    paths = [waypoints_of(route) for route in routes]
+    limits = [max_drift] * len(paths)
+    scene = scene_of(world, paths, noise, beacons=beacons, limits=limits, estimator=estimator)
+    answers = Answers(world=world, time_limit=time_limit)
+
+    class StudioWidget(AnyWidget):  # type: ignore[misc]
+        _esm = f"{script()}\nexport default {{ render }};\n"
+        _css = style()
+        scene = Dict().tag(sync=True)
+
+        @property
+        def beacons(self) -> tuple[Beacon, ...]:
+            return tuple(beacon_of(one) for one in self.scene["beacons"] if not one.get("dead"))
+
+    stopped: set[Any] = set()  # questions whose answers nobody waits for
+
+    def answer(widget: Any, message: dict[str, Any]) -> None:
+        known = {"id": message.get("id")}
+
+        def tell(news: dict[str, Any]) -> None:
+            if known["id"] in stopped:
+                raise ConnectionAbortedError("stopped")
+            widget.send({**known, "progress": news})
+
+        widget.send({**known, **answers.answer(str(message.get("what")), message.get("question", {}), tell)})
+
+    def hear(widget: Any, message: dict[str, Any], _: Any) -> None:
+        if message.get("what") == "stop":
+            stopped.add(message.get("id"))
+        else:
+            threading.Thread(target=answer, args=(widget, message), daemon=True).start()
+
+    widget = StudioWidget(scene=scene)
+    widget.on_msg(hear)
+    return widget
