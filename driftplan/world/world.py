@@ -16,6 +16,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely import MultiPolygon, Polygon
 
+from driftplan import arrays
 from driftplan.arrays import Bools, Floats, Ints, bounds_of, instance, not_negative, point_of, points_of, positive
 from driftplan.model.noise import OdometryNoise
 from driftplan.world.inflation import Inflation
@@ -138,7 +139,7 @@ class World:
         try:
             return self._inflation.point_free(x, y)
         except (TypeError, ValueError):
-            return self._inflation.point_free(*point_of("x, y", (x, y)))
+            return self._inflation.point_free(arrays.number("x", x), arrays.number("y", y))
 
     def segment_free(self, x0: float, y0: float, x1: float, y1: float) -> bool:
         """The answer of `segments_free` for one segment, at the least cost per call."""
