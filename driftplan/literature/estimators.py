@@ -74,8 +74,7 @@ def de_meaning(noise: StepNoise) -> Correction:
 
 
 def corrected(noise: StepNoise, correction: Correction) -> StepNoise:
-    """Moments of the errors that are left after a correction, for `dead_reckoning` and `step_moments`. The corrected
-    rotation need not have length 1.
+    """Errors that a correction leaves, for `dead_reckoning` and `step_moments`; rotations need not have length 1.
 
     >>> noise = StepNoise.additive(heading_std_rad=0.1)
     >>> corrected(noise, bias_reduction(noise)).d1

@@ -220,8 +220,7 @@ def theorem_2(
     turn : float, or (d, d) rotation matrix
         True rotation before every translation; a number is an angle in rad, in the plane.
 
-    Raises ValueError when nothing decorrelates the steps (no rotation noise on a straight line): the variance then is n
-    Tr P, and ψ and ω do not exist.
+    Raises ValueError without rotation noise on a straight line: the variance then is n Tr P; ψ and ω do not exist.
 
     >>> noise = StepNoise.polar(
     ...     translation_m=(0.064, 0.0), heading_std_rad=3.6e-3 * 2**0.5, direction_std_rad=0.0307**0.5,

@@ -15,8 +15,7 @@ frame, and the unknown constants of the odometry (`SystematicSpread`), if any. P
   66(1), 2021; the use for routes: S. Prentice, N. Roy, The belief roadmap, IJRR 28(11-12), 2009.
 
 Both are monotone: P₁ ⪯ P₂ stays so through every leg and reading, and a reading never hurts. Valid while the heading's
-standard deviation between readings stays below `filter_state.LINEAR_HEADING_STD_RAD`: beyond, the filter itself goes
-wrong.
+standard deviation between readings stays below `filter_state.LINEAR_HEADING_STD_RAD`: beyond, the filter goes wrong.
 
 **Systematic errors.** A filter does not know the known biases of an `OdometryNoise` (else they would have been
 corrected): they do not enter P, they shift the mean error, which is carried along with the filter's own gains and

@@ -59,8 +59,7 @@ class Drift(PointDrift):
         s : float or array, shape (k,), or (..., k) with the leading axes of a batch
             Distances in [0, length]. At a fix: just after it.
 
-        Returns a drift of shape () for one path and a float, else (..., k). Raises ValueError for a distance that is
-        not on the path.
+        Returns a drift () for one path and a float, else (..., k). Raises ValueError for distances off the path.
         """
         wanted = finite("s", s)
         if wanted.ndim > 1 and self.distance.ndim == 1:

@@ -91,8 +91,7 @@ def drive_many(start: Moments, intervals: Moments, resets: Resets, count: Ints) 
     """Many robots at once, each from reading to reading: their states after every reading, (readings,).
 
     ``start`` is (robots,), ``intervals`` and ``resets`` are (readings,), robot by robot in driving order: the way from
-    the reading before, or from the start, to each reading, and what it does; ``count`` (robots,) says how many each
-    has.
+    the reading before, or from the start, to each reading, and what it does; each robot has so many, ``count``.
     """
     first, states, found = np.cumsum(count) - count, start, [np.zeros(0, dtype=np.intp)]
     parts = [start[:0]]

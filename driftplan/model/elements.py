@@ -38,8 +38,7 @@ _PIECE_RAD = 0.125  # greatest rotation or heading variance on one piece: its tr
 
 
 def run_moments(length_m: Array, curvature_per_m: Array, noise: OdometryNoise) -> Moments:
-    """Moments of runs of ``length_m`` >= 0 metres at constant ``curvature_per_m`` (1/m, positive to the left), (...),
-    broadcast against each other.
+    """Moments of runs of ``length_m`` >= 0 metres at constant ``curvature_per_m`` (1/m, left positive), broadcast.
 
     >>> noise = OdometryNoise(heading_var_per_m=1e-4, distance_var_per_m=1e-3)
     >>> run_moments(np.array(100.0), np.array(0.0), noise).N.round(6).item()  # E|e|² in m²
@@ -101,8 +100,7 @@ def _legs(turns: Array, lengths: Array, curvatures: Array, noise: OdometryNoise)
 
 
 def _stretch(length: Array, curvature: Array, noise: OdometryNoise, *, speed: float) -> Moments:
-    """The differential equation of the module's docstring, driven at ``speed``: 1 for runs; 0 for turns on the spot,
-    whose lengths are angles."""
+    """The module's differential equation, driven at ``speed`` 1; or 0: turns on the spot, whose lengths are angles."""
     if length.size > _BLOCK:  # a dense log: the dozens of Taylor coefficients of each piece must fit the cache
         cuts = range(_BLOCK, length.size, _BLOCK)
         blocks = zip(*(np.array_split(x.reshape(-1), cuts) for x in (length, curvature)), strict=True)

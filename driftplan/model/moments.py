@@ -80,8 +80,7 @@ def compose(A: Moments, B: Moments, lever_B: tuple[Array, ...] | None = None) ->
     """The piece that is A followed by B, their errors independent; ``lever_B`` is ``lever(B)``, if it is known.
 
     Source: the group product of the estimates, ``1 + δ = (1 + δ_A)(1 + δ_B)`` and
-    ``e = e_A + u_A (e_B + δ_A (p_B + e_B))``, multiplied out and averaged; a polynomial identity, so associative on any
-    tuples.
+    ``e = e_A + u_A (e_B + δ_A (p_B + e_B))``, multiplied out and averaged; a polynomial identity, so associative.
 
     >>> compose(identity(), identity()).N.item()
     0.0
@@ -149,8 +148,7 @@ def doubled(X: Moments, times: Array) -> Moments:
 
 
 def scan(pieces: Moments, start: Moments) -> Moments:
-    """All prefixes: ``start``, ``start·piece_0``, ``start·piece_0·piece_1``, … along the last axis, (..., m + 1), of
-    pieces (..., m) and a start (...).
+    """All prefixes (..., m + 1): ``start``, ``start·piece_0``, ``start·piece_0·piece_1``, … along the last axis.
 
     Appending pieces one by one makes every moment obey a linear recurrence ``x ← c x + f`` whose f involves only
     moments found before it, so each is a cumulative product and a cumulative sum over the whole path. Where the

@@ -75,8 +75,7 @@ class OdometryNoise:
         metre driven, m²/m
     heading_var_per_rad, distance_var_per_rad : heading (rad²/rad) and distance (m²/rad) variance per radian turned, on
         the spot or along an arc
-    heading_var_per_step, distance_var_per_step, lateral_var_per_step : the same per step: rad², m², m². They need
-        ``step_m``.
+    heading_var_per_step, distance_var_per_step, lateral_var_per_step : per step, rad², m², m². They need ``step_m``.
     step_m : length of a step in metres; None for the continuous model.
     heading_law : {"gaussian", "laplace", "von_mises", "uniform"}
         Distribution of one step's heading error, entering by its exact characteristic function. The von Mises
@@ -155,8 +154,7 @@ class OdometryNoise:
         heading_deg : standard deviation of the heading error, in degrees, after ``after_m`` metres
         distance_m : standard deviation of the distance error, in metres, after ``after_m`` metres
         after_m : length of the drives, in metres
-        heading_deg_per_full_turn : standard deviation of the heading error, in degrees, after turning once around
-            (360°) on the spot
+        heading_deg_per_full_turn : the same in degrees after turning once around (360°) on the spot
 
         >>> noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
         >>> round(noise.heading_var_per_m, 9), round(noise.distance_var_per_m, 9)
@@ -276,8 +274,7 @@ class OdometryNoise:
         return replace(self, **changed)
 
     def corrected(self) -> OdometryNoise:
-        """What is left when the known systematic errors are corrected for: the random ones, and the spread between
-        drives."""
+        """What is left when known systematic errors are corrected for: random ones, and the spread between drives."""
         none: dict[str, Any] = dict.fromkeys(SYSTEMATIC, 0.0)
         return replace(self, **none)
 

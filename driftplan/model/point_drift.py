@@ -45,8 +45,7 @@ class PointDrift(Tabular):
     __str__ = words = __repr__
 
     def to_dicts(self) -> list[dict[str, Any]]:
-        """One row per point: where it truly is and all about the drift there, metres and radians. In a batch ``path``
-        counts its paths.
+        """One row per point: where it truly is and all about the drift there, m and rad. ``path`` counts a batch's.
 
         >>> from driftplan import OdometryNoise, predict_drift
         >>> drift = predict_drift([(0, 0), (9, 0)], OdometryNoise(heading_var_per_m=1e-3))

@@ -58,8 +58,7 @@ class Fix:
     error. A fix less accurate than the estimate then makes it worse. A robot with a filter fuses it: a position fix
     also corrects heading, and no fix ever hurts. Ranges and bearings need a filter.
 
-    In the step model (``step_m``) a fix ends a step: the run it lies in counts its steps anew on either side, whether
-    or not the fix is detected.
+    In the step model (``step_m``) a fix, detected or not, ends a step: its run counts steps anew on either side.
 
     Attributes
     ----------
@@ -67,8 +66,7 @@ class Fix:
     position_cov : (2, 2) array or None
         Covariance of the measured position, m², world frame; None: position not measured.
     heading_std : standard deviation of the measured heading, rad (Gaussian); None: heading not measured.
-    detection_probability : probability that the measurement happens at all; otherwise the drift goes on as if there
-        were no fix
+    detection_probability : probability that the measurement happens at all; else the drift goes on as without a fix
     range_std_m, bearing_std : standard deviation of the measured distance to ``anchor`` (m), and of its measured
         direction in the robot's frame (rad)
     anchor : (2,) array or None: where the beacon is to which a range or bearing is measured, metres, world frame
@@ -300,8 +298,7 @@ class Resets(Columns):
     lever: Array
 
     def apply(self, before: Moments) -> Moments:
-        """Error moments (world frame) just after readings, given those just before them; over any leading axes, or in
-        Python's numbers; exact.
+        """Exact error moments (world frame) just after readings, given those just before; of any shape, or numbers.
 
         >>> tag = Readings.of([Fix.position(0.0, position_std_m=0.1)])
         >>> tag.resets()[0].apply(identity()).N.round(3).item()

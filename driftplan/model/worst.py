@@ -64,8 +64,7 @@ def worst_rms(drift: Drift) -> float:
 
 
 def worst_radius(drift: Drift, confidence: float) -> float:
-    """The greatest radius that holds the estimate with a confidence in (0, 1), anywhere along one path of straight
-    runs, metres.
+    """The greatest radius that holds the estimate with a confidence in (0, 1) along one path of straight runs, metres.
 
     A radius has no bound between points. It is taken at all borders, both sides of fixes and turns and 200 points along
     the path, then more and more closely around the greatest: a peak that is narrower than a 200th of the path and not
@@ -157,8 +156,7 @@ def greatest_between(
 
 
 class Departures(NamedTuple):
-    """What one kind of drive contributes to the average: its weight, its moments at the beginning of every stretch (n,)
-    and the noise of its floors."""
+    """What one kind of drive contributes to the average: weight, moments where stretches begin (n,), floors' noises."""
 
     weight: float
     begun: Moments
@@ -198,8 +196,7 @@ def _greatest_of_mixture(
 def exceeds_between(
     begun: Moments, length: Floats, which: Ints, noises: Sequence[OdometryNoise], end: Floats, limit: Floats
 ) -> Bools:
-    """Whether E|e|² exceeds a ``limit`` (n,), m², inside straight stretches whose ends keep it; the rest as in
-    `greatest_between`, and as exact."""
+    """Whether E|e|² exceeds a ``limit`` (n,), m², inside straight stretches whose ends keep it: `greatest_between`."""
     return np.asarray(greatest_between(begun, length, which, noises, end, np.arange(len(length)), limit) > limit)
 
 

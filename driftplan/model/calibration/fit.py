@@ -63,26 +63,21 @@ class NoiseFit(Tabular):
     std_errors : standard errors, by name
     confidence : float
     truth_position_std_m, truth_heading_std : white errors of the reference itself, fitted too so that they are not
-        taken for drift: metres per coordinate, rad. They take up whatever does not grow along the way, such as timing
-        jitter.
+        taken for drift: metres per coordinate, rad. They take up what does not grow along the way, like timing jitter.
     check : predicted against measured on the drives of the fit themselves; for other drives see `check_on`
     held_out : the same with every part of the drives predicted from the other parts: each drive from the others where
         there are three or more, else each fifth from the other four
     relative_errors : drift in % and deg/m at the same lengths, as KITTI's development kit counts it: to compare
         odometries by, without any model. None where true headings are not used.
-    heading_rms_intervals : (lengths, 2) or None, intervals of the predicted rms sine of the heading error gained at
-        every length of ``check``
+    heading_rms_intervals : (lengths, 2) or None, of the predicted rms sine of the heading error gained, as in ``check``
     counts : what became of the recordings
     time_offsets_s : truth clock minus odometry clock, of every drive
     heading_offsets : true heading as measured minus the robot's, of every drive, rad: how marker or sensor are mounted.
         0 where true headings are not used, or the angle is too small to be sure of.
-    faults : why the numbers are not to be used: the fit did not converge, sits on a bound, or its truth is another
-        drive's
+    faults : why the numbers are not to be used: no convergence, a value on its bound, the truth of another drive
     tracks : tuple of (array, array), shapes (K,)
-        True and estimated positions x + jy of every uninterrupted part, metres, the estimate laid on the truth's first
-        eighth.
-    notes : the faults, and what to know before using the numbers: parameters left out, drives that differ, a wrong
-        model
+        True and estimated positions x + jy of every uninterrupted part, metres, laid on the truth's first eighth.
+    notes : the faults, and what to know before using the numbers: rates left out, drives that differ, a wrong model
 
     >>> from driftplan import simulate_log
     >>> drive = simulate_log(5 * [(0, 0), (5, 0), (5, 5), (0, 5)], OdometryNoise(distance_scale_error=0.02))
@@ -121,8 +116,7 @@ class NoiseFit(Tabular):
     ) -> SegmentCheck:
         """Predicted against measured errors on drives that were not fitted, recorded with the same reference.
 
-        Arguments as for `fit_noise`; ``options`` are ``use_heading``, ``time_offset_s``, ``heading_offset``,
-        ``max_gap_s``.
+        As for `fit_noise`; ``options`` are ``use_heading``, ``time_offset_s``, ``heading_offset``, ``max_gap_s``.
         """
         segments, _ = segment_set(drives_of(estimates, truths), lengths_m=lengths_m, **options)
         there = solution_at(segments, self._solution.names, self._solution.theta)
@@ -204,15 +198,13 @@ def fit_noise(
 
     Parameters
     ----------
-    estimates : odometry of one drive or a sequence of them, each an `OdometryLog` or an (n, 3) array of poses x, y,
-        heading
+    estimates : odometry of one drive or several, each an `OdometryLog` or an (n, 3) array of poses x, y, heading
     truths : theirs, each a `Trajectory` or an (n, 2) or (n, 3) array, sampled at the same instants as the estimate's.
         Positions are enough; true headings, where measured independently, make the fit sharper.
     parameters : fields of `OdometryNoise` to fit, of `PARAMETERS`; the others are 0
     lengths_m : lengths of the segments, metres. Default: five, each half the next, the longest 1/16 of all drives
         together (at most 1/4 of the shortest). All lengths count the same; choose those for which you want predictions.
-    use_heading : whether to use the truth's headings. Default: if all drives have them, and they are more than the
-        odometry's.
+    use_heading : whether to use true headings. Default: if all drives have them, and they are more than the odometry's.
     time_offset_s, heading_offset, max_gap_s : see `driftplan.model.calibration.matched_drive.match`
     confidence : of the intervals
     resamples : bootstrap replicates

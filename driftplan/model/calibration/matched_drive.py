@@ -43,14 +43,12 @@ class MatchCounts:
     odometry_samples, truth_samples : int
     repeated_samples : with a time not later than the one before; left out (motion of odometry increments is kept)
     truth_outliers : truth samples farther from their neighbours than the robot can have moved; left out
-    odometry_outliers : steps of the odometry that no robot makes (`OdometryLog.without_glitches`); left out, and the
-        drive cut there
+    odometry_outliers : steps that no robot makes (`OdometryLog.without_glitches`); left out, and the drive cut there
     breaks : places where a gap, a jump of the truth or an outlier of the odometry cut a drive in two. The truth's gaps
         count where the robot moved, the odometry's where it reports velocities.
     outside_truth_s, standstill_s : seconds of odometry before the first or after the last truth sample; seconds in
         which the robot stood (`OdometryLog.standing`), whose jitter is no distance
-    driven_m, used_m, turned_rad : distance by the odometry; true distance on usable parts, and angle turned there
-        (absolute values added up)
+    driven_m, used_m, turned_rad : distance by the odometry; true distance and angle turned either way on usable parts
     """
 
     odometry_samples: int = 0
@@ -95,8 +93,7 @@ def match(
     odometry, truth : of one drive, recorded at their own times
     spacing_m : distance between knots
     time_offset_s : time of the truth's clock minus the odometry's when both see the same event. By default it is
-        estimated, up to 1 s: the offset at which the motions agree best, and 0 unless that makes their difference
-        clearly smaller.
+        estimated, up to 1 s: where the motions agree best, and 0 unless their difference is clearly smaller there.
     heading_offset : measured true heading minus the robot's, rad: how the marker or sensor is mounted. By default it is
         estimated, and 0 unless clearly another.
     max_gap_s : truth samples farther apart in time, between which the robot moved, cut the drive; so do gaps in
@@ -152,8 +149,7 @@ def _mounting(resampled: list[ResampledDrive]) -> float:
 
     A marker or sensor that is mounted askew turns every measured heading by the same angle, and so all true
     displacements in the measured frame, long and short, whereas errors of odometry grow with length. The heading error
-    gained over a short segment is seen from half of it, and its effect on the displacement undone. 0 unless four
-    standard errors away.
+    gained over a short segment is seen from half of it, and undone. 0 unless four standard errors away.
     """
     products: list[Complexes] = [np.zeros(0, complex)]
     for part in resampled:
@@ -175,8 +171,7 @@ def _mounting(resampled: list[ResampledDrive]) -> float:
 
 def _clock_offset(odometry: OdometryLog, truth: Trajectory) -> float:
     """Truth clock minus odometry clock, s: where turns (without headings: distances) over short
-    windows agree best. 0 unless their mean difference falls by a twentieth: a slow or steady drive says nothing about
-    clocks."""
+    windows agree best. 0 unless their mean difference falls by a twentieth: a steady drive says nothing of clocks."""
     window = max(0.5, 2 * float(np.median(np.diff(truth.times))), 2 * float(np.median(np.diff(odometry.times))))
     first = max(odometry.times[0], truth.times[0]) + _MOST_OFFSET_S
     last = min(odometry.times[-1], truth.times[-1]) - _MOST_OFFSET_S
@@ -239,8 +234,7 @@ def _good_samples(odometry: OdometryLog, truth: Trajectory) -> tuple[Bools, list
 def _gaps(
     odometry: OdometryLog, truth: Trajectory, travelled: Floats, max_gap_s: float | None, spacing_m: float
 ) -> list[tuple[float, float]]:
-    """Intervals without a sample, in which the robot moved more than a knot's spacing: of the truth, and of odometry
-    whose motion in them is a guess."""
+    """Intervals without a sample in which the robot moved on by a knot: of the truth, and of integrated velocities."""
     if max_gap_s is None:
         max_gap_s = max(_GAP_S, _GAP_INTERVALS * float(np.median(np.diff(truth.times))))
     limits = [(truth.times, max_gap_s)]

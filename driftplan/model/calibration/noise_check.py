@@ -48,13 +48,11 @@ class LengthCheck(NamedTuple):
     independent : how many fit side by side
     measured_rms_m, predicted_rms_m : root mean square position error, with the white errors of the reference in both
     measured_rms_error_m : standard error of the measured one
-    predicted_rms_interval_m : of the predicted one, by the fit's intervals; both are the prediction itself where the
-        noise is taken as given
+    predicted_rms_interval_m : of the predicted one, by the fit's intervals; the prediction twice for a noise given
     measured_heading_rms, predicted_heading_rms : of the sine of the heading error gained; nan without true headings
     coverage : share of the errors inside the regions that should hold 50, 90 and 95 %
     coverage_error : standard deviations of these shares if the model were right
-    mean_nees : mean normalised error squared per degree of freedom: 1 if the model is right, above if it promises too
-        much
+    mean_nees : mean normalised error squared per degree of freedom: 1 if right, above if the model promises too much
     """
 
     length_m: float
@@ -227,8 +225,7 @@ def check_segments(
 ) -> SegmentCheck:
     """The errors of segments against ``moments`` (n, 3), (n, 3, 3) that are predicted for them, and what chance does in
     `repetitions`. ``rms_intervals_m`` (lengths, 2) of the predicted rms are told; where the prediction owes nothing to
-    these segments, the standard errors of its rms (lengths,) count too. ``notes`` come before those on what does not
-    fit."""
+    these segments, the standard errors of its rms (lengths,) count too. ``notes`` come before those on misfits."""
     mean, cov = moments
     cov = cov + segments.floor()[segments.bin_of]
     where = segments.position
@@ -283,8 +280,7 @@ def _standard(values: Floats, chance: Floats | None = None) -> Floats:
 
 
 def _clear(worst: Floats) -> float:
-    """Standard errors that the worst of all lengths exceeds in `CLEAR_CHANCE` of all checks of a right model, and at
-    least 3."""
+    """Standard errors, 3 at least, that the worst length exceeds in `CLEAR_CHANCE` of all checks of a right model."""
     return max(3.0, float(np.quantile(worst, 1 - CLEAR_CHANCE)))
 
 

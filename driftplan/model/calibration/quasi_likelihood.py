@@ -12,9 +12,8 @@ prediction even where the model is only roughly right:
 * Each *length* has the same weight in all. Short segments, far more numerous, would otherwise decide alone, and at
   short range odometry errs in ways that do not last (clock offsets, antenna levers, jitter).
 * V_i is the inverse of 0.8 C_i + 0.2 C̄, C̄ the average over all segments of that length: a segment from which the
-model
-  promises next to no error must not decide either. (On the drives of a mower with slips, predicted and measured rms
-  then agree at all lengths, where the maximum of the likelihood was off by a factor of two.)
+  model promises next to no error must not decide either. (On the drives of a mower with slips, predicted and measured
+  rms then agree at all lengths, where the maximum of the likelihood was off by a factor of two.)
 
 * Fitted systematic errors take part of the random ones with them: residuals spread by C less the covariance of the
   fitted mean. That is added back, from the bootstrap (it is 1/8 of a rate for two biases and 16 longest segments).

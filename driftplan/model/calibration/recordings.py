@@ -29,11 +29,9 @@ class OdometryLog:
     Attributes
     ----------
     times : (n + 1,), seconds, increasing
-    moves : (n,), displacement between samples in the robot's frame at the first of the two: x (forward) + jy (left),
-        metres
+    moves : (n,), displacement between samples, x (forward) + jy (left) as the robot stood at the first of them, metres
     turns : (n,), change of heading between samples, rad, positive to the left
-    holds_velocity : whether the increments were integrated from velocities, so that motion in a gap between samples is
-        a guess
+    holds_velocity : whether increments were integrated from velocities: motion in a gap between samples is a guess
     repeated : samples whose time was not later than the one before: merged (increments) or left out
     glitches : (m,), when the steps began that `without_glitches` took out, s: what happened in them is unknown
     notes : what is to be said about the file that it was read from

@@ -28,8 +28,7 @@ class ResampledDrive(NamedTuple):
     """One uninterrupted part of a drive, at K knots of about equal spacing.
 
     Axes are exp(2jθ) of the direction θ in which the robot drives, integrated: along which axis errors of distance lie.
-    A robot that turns on the spot counts a distance in all the directions that it sweeps, not along the chord to the
-    next knot.
+    A robot that turns on the spot counts a distance in all directions that it sweeps, not along the next chord.
     """
 
     driven: Floats  # (K,), true distance from the start of the drive, metres, increasing
@@ -127,8 +126,7 @@ def along_travel(parts: list[ResampledDrive]) -> list[ResampledDrive]:
 
 
 def laid_on_truth(part: ResampledDrive) -> tuple[Complexes, Complexes]:
-    """True and estimated positions, the estimate turned and moved so that it begins as the truth does: an eighth of the
-    way tells the direction."""
+    """True and estimated positions, the latter turned and moved to begin like the truth: an eighth tells how."""
     k = max(len(part.driven) // 8, 1)
     estimated, true = part.estimate - part.estimate[0], part.truth - part.truth[0]
     turn = np.vdot(estimated[: k + 1], true[: k + 1])

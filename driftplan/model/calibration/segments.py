@@ -9,8 +9,7 @@ The error of a segment can only be stated once estimate and truth are aligned at
   middle, one of them driven backwards, so that their errors x and y are independent and as small as can be; mean and
   covariance are those of the second-order expansion in x and y, whose moments are exact.
 
-Errors of the truth itself (white, of each position coordinate and of the heading) enter as they should: at both ends,
-and through the alignment.
+Errors of the truth itself (white, of each coordinate and of the heading) enter at both ends and through the alignment.
 
 Everything is done in world coordinates with rotations left out (u = 1): planar rotations commute, so the errors do not
 care, and the true heading is needed only at the start of a segment.
