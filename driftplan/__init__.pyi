@@ -78,11 +78,11 @@ from .planning.graph_routes import edge_metadata as edge_metadata
 from .planning.graph_routes import graph_routes as graph_routes
 from .planning.many_routes import plan_routes as plan_routes
 from .planning.ompl.collision import use_world as use_world
-from .planning.ompl.convergence import CostConvergence as CostConvergence
 from .planning.ompl.objective import DriftObjective as DriftObjective
 from .planning.ompl.paths import polish_ompl_path as polish_ompl_path
 from .planning.ompl.paths import predict_ompl_path as predict_ompl_path
 from .planning.ompl.roadmap_planner import RoadmapPlanner as RoadmapPlanner
+from .planning.ompl.solve import CostConvergence as CostConvergence
 from .planning.request import DriftLimit as DriftLimit
 from .planning.request import Planner as Planner
 from .planning.routes import Route as Route

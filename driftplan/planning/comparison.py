@@ -180,11 +180,9 @@ def pareto_routes(
     request = PlanRequest(world, (start, goal), noise, reliance, "length", *search)
 
     def plan(share: float, minimise: Objective, max_drift: float = reliance.max_drift) -> Route:
-        asked = replace(request.reliance, max_drift=max_drift)
-        left_s = max(request.left_s(), 0.1)
-        return route_for(
-            replace(request, reliance=asked, minimise=minimise, time_limit=share * left_s, began=time.monotonic())
-        )
+        asked, limit_s = replace(request.reliance, max_drift=max_drift), share * max(request.left_s(), 0.1)
+        timed = replace(request, time_limit=limit_s, began=time.monotonic())
+        return route_for(replace(timed, reliance=asked, minimise=minimise))
 
     shortest, steady, surest = plan(0.2, "length"), plan(0.3, "worst_drift"), plan(0.3, "drift")
     found = [shortest, steady, surest]

@@ -12,11 +12,11 @@ from ompl import geometric as og
 
 from driftplan.errors import InfeasibleError, PlannerError
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.ompl import convergence
+from driftplan.planning.ompl import solve
 from driftplan.planning.ompl.collision import use_world
-from driftplan.planning.ompl.convergence import CostConvergence
 from driftplan.planning.ompl.objective import DriftObjective
 from driftplan.planning.ompl.roadmap_planner import RoadmapPlanner
+from driftplan.planning.ompl.solve import CostConvergence
 from driftplan.planning.request import Planner, format_least
 from driftplan.planning.routes import plan_route
 from driftplan.planning.status import Status
@@ -81,7 +81,7 @@ class Falling:
 def test_the_cost_has_settled_when_it_has_hardly_fallen_for_a_while(monkeypatch):
     """By a clock that ticks once a look; the first path comes at the third."""
     ticks = itertools.count()
-    monkeypatch.setattr(convergence.time, "monotonic", lambda: float(next(ticks)))
+    monkeypatch.setattr(solve.time, "monotonic", lambda: float(next(ticks)))
     nan, inf = float("nan"), float("inf")
     settled = CostConvergence(Falling(nan, inf, inf, inf, 10.0, 9.0, 8.95, 8.94, 8.93), share=0.01, seconds=3.0)
     assert [settled() for _ in range(9)] == [False] * 8 + [True]

@@ -36,21 +36,14 @@ class Obstacle(NamedTuple):
 def infeasible(
     search: LimitSearch, limits: Sequence[float], cover: Cover, *, even_for_the_mean: bool = False
 ) -> InfeasibleError:
-    """What to tell the user when ``cover`` has no layout."""
-    why, stretch = _explained(search, limits, cover)
-    mean = "systematic errors differ between drives, and no layout was found that keeps the limits for all: even for "
-    return InfeasibleError(f"{mean}their mean {why}" if even_for_the_mean else why, stretch)
-
-
-def _explained(search: LimitSearch, limits: Sequence[float], cover: Cover) -> tuple[str, Stretch | None]:
-    """Why, whether a robot that fuses its readings has a layout, and the stretch that this is about."""
-    problem = search.problem
-    stretch: Stretch | None = None
+    """What to tell the user when ``cover`` has no layout: why, whether a robot that fuses its readings has one, and the
+    stretch that this is about."""
+    problem, stretch = search.problem, None
     if cover.status is not Status.INFEASIBLE:
         ruled_out = f" (one would cost at least {cover.lower_bound:g})" if cover.lower_bound > 0 else ""
         to_do = "raise time_limit, or begin with a higher max_drift"
-        return f"no layout was found in time, nor was it proven that there is none{ruled_out}: {to_do}", None
-    if cover.hopeless is not None and cover.hopeless.where[0] == -2:
+        why = f"no layout was found in time, nor was it proven that there is none{ruled_out}: {to_do}"
+    elif cover.hopeless is not None and cover.hopeless.where[0] == -2:
         why = f"group {cover.hopeless.where[1]} demands more beacons than it has sites outside the forbidden areas"
     elif cover.hopeless is not None:
         needs = search.requirements(limits)
@@ -69,7 +62,10 @@ def _explained(search: LimitSearch, limits: Sequence[float], cover: Cover) -> tu
     else:
         nearest = search.least_factor(limits, problem.fixed, 1.0, _FACTOR_TOLERANCE)
         why, stretch = _about_nearest(problem, limits, nearest)
-    return why + _if_fused(problem, limits), stretch
+    if cover.status is Status.INFEASIBLE:
+        why += _if_fused(problem, limits)
+    mean = "systematic errors differ between drives, and no layout was found that keeps the limits for all: even for "
+    return InfeasibleError(f"{mean}their mean {why}" if even_for_the_mean else why, stretch)
 
 
 def _next_to_try(problem: PlacementProblem, limit: float) -> str:

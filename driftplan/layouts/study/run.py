@@ -130,7 +130,7 @@ def run_study(
     asked = planned_study(study, results)
     path = results_file(asked.study, results)
     with appending(path) as append:
-        rows = read_rows(path) if path else {}
+        rows = read_rows(path)
         again = (FAILED, OUT_OF_TIME) if retry else ()
         todo = {t.key: t for t in asked.tasks if t.key not in rows or rows[t.key]["outcome"] in again}
         done = _executed(executor, workers, asked.inputs.shared, list(todo.values()))
@@ -151,8 +151,8 @@ def planned_study(
     asked = Study.of(study)
     inputs = Inputs(asked)
     cells = tuple(asked.cells())
-    path = results_file(asked, results)
-    return StudyResult(asked, cells, tuple(map(inputs.task, cells)), read_rows(path) if path else {}, inputs)
+    rows = read_rows(results_file(asked, results))
+    return StudyResult(asked, cells, tuple(map(inputs.task, cells)), rows, inputs)
 
 
 def results_file(study: Study, results: str | os.PathLike[str] | None) -> Path | None:
@@ -177,11 +177,11 @@ def _executed(executor: Any, workers: int | None, shared: Mapping[str, Any], tas
     return in_processes(shared, tasks, min(count, len(tasks)))
 
 
-def read_rows(path: Path) -> dict[str, Row]:
+def read_rows(path: Path | None) -> dict[str, Row]:
     """The last row of every key, none without a file; a StudyError names a line but the last that is no row."""
-    if not path.exists():
-        return {}
     rows: dict[str, Row] = {}
+    if path is None or not path.exists():
+        return rows
     with path.open("rb") as file:
         for number, line in enumerate(file, start=1):
             if not line.endswith(b"\n"):  # being written, or cut off
@@ -201,23 +201,20 @@ def appending(path: Path | None) -> Iterator[Callable[[Row], None]]:
     if path is None:
         yield lambda row: None
         return
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
-    try:
+    with path.open("a+b", buffering=0) as file:
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise StudyError(f"{path}: another run is adding to these results: wait for it or end it") from None
-        if os.fstat(descriptor).st_size:
-            with mmap(descriptor, 0, access=ACCESS_READ) as content:
+        if file.seek(0, os.SEEK_END):
+            with mmap(file.fileno(), 0, access=ACCESS_READ) as content:
                 whole_lines = content.rfind(b"\n") + 1
-            os.ftruncate(descriptor, whole_lines)
+            file.truncate(whole_lines)
 
         def append(row: Row) -> None:
             """In one write: once this returns, killing the process does not lose it."""
             line = json.dumps(row, allow_nan=False, separators=(",", ":")).encode() + b"\n"
-            if os.write(descriptor, line) != len(line):
+            if file.write(line) != len(line):
                 raise OSError("a row could not be written whole: is the disk full?")
 
         yield append
-    finally:
-        os.close(descriptor)

@@ -121,9 +121,7 @@ def routes_key(shared: Mapping[str, Any], task: CellTask) -> tuple[Any, ...]:
 
 def sites_for(asked: SitesAsked, world: World | None, routes: Routes) -> Sites:
     """Where beacons may go for these routes."""
-    common: dict[str, Any] = {
-        "existing": asked.existing, "min_spacing_m": asked.min_spacing_m, "forbidden": asked.forbidden,
-    }  # fmt: skip
+    common: dict[str, Any] = {name: getattr(asked, name) for name in ("existing", "min_spacing_m", "forbidden")}
     points = asked.points
     if points is None and (asked.along == "grid" or (asked.along == "routes" and world is None)):
         return Sites(asked.kinds, spacing_m=asked.spacing_m, **common)
@@ -168,9 +166,7 @@ def _places(world: World, count: int, rng: np.random.Generator) -> list[Floats]:
 def _of_layout(layout: Layout, kinds: Sequence[BeaconKind]) -> Row:
     return {
         "beacons": len(layout.beacons),
-        "cost": layout.cost,
-        "lower_bound": layout.lower_bound,
-        "proven": layout.proven,
+        **{name: getattr(layout, name) for name in ("cost", "lower_bound", "proven")},
         "ended_by_time": layout.status is Status.TIME_LIMIT,
         "drift_bound_m": layout.drift_bound,
         "layout": [[b.id, kinds.index(b.kind), b.x, b.y, b.facing_deg] for b in layout.beacons],
@@ -193,10 +189,8 @@ def _simulated(scenario: Scenario, beacons: tuple[Beacon, ...], drives: int, see
         zs.append(gap / max(float(square.std(ddof=1)) / drives**0.5, 1e-300) if abs(gap) > 1e-18 else 0.0)
         rms.append((predicted, float(square.mean()) ** 0.5))
     worst = int(np.argmax(np.abs(zs)))
-    predicted_m, observed_m = rms[worst]
     return {
-        "predicted_rms_m": predicted_m,
-        "observed_rms_m": observed_m,
+        **dict(zip(("predicted_rms_m", "observed_rms_m"), rms[worst], strict=True)),
         "z": zs[worst],
         "z_of_all": float(sum(zs) / len(zs) ** 0.5),
         "z_route": worst,

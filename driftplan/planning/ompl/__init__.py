@@ -4,6 +4,6 @@ objective, motion_prices        DriftObjective, and the prices of single motions
 spaces, curves, zone_lookup     which spaces can be priced, Dubins and Reeds-Shepp curves, zones one motion at a time
 collision                       validity of states and motions over a World
 paths                           the exact drift of OMPL's paths; better paths near them
-solve, convergence              one quiet run of an OMPL planner; CostConvergence, when a planner may stop
+solve                           one quiet run of an OMPL planner; CostConvergence, when a planner may stop
 roadmap_planner                 RoadmapPlanner; roadmap_problem: what it plans in and for
 """
