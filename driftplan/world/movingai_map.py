@@ -7,6 +7,7 @@ ground: not passable. (Format: movingai.com/benchmarks/formats.html)
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from reprlib import repr as short
 
@@ -18,6 +19,9 @@ from driftplan.files import read_bytes
 from driftplan.world.cells import MAX_COARSENED, cells_of_outline, fewer_cells, outline_of_cells, refuse_too_many
 from driftplan.world.world import World
 
+_SIZE = rb"\s+0*([1-9]\d{0,8})"
+_HEADER = {"type octile": rb"type\s+(?:octile|tile)", "height N": rb"height" + _SIZE, "width N": rb"width" + _SIZE}
+_HEADER["map"] = rb"map"
 _PASSABLE = b".GS"
 _BLOCKED = b"@OTW"
 _MAX_BYTES = MAX_COARSENED + (1 << 20)
@@ -67,22 +71,12 @@ def movingai_map_files(world: World, path: Path, *, cell_size_m: float) -> dict[
 
 def _read_header(path: Path, lines: list[bytes], coarsen: int | None) -> tuple[int, int]:
     """Height and width."""
-    words = [line.split() for line in lines] + [[]] * (4 - len(lines))
-    expected = {
-        "type octile": words[0] in ([b"type", b"octile"], [b"type", b"tile"]),
-        "height N": _is_size(b"height", words[1]),
-        "width N": _is_size(b"width", words[2]),
-        "map": words[3] == [b"map"],
-    }
-    for number, (wanted, found) in enumerate(expected.items(), start=1):
-        if not found:
-            got = short(lines[number - 1]) if lines[number - 1 : number] > [b""] else "nothing"
-            raise MapError(f"{path}, line {number}: expected {wanted!r}, got {got}")
-    height, width = int(words[1][1]), int(words[2][1])
+    sizes = list[int]()
+    for number, ((wanted, pattern), line) in enumerate(zip(_HEADER.items(), lines + 4 * [b""], strict=False), start=1):
+        if not (found := re.fullmatch(pattern, line.strip())):
+            raise MapError(f"{path}, line {number}: expected {wanted!r}, got {short(line) if line else 'nothing'}")
+        sizes += map(int, found.groups())
+    height, width = sizes
     with naming(path, MapError):
         refuse_too_many(width, height, coarsen)
     return height, width
-
-
-def _is_size(name: bytes, words: list[bytes]) -> bool:
-    return len(words) == 2 and words[0] == name and words[1].isdigit() and len(words[1]) < 10 and int(words[1]) > 0

@@ -307,11 +307,10 @@ def _kitti(table: Table, rate_hz: float) -> Table:
     pose = rows[:, -_KITTI_COLUMNS:].reshape(-1, 3, 4)
     right, down, ahead = np.ptp(pose[:, :, 3], axis=0)
     if ahead < _FLAT * down and right > 0:
-        raise ValueError(
-            f"expected KITTI's matrices in the frame of its camera (z ahead, x to the right), got a drive of "
-            f"{right:.3g} m along x and {down:.3g} m along y, {ahead:.3g} m along z: that is a frame with z upwards, "
-            "as a lidar's or a robot's; write time, x, y, heading instead"
-        )
+        drive = f"a drive of {right:.3g} m along x and {down:.3g} m along y, {ahead:.3g} m along z"
+        upwards = "that is a frame with z upwards, as a lidar's or a robot's; write time, x, y, heading instead"
+        camera = "the frame of its camera (z ahead, x to the right)"
+        raise ValueError(f"expected KITTI's matrices in {camera}, got {drive}: {upwards}")
     heading = np.unwrap(np.arctan2(-pose[:, 0, 2], pose[:, 2, 2]))
     values = np.stack([times, pose[:, 2, 3], -pose[:, 0, 3], heading], axis=-1)
     return table._replace(values=values, names=tuple(_NAMELESS[4]), units=None)
