@@ -41,7 +41,7 @@ class Limit:
 
     def judged(self, state: Moments, route: Ints) -> tuple[Bools, Bools]:
         """Which states are beyond the limit; and which are not, but by a radius so close to it that the points between
-        must be looked at (rms has a bound between points instead, see `broken_between`)."""
+        must be looked at (rms has a bound between points instead)."""
         limit = self.metres[route]
         beyond = np.asarray(state.N.real > limit**2)
         close = np.zeros(beyond.shape, dtype=bool)
@@ -55,14 +55,12 @@ class Limit:
             close[unsure] = within < self.confidence + _CLOSE * (1 - self.confidence)
         return beyond, close & ~beyond
 
-    def broken_between(self, begun: Moments, end: Floats, route: Ints, table: RouteTable, segment: Ints) -> Bools:
-        """Which limits of the rms are broken inside segments that begin in the states ``begun`` and end with E|e|² of
-        ``end``, though not at their ends."""
-        which, square = table.noise_of[segment], self.metres[route] ** 2
-        return exceeds_between(begun, table.length[segment], which, table.noises, end, square)
-
-    def broken_within(self, begun: Moments, route: Ints, table: RouteTable, segment: Ints) -> Bools:
-        """Which radii are beyond the limit at points inside segments that begin in the states ``begun``, (k,)."""
+    def broken_inside(self, begun: Moments, end: Floats, route: Ints, table: RouteTable, segment: Ints) -> Bools:
+        """Which limits are broken inside segments that begin in the states ``begun``, (k,), and end with E|e|² of
+        ``end``, though not at their ends; for radii at points of them."""
+        if self.confidence is None:
+            which, square = table.noise_of[segment], self.metres[route] ** 2
+            return exceeds_between(begun, table.length[segment], which, table.noises, end, square)
         inside = table.within(segment, _RADIUS_PARTS)
         states = compose(begun[np.arange(len(segment))[:, None]], inside)
         routes = np.repeat(route, _RADIUS_PARTS - 1)
@@ -137,11 +135,8 @@ def last_slots(table: RouteTable, fresh: FreshFixes, limit: Limit, stop: Ints, *
             higher = ceiling(before, after, *table.sags(segment)) > limit.metres[fresh.route] ** 2
             doubt = np.flatnonzero(going & known & higher)
         if len(doubt):
-            state, route = compose(fresh.state[doubt], begun[doubt]), fresh.route[doubt]
-            if radius:
-                going[doubt] = ~limit.broken_within(state, route, table, segment[doubt])
-            else:
-                going[doubt] = ~limit.broken_between(state, after[doubt], route, table, segment[doubt])
+            state = compose(fresh.state[doubt], begun[doubt])
+            going[doubt] = ~limit.broken_inside(state, after[doubt], fresh.route[doubt], table, segment[doubt])
         last[active[going]] = slot[going]
         going &= slot < stop
         slot, before = slot + 1, after
@@ -266,18 +261,20 @@ def _driven(intervals: IntervalMoments, sets: ReadingSets) -> _Driven:
 
 
 def _first_breach(intervals: IntervalMoments, sets: ReadingSets, limit: Limit) -> tuple[Ints, Bools]:
-    driven = _driven(intervals, sets)
-    drive, e, j = driven.drive, driven.e, driven.j
+    table, driven = intervals.table, _driven(intervals, sets)
+    drive, e, j, square = driven.drive, driven.e, driven.j, driven.square
     route = sets.route[drive]
     if limit.confidence is None:
-        broken = driven.square > limit.metres[route] ** 2
-        broken[_in_doubt(intervals, limit, driven, route)] = True
+        target = limit.metres[route] ** 2
+        broken = square > target
+        doubt = ceiling(np.roll(square, 1), square, *table.sags(driven.segment)) > target
     else:
         broken, close = limit.judged(compose(driven.state[driven.interval], intervals.between(e, j)), route)
-        some = np.flatnonzero((e < j) & (close | np.roll(close, 1)) & ~broken & ~np.roll(broken, 1))
-        if len(some):
-            begun = driven.begun(intervals, some)
-            broken[some] = limit.broken_within(begun, route[some], intervals.table, driven.segment[some])
+        doubt = close | np.roll(close, 1)
+    some = np.flatnonzero((e < j) & doubt & ~broken & ~np.roll(broken, 1))
+    if len(some):
+        begun = driven.begun(intervals, some)
+        broken[some] = limit.broken_inside(begun, square[some], route[some], table, driven.segment[some])
     at_start = e == j
     slot = j - intervals.first[route] - ~at_start
     breach, early = np.full(len(sets.route), KEPT), np.zeros(len(sets.route), dtype=bool)
@@ -285,18 +282,6 @@ def _first_breach(intervals: IntervalMoments, sets: ReadingSets, limit: Limit) -
     bad = bad[np.lexsort((~at_start[bad], -slot[bad]))]  # of several the first slot is written last
     breach[drive[bad]], early[drive[bad]] = slot[bad], at_start[bad]
     return breach, early
-
-
-def _in_doubt(intervals: IntervalMoments, limit: Limit, driven: _Driven, route: Ints) -> Ints:
-    """Which breakpoints the limit breaks on the way to, inside the segment, though not at its ends."""
-    table, square, target = intervals.table, driven.square, limit.metres[route] ** 2
-    begin = np.roll(square, 1)
-    kept = (driven.e < driven.j) & (np.maximum(begin, square) <= target)
-    doubt = np.flatnonzero(kept & (ceiling(begin, square, *table.sags(driven.segment)) > target))
-    if not len(doubt):
-        return doubt
-    begun = driven.begun(intervals, doubt)
-    return doubt[limit.broken_between(begun, square[doubt], route[doubt], table, driven.segment[doubt])]
 
 
 def failures(scenario: Scenario, beacons: Sequence[Beacon]) -> list[Failure]:
