@@ -57,11 +57,8 @@ class CovarianceMap(Columns):
         return _symmetric(self.A @ inner @ self.A.mT + self.C)
 
     def read(self, rows: Sequence[Row]) -> CovarianceMap:
-        """The same stretch with a reading at its end; nothing is inverted.
-
-        A perfect reading of something on which the stretch put no noise would be infinite information: it then counts
-        as one of a micrometre or microradian.
-        """
+        """The same stretch with a reading at its end; nothing is inverted. A perfect reading of something on which the
+        stretch put no noise would be infinite information: it counts as one of a micrometre or microradian."""
         A, C, J = self.A, self.C, self.J
         for row in rows:
             h = row.vector(A.shape[-1])

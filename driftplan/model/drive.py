@@ -58,16 +58,14 @@ def _leg_by_leg(legs: Moments, start: Moments, due: dict[int, list[Resets]]) -> 
     """With Python's numbers: where hops are short, numpy's calls would cost ten times as much."""
     (state,) = start.numbers()
     levers = zip(*(np.broadcast_to(x, legs.shape).tolist() for x in lever(legs)), strict=True)
-    arriving, leaving = [state], []
-    for border, (leg, of_leg) in enumerate(zip(legs.numbers(), levers, strict=True)):
+    arriving, leaving = [], []
+    for border, leg in enumerate([*zip(legs.numbers(), levers, strict=True), None]):
+        arriving.append(state)
         for reset in due.get(border, ()):
             state = reset.apply(state)
         leaving.append(state)
-        state = compose(state, leg, of_leg)
-        arriving.append(state)
-    for reset in due.get(legs.shape[-1], ()):
-        state = reset.apply(state)
-    leaving.append(state)
+        if leg is not None:
+            state = compose(state, *leg)
     return Driven(Moments.stack(arriving), Moments.stack(leaving))
 
 
@@ -75,15 +73,13 @@ def _hop_by_hop(legs: Moments, start: Moments, due: dict[int, list[Resets]]) -> 
     """With numpy's arrays, a scan from reading to reading."""
     state, last = start, legs.shape[-1]
     arriving, leaving = [start[None]], []
-    for begin, end in pairwise(sorted({0, *due, last})):
+    for begin, end in pairwise([*sorted({0, *due, last}), last]):
         for reset in due.get(begin, ()):
             state = reset.apply(state)
         hop = scan(legs[begin:end], state)
         leaving.append(hop[:-1])
         arriving.append(hop[1:])
         state = hop[-1]
-    for reset in due.get(last, ()):
-        state = reset.apply(state)
     return Driven(Moments.concatenate(arriving), Moments.concatenate([*leaving, state[None]]))
 
 

@@ -211,10 +211,7 @@ class Readings(Columns):
         return ~np.isnan(self.heading_var)
 
     def resets(self) -> Resets:
-        """What the estimator ``reset`` makes of them.
-
-        Raises ValueError for a range or a bearing: they need a filter.
-        """
+        """What the estimator ``reset`` makes of them; ValueError for a range or a bearing, which need a filter."""
         if not (np.isnan(self.range_var) & np.isnan(self.bearing_var)).all():
             raise ValueError(f"{NEEDS_FILTER}; expected estimator='filter'")
         places, turns = self.read_position, self.read_heading

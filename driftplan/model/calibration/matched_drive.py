@@ -170,8 +170,8 @@ def _mounting(resampled: list[ResampledDrive]) -> float:
 
 
 def _clock_offset(odometry: OdometryLog, truth: Trajectory) -> float:
-    """Truth clock minus odometry clock, s: where turns (without headings: distances) over short
-    windows agree best. 0 unless their mean difference falls by a twentieth: a steady drive says nothing of clocks."""
+    """Truth clock minus odometry clock, s: where turns (without headings: distances) over short windows agree best. 0
+    unless their mean difference falls by a twentieth: a slow or steady drive says nothing about clocks."""
     window = max(0.5, 2 * float(np.median(np.diff(truth.times))), 2 * float(np.median(np.diff(odometry.times))))
     first = max(odometry.times[0], truth.times[0]) + _MOST_OFFSET_S
     last = min(odometry.times[-1], truth.times[-1]) - _MOST_OFFSET_S

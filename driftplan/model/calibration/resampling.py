@@ -76,10 +76,8 @@ def true_motion(odometry: OdometryLog, truth: Trajectory, travelled: Floats, spa
 def resample(
     odometry: OdometryLog, truth: Trajectory, motion: TrueMotion, begin_s: float, end_s: float, spacing_m: float
 ) -> ResampledDrive | None:
-    """The drive from ``begin_s`` to ``end_s`` at knots; None if there are fewer than two.
-
-    Knots are samples of the recording with the fewer of them: interpolated ones would have smaller errors.
-    """
+    """The drive from ``begin_s`` to ``end_s`` at knots; None if there are fewer than two. Knots are samples of the
+    recording with the fewer of them: interpolated ones would have smaller errors."""
     sparser = max(odometry.times, truth.times, key=lambda times: float(np.median(np.diff(times))))
     candidates = sparser[(sparser >= begin_s) & (sparser <= end_s)]
     distances = np.interp(candidates, odometry.times, motion.driven)

@@ -123,10 +123,7 @@ def segment_set(
     use_heading: bool | None = None,
     **options: Unpack[MatchOptions],
 ) -> tuple[SegmentSet, list[MatchedDrive]]:
-    """The drives matched, and their segments.
-
-    Parameters are those of `driftplan.model.calibration.fit.fit_noise`.
-    """
+    """The drives matched, and their segments; parameters as for `driftplan.model.calibration.fit.fit_noise`."""
     drives = _with_or_without_heading([(odometry.without_glitches(), truth) for odometry, truth in drives], use_heading)
     parts = 1 if drives[0][1].heading is not None else 2
     # between samples of the sparsest recording, metres
