@@ -66,8 +66,9 @@ def main() -> None:
         timed(f"{name}: least worst drift", world, ends, beacons, minimise="worst_drift", **longer)
         timed(f"{name}: least drift at the goal", world, ends, beacons, minimise="drift", **longer)
         timed(f"{name}: limit {limit:.2f} m, filter", world, ends, beacons, max_drift=limit, estimator="filter")
-        fused = {"minimise": "worst_drift", "estimator": "filter", "max_nodes": 300}
-        timed(f"{name}: least worst drift, filter, 300 nodes", world, ends, beacons, **fused, **longer)
+        for nodes in (100, 1000):
+            fused = {"minimise": "worst_drift", "estimator": "filter", "max_nodes": nodes}
+            timed(f"{name}: least worst drift, filter, {nodes} nodes", world, ends, beacons, **fused, **longer)
     world, ends, range_m, _ = places["warehouse"]
     for count in (25, 50, 100, 200, 400):
         timed(f"warehouse: {count} beacons, limit 1 m", world, ends, scattered(world, count, range_m), max_drift=1.0)

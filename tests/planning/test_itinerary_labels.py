@@ -130,6 +130,32 @@ def test_an_edge_does_to_the_drift_what_the_exact_model_says(estimator, noise, k
     assert worst >= drift.profile(100.0).moments.N.real[borders].max() * (1 - 1e-6)
 
 
+@pytest.mark.parametrize("kind", [TAG, SIGN, replace(RADIO, range_m=4.0), replace(RADIO, reading_spacing_m=1.0)])
+def test_nodes_within_range_are_no_further_readings_for_a_filter(kind):
+    # a pass over several edges is read where it begins and ends, and as often between as on one edge
+    compared = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        inner = np.cumsum(rng.uniform(0.4, 1.0, 16))
+        xy = np.array([(0.0, 0.0), (20.0, 0.0), *((x + 4, 0.3 * rng.normal()) for x in inner)])
+        beacons = [Beacon(kind, 7.0, 1.0), Beacon(kind, 12.0, -1.0)]
+        order = [0, *range(2, len(xy)), 1]
+        graph = BeaconGraph.of(xy, np.array(list(itertools.pairwise(order))), NOISE, beacons, None, "filter")
+        end = graph.errors.square(walk_states(graph, tuple(order))[1][:, None])[0]
+        exact = float(drift_with_beacons(xy[order], NOISE, beacons, estimator="filter").end.rms) ** 2
+        compared.append(math.sqrt(end / exact))
+    assert 0.98 < np.mean(compared) < 1.04
+    assert min(compared) > 0.92
+
+
+def test_a_path_that_ends_within_range_ends_with_a_reading():
+    xy = np.array([(0, 0), (10, 0), (9.5, 0)], dtype=float)
+    graph = BeaconGraph.of(xy, np.array([(0, 2), (2, 1)]), NOISE, [Beacon(TAG, 10.2, 0.0)], None, "filter")
+    end = graph.errors.square(walk_states(graph, (0, 2, 1))[1][:, None])[0]
+    exact = drift_with_beacons(xy[[0, 2, 1]], NOISE, graph.beacons, estimator="filter").end.rms
+    assert end == pytest.approx(float(exact) ** 2, rel=1e-6)
+
+
 def test_driving_an_edge_backwards_is_another_edge_with_the_same_readings():
     xy = np.array([(0, 0), (12, 5)], dtype=float)
     beacons = [Beacon(SIGN, 3.0, 1.0), Beacon(TAG, 9.0, 4.0)]
@@ -285,7 +311,7 @@ def test_a_label_that_dominates_another_drifts_no_more_whatever_follows(noise, k
     compared = 0
     for seed in range(2 if estimator == "reset" else 1):
         graph = small_graph(seed, noise, kinds, estimator=estimator)
-        rule = graph.errors.dominance(60.0, 0.0, graph.worst_turn())
+        rule = graph.errors.dominance(60.0, 0.0, 0.0, graph.worst_turn())
         ways = [nodes for nodes, _ in walks_to_anywhere(graph, 3)]
         ended = {}
         for nodes in ways:
@@ -306,6 +332,32 @@ def test_a_label_that_dominates_another_drifts_no_more_whatever_follows(noise, k
                 # terms of the fourth order in the heading error, at most 0.2 rad here, are left out of it for resets
                 assert after[0] <= after[1] * (1 + (0.2**4 if estimator == "reset" else 1e-9))
     assert compared > 15
+
+
+@pytest.mark.parametrize("kinds", FUSED)
+def test_the_slack_of_a_filter_costs_no_more_than_it_says(kinds):
+    rng, slack_sq, share, far = np.random.default_rng(5), 0.01, 0.1, 60.0
+    graph = small_graph(0, NOISE, kinds, estimator="filter")
+    strict, rule = (graph.errors.dominance(far, s, x, (0.0, 0.0)) for s, x in ((0.0, 0.0), (slack_sq, share)))
+    most = np.diag([slack_sq / 2, slack_sq / 2, slack_sq / far**2]).ravel()
+    dearest = 0.0
+    for nodes, _ in walks_to_anywhere(graph, 3):
+        worse = walk_states(graph, nodes)[1]
+        both = np.stack([(1 + share) * worse + most * (1 - 1e-9), worse])[..., None]
+        scores = rule.scores(both)
+        assert rule(scores[:1], scores[1:], np.zeros(1))[0]
+        assert not strict(scores[:1], scores[1:], np.zeros(1))[0]
+        for key, slack in zip(rule.keys, rule.key_slacks, strict=True):  # what is looked at first loses no pair
+            assert scores[0, 0, key] <= (1 + rule.share) * scores[1, 0, key] + slack
+        assert not rule(rule.scores(1.01 * both[:1]), scores[1:], np.zeros(1))[0]
+        node = nodes[-1]
+        for _ in range(4):  # of at most 15 m each
+            edge = int(rng.integers(graph.first[node], graph.first[node + 1]))
+            both, on_the_way = graph.effects.driven(np.full(2, edge), both)
+            assert on_the_way[0, 0] <= (1 + share) * on_the_way[1, 0] + 2 * slack_sq
+            dearest = max(dearest, (on_the_way[0, 0] - (1 + share) * on_the_way[1, 0]) / slack_sq)
+            node = int(graph.head[edge])
+    assert dearest > 0.2
 
 
 def walks_to_anywhere(graph, most_edges):
@@ -349,7 +401,7 @@ def test_a_robot_with_a_filter_is_never_worse_off_for_a_further_beacon(seed):
 
 
 def test_in_the_loewner_order_less_drift_at_the_cost_of_heading_or_direction_does_not_dominate():
-    rule, P = LoewnerDominance(60.0, 0.0, (0.0, 1e-3)), (0.04, 0.0, 0.01, 0.04, 0.0, 0.02)
+    rule, P = LoewnerDominance(60.0, 0.0, 0.0, (0.0, 1e-3)), (0.04, 0.0, 0.01, 0.04, 0.0, 0.02)
 
     def beats(better, worse, turn_rad=0.0):
         return rule(np.array([better]), np.array([worse]), np.array([turn_rad])).tolist() == [True]

@@ -15,6 +15,7 @@ from driftplan.model.paths import wrap
 from driftplan.model.readings import Estimator, Fix
 from driftplan.planning.roadmap.edge_steps import NO_SITE, Steps, edge_steps
 from driftplan.planning.roadmap.fused_edges import FusedEdges, FusedEffects
+from driftplan.planning.roadmap.graph import GOAL
 from driftplan.planning.roadmap.reset_edges import ResetEdges, ResetEffects
 from driftplan.world.world import World
 from driftplan.world.zones import noises_on
@@ -57,7 +58,7 @@ class BeaconGraph:
         tail, head = tail[order], head[order]
         vector = (xy[head] - xy[tail]) @ np.array([1.0, 1j])
         length = np.abs(vector)
-        steps = edge_steps(xy[tail], vector / length, length, BeaconColumns.of(beacons), world)
+        steps = edge_steps(xy[tail], vector / length, length, head == GOAL, BeaconColumns.of(beacons), world)
         kind = FusedEdges if estimator == "filter" else ResetEdges
         errors = kind(steps, noises_on(world, noise), beacons)
         return cls(

@@ -8,8 +8,10 @@ the distance, and a reading never adds to it: it is greatest on arrival at a rea
 
 *Dominance.* Driving, turning and reading, missed or not, are monotone: P₁ ⪯ P₂ (P₂ - P₁ positive semidefinite, the
 Loewner order) stays so whatever follows, and then tr P₁ <= tr P₂. So label 1 dominates when it is no longer and
-P₁ ⪯ P₂ + S in every scenario. S is the slack s that is granted: s/2 for either axis of the position and s/R² for the
-heading, R being how far the most accurate robot can drive before it breaks the limit. Of systematic errors,
+P₁ ⪯ (1 + ε) P₂ + S in every scenario. S is the slack s that is granted: s/2 for either axis of the position and s/R²
+for the heading, R being how far the most accurate robot can drive before it breaks the limit; ε is the same slack as a
+share of the limit's square. Then tr P₁ <= (1 + ε) tr P₂ + 2s whatever follows: (1 + ε) P₂ becomes at most 1 + ε times
+what P₂ becomes, and S no more than driving alone makes of it. Of systematic errors,
 known or not, labels know nothing: with them the exact model may disagree with what was found.
 """
 
@@ -85,7 +87,8 @@ class FusedEdges:
         h, variance = self._readings(steps.site[reads], steps.place[reads]).measured(steps.place[reads])
         some = np.isfinite(variance).any(axis=0)
         every = np.zeros((len(steps.edge), some.sum(), 3)), np.full((len(steps.edge), some.sum()), np.inf)
-        every[0][reads], every[1][reads] = np.stack(h, axis=-1)[:, some], variance[:, some]
+        share = np.maximum(steps.share[reads, None], 1e-300)  # less than a whole reading: with more variance
+        every[0][reads], every[1][reads] = np.stack(h, axis=-1)[:, some], variance[:, some] / share
         return every
 
     def _readings(self, site: Ints, place: Complexes) -> Readings:
@@ -111,8 +114,10 @@ class FusedEdges:
     def turned(self, state: Floats, turns: Floats) -> Floats:
         return state + turns
 
-    def dominance(self, max_gap_m: float, slack_sq: float, turn_rates: tuple[float, float]) -> LoewnerDominance:
-        return LoewnerDominance(max_gap_m, slack_sq, turn_rates)
+    def dominance(
+        self, max_gap_m: float, slack_sq: float, share: float, turn_rates: tuple[float, float]
+    ) -> LoewnerDominance:
+        return LoewnerDominance(max_gap_m, slack_sq, share, turn_rates)
 
     def effects(self, edges: Ints, dead: int = NO_SITE) -> FusedEffects:
         steps = self.steps
@@ -158,9 +163,12 @@ class FusedEdges:
 class LoewnerDominance:
     """Which label makes which superfluous; see above. A score is the upper triangle of P."""
 
-    def __init__(self, max_gap_m: float, slack_sq: float, turn_rates: tuple[float, float]) -> None:
-        self.turn_rates = turn_rates
+    keys = (5, 0, 3)
+
+    def __init__(self, max_gap_m: float, slack_sq: float, share: float, turn_rates: tuple[float, float]) -> None:
+        self.turn_rates, self.share = turn_rates, share + _ROUNDING
         self.slack = slack_sq / 2, slack_sq / max(max_gap_m, 1e-9) ** 2
+        self.key_slacks = self.slack[1], self.slack[0], self.slack[0]
 
     def scores(self, states: Floats) -> Floats:
         """What it looks at, (n, scenarios, 6), of states (n, 9, scenarios)."""
@@ -170,7 +178,7 @@ class LoewnerDominance:
         """All principal minors. The noise of a turn counts in all directions."""
         axis = self.slack[0] - self.turn_rates[1] * turn_rad[:, None]
         heading = self.slack[1] - self.turn_rates[0] * turn_rad[:, None]
-        gap = worse - better + _ROUNDING * _DIAGONAL * worse
+        gap = (1 + self.share - _ROUNDING) * worse - better + _ROUNDING * _DIAGONAL * worse
         gap[..., 0] += axis
         gap[..., 3] += axis
         gap[..., 5] += heading

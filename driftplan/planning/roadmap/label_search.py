@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from driftplan.arrays import Bools, Floats, Ints
+from driftplan.arrays import Floats, Ints
 from driftplan.planning.roadmap.beacon_graph import BeaconGraph, Effects
 from driftplan.planning.roadmap.edge_steps import spans
 
@@ -32,6 +32,7 @@ _MOST_AT_ONCE = 8  # labels expanded at once, but no more than a share of those 
 _SHARE = 48
 _ROOM = 1024  # labels, to begin with
 _NONE = np.zeros(0, dtype=np.intp)
+_Labels = dict[str, NDArray[Any]]  # columns of one length
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -81,12 +82,15 @@ class _LabelSearch:
         self.task, self.stop, self.max_labels = task, stop, max_labels
         graph = task.graph
         self.square = graph.errors.square
-        self.dominates = graph.errors.dominance(task.max_gap_m, slack_sq, graph.worst_turn())
+        share = slack_sq / task.limit**2
+        self.dominates = graph.errors.dominance(task.max_gap_m, slack_sq, share, graph.worst_turn())
         self.turning = graph.turns_matter
         states = task.states.T[None]
-        columns = [("node", int), ("parent", int), ("length", float), ("facing", complex), ("dropped", bool)]
-        shapes = [("state", float, states.shape[1:]), ("score", float, self.dominates.scores(states).shape[1:])]
-        self.labels = np.zeros(_ROOM, dtype=[*columns, *shapes])  # facing 0: any
+        like = {"node": int, "parent": int, "length": float, "facing": complex, "dropped": bool}  # facing 0: any
+        self.labels: _Labels = {name: np.zeros(_ROOM, dtype=kind) for name, kind in like.items()}
+        self.labels["state"] = np.zeros((_ROOM, *states.shape[1:]))
+        self.labels["score"] = np.zeros((_ROOM, *self.dominates.scores(states).shape[1:]))
+        self.labels |= {f"key {k}": np.zeros(_ROOM) for k in range(len(self.dominates.keys))}  # apart: they come first
         self.count = 0
         self.at: dict[int, Ints] = {}  # labels that are kept, by node
         self.heap: list[tuple[float, int]] = []
@@ -96,8 +100,8 @@ class _LabelSearch:
         best, end, finished, expanded, looked = math.inf, -1, True, 0, -1
         nearest, bound = (task.start, float(task.to_goal[task.start])), float(task.to_goal[task.start])
         start = self.columns(1)
-        start["node"], start["parent"], start["state"] = task.start, -1, task.states.T
-        start["facing"] = (self.turning and task.arriving) or 0.0
+        start["node"][:], start["parent"][:], start["state"][:] = task.start, -1, task.states.T
+        start["facing"][:] = (self.turning and task.arriving) or 0.0
         if float(self.square(start["state"]).max()) <= task.limit**2:
             self.offer(start)
         while batch := self.next_batch(1 + min(expanded // _SHARE, _MOST_AT_ONCE)):
@@ -172,36 +176,38 @@ class _LabelSearch:
         keeps = np.flatnonzero(worst.max(axis=1) <= task.limit**2)
         keeps = keeps[np.lexsort((length[keeps], graph.head[edge[keeps]]))]
         new = self.columns(len(keeps))
-        new["node"], new["parent"], new["length"] = graph.head[edge[keeps]], of[keeps], length[keeps]
-        new["facing"] = graph.direction[edge[keeps]] if self.turning else 0.0
-        new["state"] = after[keeps]
+        new["node"][:], new["parent"][:], new["length"][:] = graph.head[edge[keeps]], of[keeps], length[keeps]
+        new["facing"][:] = graph.direction[edge[keeps]] if self.turning else 0.0
+        new["state"][:] = after[keeps]
         self.offer(new)
 
-    def columns(self, count: int) -> NDArray[Any]:
+    def columns(self, count: int) -> _Labels:
         """Room for so many new labels."""
-        while self.count + count > len(self.labels):
-            self.labels = np.concatenate([self.labels, np.zeros_like(self.labels)])
-        return self.labels[self.count : self.count + count]
+        while self.count + count > len(self.labels["node"]):
+            self.labels = {name: np.concatenate([x, np.zeros_like(x)]) for name, x in self.labels.items()}
+        return {name: x[self.count : self.count + count] for name, x in self.labels.items()}
 
-    def offer(self, new: NDArray[Any]) -> None:
+    def offer(self, new: _Labels) -> None:
         """Keep those of the new labels, ordered by node and length, that no other dominates; drop what they dominate.
 
         All pairs of a new label and another at its node are compared at once.
         """
-        if not len(new):
+        if not len(new["node"]):
             return
-        new["score"], new["dropped"] = self.dominates.scores(new["state"]), False
+        new["score"][:], new["dropped"][:] = self.dominates.scores(new["state"]), False
+        for k, key in enumerate(self.dominates.keys):
+            new[f"key {k}"][:] = new["score"][:, 0, key]
         base, labels, dropped = self.count, self.labels, self.labels["dropped"]
         nodes, first, size = np.unique(new["node"], return_index=True, return_counts=True)
         group = np.repeat(np.arange(len(nodes)), size)
-        shorter = np.arange(len(new)) - first[group]  # of the new ones at the node
+        shorter = np.arange(len(group)) - first[group]  # of the new ones at the node
         here = [self.at.get(node, _NONE) for node in nodes.tolist()]
         olds, count = np.concatenate(here), np.array([len(some) for some in here])
         other = olds[spans((np.cumsum(count) - count)[group], count[group])]
-        mine = base + np.repeat(np.arange(len(new)), count[group])
+        mine = base + np.repeat(np.arange(len(group)), count[group])
         ahead = labels["length"][other] - labels["length"][mine]
         better = np.concatenate([other[ahead <= 0], base + spans(first[group], shorter)])
-        worse = np.concatenate([mine[ahead <= 0], base + np.repeat(np.arange(len(new)), shorter)])
+        worse = np.concatenate([mine[ahead <= 0], base + np.repeat(np.arange(len(group)), shorter)])
         dropped[worse[self.beats(better, worse)]] = True
         behind = (ahead >= 0) & ~dropped[mine]
         dropped[other[behind][self.beats(mine[behind], other[behind])]] = True
@@ -211,15 +217,21 @@ class _LabelSearch:
         for node, some, more in zip(nodes.tolist(), here, fresh, strict=True):
             self.at[node] = np.concatenate([some[~dropped[some]], more])
         self.count = int(ends[-1])
-        labels[base : self.count] = new[kept]
+        for column in labels.values():
+            column[base : self.count] = column[base : base + len(kept)][kept]
         least = labels["length"][base : self.count] + self.task.to_goal[labels["node"][base : self.count]]
         for label, f in enumerate(least.tolist(), start=base):
             heappush(self.heap, (f, label))
 
-    def beats(self, better: Ints, worse: Ints) -> Bools:
-        """Which labels dominate which (pairs,), each turned to the heading of the other."""
-        labels, turn = self.labels, np.zeros(len(better))
+    def beats(self, better: Ints, worse: Ints) -> Ints:
+        """Of which pairs (k,) the one label dominates the other, turned to the heading of the other: their numbers."""
+        labels, rule, pairs = self.labels, self.dominates, np.arange(len(better))
+        for k, slack in enumerate(rule.key_slacks):  # most pairs fail by one number
+            key = labels[f"key {k}"]
+            fits = key[better] <= (1 + rule.share) * key[worse] + slack
+            pairs, better, worse = pairs[fits], better[fits], worse[fits]
+        turn = np.zeros(len(better))
         if self.turning:
             stands, faces = labels["facing"][better], labels["facing"][worse]
             turn = np.abs(np.angle(stands * faces.conj()))
-        return self.dominates(labels["score"][better], labels["score"][worse], turn)
+        return pairs[rule(labels["score"][better], labels["score"][worse], turn)]

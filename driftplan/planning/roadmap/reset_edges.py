@@ -90,9 +90,12 @@ class ResetEdges:
         """States (k, 9, s) after each turn from a state (9, s)."""
         return np.asarray(turns @ state)
 
-    def dominance(self, max_gap_m: float, slack_sq: float, turn_rates: tuple[float, float]) -> ResetDominance:
+    def dominance(
+        self, max_gap_m: float, slack_sq: float, share: float, turn_rates: tuple[float, float]
+    ) -> ResetDominance:
         """The rule for labels: none gets farther than ``max_gap_m`` without a reading; one dominates though its E|e|²
-        is worse by ``slack_sq`` m²; a radian turned adds at most so much heading (rad²) and position variance (m²)."""
+        is worse by ``slack_sq`` m², the ``share`` of the limit's square; a radian turned adds at most so much heading
+        (rad²) and position variance (m²)."""
         return ResetDominance(max_gap_m, slack_sq, turn_rates)
 
     def effects(self, edges: Ints, dead: int = NO_SITE) -> ResetEffects:
@@ -117,9 +120,12 @@ class ResetEdges:
 class ResetDominance:
     """Which label makes which superfluous; see above. A score is E|e|², E|δ|², E[e conj δ], (4,)."""
 
+    keys = (0, 1)  # in a score; of a label that dominates they exceed the other's by a share and a slack at most
+    share = 0.0
+
     def __init__(self, max_gap_m: float, slack_sq: float, turn_rates: tuple[float, float]) -> None:
         self.max_gap_m, self.turn_rates = max_gap_m, turn_rates
-        self.slack_N, self.slack_D = slack_sq, slack_sq / max(max_gap_m, 1e-9) ** 2
+        self.key_slacks = self.slack_N, self.slack_D = slack_sq, slack_sq / max(max_gap_m, 1e-9) ** 2
 
     def scores(self, states: Floats) -> Floats:
         """What it looks at, (n, scenarios, 4), of states (n, 9, scenarios)."""
