@@ -15,8 +15,8 @@ from driftplan.arrays import Floats
 from driftplan.errors import NoPathError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.request import ROADMAP, PlanRequest, format_point
-from driftplan.planning.roadmap.channel import channel_route
 from driftplan.planning.roadmap.growth import BATCHES_TO_FIND_ONE, RoadmapSearch
+from driftplan.planning.roadmap.kept_graph import channel_route
 from driftplan.planning.roadmap.polish import polished
 from driftplan.planning.roadmap.prices import AdditiveCost, Score, exact_drift, length_of
 from driftplan.planning.status import Status

@@ -6,8 +6,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driftplan.planning.roadmap import channel
-from driftplan.planning.roadmap.channel import channel_route, mesh_of
+from driftplan.planning.roadmap import kept_graph
+from driftplan.planning.roadmap.kept_graph import channel_route, mesh_of
 from driftplan.planning.roadmap.prices import length_of
 from driftplan.world.world import World
 
@@ -63,12 +63,12 @@ def test_within_one_triangle_the_way_is_straight():
 
 def test_arcs_round_corners_are_thinned_out_first():
     world = slit(0.1)
-    assert len(mesh_of(world, 0, channel._THINNING_RADII).sides) < 0.5 * len(mesh_of(world, 0).sides)
+    assert len(mesh_of(world, 0, kept_graph._THINNING_RADII).sides) < 0.5 * len(mesh_of(world, 0).sides)
 
 
 @pytest.mark.parametrize("radii", [1.0, 3.0, 100.0])
 def test_where_thinning_closes_or_opens_too_much_all_triangles_are_looked_at(monkeypatch, radii):
-    monkeypatch.setattr(channel, "_THINNING_RADII", radii)
+    monkeypatch.setattr(kept_graph, "_THINNING_RADII", radii)
     world, ends = slit(0.01), np.array([(2.0, 8.0), (18.0, 2.0)])
     path = channel_route(world, ends)
     assert world.segments_free(path[:-1], path[1:]).all()

@@ -1,8 +1,7 @@
 """The project's own roadmap of a world.
 
 growth                          an anytime search for a robot that reads nothing, in batches
-channel                         a first route, from triangle to triangle
-kept_graph                      a graph of a world that all queries share
+kept_graph                      a first route, from triangle to triangle; a graph of a world that all queries share
 graph, prices, sampling         nodes and edges; their prices in bulk; where nodes may lie
 polish                          shortcuts and small moves of waypoints; shortening
 beacon_graph, edge_steps        what driving an edge does to the drift, beacons on the way included
