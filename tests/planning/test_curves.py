@@ -87,6 +87,18 @@ def test_the_curve_priced_is_the_curve_that_ompl_drives(name, scale):
             assert abs(remainder(yaw0 + yaw - between.getYaw(), tau)) < 2e-5
 
 
+@pytest.mark.parametrize(("x", "y", "yaw"), [(-5.0, 0.0, -pi), (5.0, 0.0, pi), (-5.0, -2.0, pi / 2)])
+def test_of_curves_that_are_equally_long_and_begin_alike_it_is_the_one_that_ompl_drives(x, y, yaw):
+    space = ob.ReedsSheppStateSpace(1.3)
+    a, b, there = space.allocState(), space.allocState(), space.allocState()
+    set_pose(a, 0.0, 0.0, 0.0), set_pose(b, x, y, yaw)
+    curve, length = CurveFinder(space)(a, b), space.distance(a, b)
+    for share in np.linspace(0.05, 0.95, 19).tolist():
+        space.interpolate(a, b, share, there)
+        px, py, _ = pose_along(curve, share * length / 1.3)
+        assert hypot(1.3 * px - there.getX(), 1.3 * py - there.getY()) < 1e-6
+
+
 def test_staying_is_no_curve():
     space = ob.DubinsStateSpace(1.0)
     a = space.allocState()

@@ -173,9 +173,13 @@ def _curve(finder: CurveFinder, goal: Point, rates: CostRates, zones: ZoneLookup
     if zones is not None:
         return _zoned_curve(finder, goal, zones)
 
+    gx, gy = goal
+    q, p = rates.heading, rates.position
+    arc_q, arc_p = q + rates.turn_heading / radius, p + rates.turn_position / radius
+
     def motion(a: Any, b: Any) -> Any:
         yaw = a.getYaw()
-        wx, wy, c, s = goal[0] - a.getX(), goal[1] - a.getY(), cos(yaw), sin(yaw)
+        wx, wy, c, s = gx - a.getX(), gy - a.getY(), cos(yaw), sin(yaw)
         total = 0.0
         for turns, sense in finder(a, b):
             if turns == 0.0:
@@ -183,15 +187,21 @@ def _curve(finder: CurveFinder, goal: Point, rates: CostRates, zones: ZoneLookup
             length = turns * radius
             if sense == 0:
                 x, y = wx - length * c, wy - length * s
-                squares = abs(length) * (wx * wx + wx * x + x * x + wy * wy + wy * y + y * y) / 3
-                total += rates.heading * squares + rates.position * abs(length)
+                squares = wx * wx + wx * x + x * x + wy * wy + wy * y + y * y
+                total += (q * squares / 3 + p) * abs(length)
                 wx, wy = x, y
-            else:
-                yaw += turns * sense
-                total += _arc(rates, wx, wy, c, s, length, sense / radius)
-                c1, s1 = cos(yaw), sin(yaw)
-                wx, wy = wx - sense * radius * (s1 - s), wy - sense * radius * (c - c1)
-                c, s = c1, s1
+                continue
+            turn, r = turns * sense, sense * radius
+            yaw += turn
+            c1, s1 = cos(yaw), sin(yaw)
+            if -0.1 < turn < 0.1:
+                total += _arc(rates, wx, wy, c, s, length, 1 / r)
+            else:  # the same, with the sines that are at hand
+                along, across, lag = wx * c + wy * s, wx * s - wy * c, turn - (s1 * c - c1 * s)
+                swung = (1 - c * c1 - s * s1) * along - lag * (across + r)
+                total += arc_q * abs(length * (wx * wx + wy * wy) - 2 * r * r * swung) + arc_p * abs(length)
+            wx, wy = wx - r * (s1 - s), wy - r * (c - c1)
+            c, s = c1, s1
         return Cost(total)
 
     return motion

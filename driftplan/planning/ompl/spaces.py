@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from enum import Enum
 from itertools import chain
-from math import cos, isfinite, sin
+from math import cos, isfinite, remainder, sin, tau
 from typing import Any
 
 from ompl import base as ob
@@ -17,13 +17,17 @@ from driftplan.planning.ompl.curves import (
     Curve,
     curve_length,
     dubins_curves,
+    dubins_words,
     pose_along,
     reeds_shepp_curves,
 )
 from driftplan.world.box_world import BoxWorld
 from driftplan.world.world import World
 
-_PROBE = 0.37  # of the way: where a curve is compared with OMPL's
+_NEAR = 1e-5  # turning radii and rad: of curves less different in length, or in an arc from none, OMPL takes either
+_BEGUN = 1e-3  # turning radii: how the first arc runs shows there
+_EQUAL = 1e-10  # turning radii: two curves as different as that in length may be 1e-5 apart
+_PROBES = 0.21, 0.37, 0.61, 0.83  # of the way: where curves of one length are compared with OMPL's
 
 
 class SpaceKind(Enum):
@@ -89,24 +93,48 @@ class CurveFinder:
         self.turning_radius = 1.0 / space.getPath(a, b).length()  # metres; OMPL's lengths are in units of it
         self._is_reeds_shepp = space_kind(space) is SpaceKind.REEDS_SHEPP
         self._is_reversible = not self._is_reeds_shepp and space.hasSymmetricDistance()
+        self._is_dubins = not self._is_reeds_shepp and not self._is_reversible
 
     def __call__(self, a: Any, b: Any) -> Curve:
         """The curve from state ``a`` to state ``b``; lengths in turning radii."""
         radius, scratch = self.turning_radius, self._scratch
+        if self._is_dubins:
+            words = dubins_words((b.getX() - a.getX()) / radius, (b.getY() - a.getY()) / radius, a.getYaw(), b.getYaw())
+            words.sort()
+            length, t, first, p, middle, q, last = words[0]
+            near = _NEAR if len(words) > 1 and words[1][0] - length > _NEAR else tau
+            if near < t < tau - near and near < q < tau - near:
+                return [(t, first), (p, middle), (q, last)]
         length = self._space.distance(a, b) / radius
         if length == 0.0:
             return []
-        self._space.interpolate(a, b, _PROBE, scratch)
         x, y, yaw = a.getX(), a.getY(), a.getYaw()
-        c, s = cos(yaw) / radius, sin(yaw) / radius
-        dx, dy = scratch.getX() - x, scratch.getY() - y
-        there = c * dx + s * dy, c * dy - s * dx  # seen from the start, in turning radii
         ends = (b.getX() - x) / radius, (b.getY() - y) / radius, yaw, b.getYaw()
-        for curve in self._candidates(*ends, length):
-            px, py, _ = pose_along(curve, _PROBE * length)
-            if abs(px - there[0]) < SAME_LENGTH and abs(py - there[1]) < SAME_LENGTH:
-                return curve
-        return min(self._candidates(*ends, None), key=lambda curve: _miss(curve, length, there), default=[])
+        curves = []
+        if self._is_reeds_shepp and length > _BEGUN:
+            self._space.interpolate(a, b, _BEGUN / length, scratch)
+            way = 1 if (scratch.getX() - x) * cos(yaw) + (scratch.getY() - y) * sin(yaw) > 0 else -1
+            turned = way * remainder(scratch.getYaw() - yaw, tau)
+            if abs(abs(turned) - _BEGUN) < 1e-3 * _BEGUN:
+                begun = reeds_shepp_curves(*ends, length, (way, 1 if turned > 0 else -1))
+                curves = [curve for curve in begun if abs(curve_length(curve) - length) < _EQUAL]
+        if len(curves) == 1:
+            return curves[0]
+        places = [self._place(a, b, share) for share in _PROBES]
+        for of_length in (length, None):
+            curves = list(self._candidates(*ends, of_length))
+            best = min(curves, key=lambda curve: _miss(curve, length, places), default=[])
+            if _miss(best, length, places) < SAME_LENGTH:
+                break
+        return best
+
+    def _place(self, a: Any, b: Any, share: float) -> tuple[float, float]:
+        """Where OMPL is after a share of the way, seen from the start, in turning radii."""
+        self._space.interpolate(a, b, share, self._scratch)
+        yaw = a.getYaw()
+        c, s = cos(yaw) / self.turning_radius, sin(yaw) / self.turning_radius
+        dx, dy = self._scratch.getX() - a.getX(), self._scratch.getY() - a.getY()
+        return c * dx + s * dy, c * dy - s * dx
 
     def _candidates(
         self, dx: float, dy: float, yaw_start: float, yaw_end: float, length: float | None
@@ -121,10 +149,13 @@ class CurveFinder:
         return chain(forwards, ([(-part, sense) for part, sense in reversed(curve)] for curve in back))
 
 
-def _miss(curve: Curve, length: float, there: tuple[float, float]) -> float:
-    """How far a curve is from one of a given length that comes by ``there`` on its way."""
-    x, y, _ = pose_along(curve, _PROBE * length)
-    return max(abs(curve_length(curve) - length), abs(x - there[0]), abs(y - there[1]))
+def _miss(curve: Curve, length: float, places: Sequence[tuple[float, float]]) -> float:
+    """How far a curve is from one of a given length that comes by these places on its way."""
+    off = abs(curve_length(curve) - length)
+    for share, (px, py) in zip(_PROBES, places, strict=True):
+        x, y, _ = pose_along(curve, share * length)
+        off = max(off, abs(x - px), abs(y - py))
+    return off
 
 
 def position_reader(kind: SpaceKind) -> Callable[[Any], tuple[float, ...]]:
