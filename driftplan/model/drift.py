@@ -84,8 +84,10 @@ class Drift(PointDrift):
 
     def departures(self) -> Moments:
         """Moments at the beginning of every leg's run, after turning on the spot, for one path."""
+        if self._drives:
+            return _averaged([(weight, one.departures()) for weight, one in self._drives])
         turns, begun = self.runs.turns, self._driven.leaving[:-1]
-        if self._beliefs is None and not self._drives and not any(noise.turns_matter for noise in self.noises):
+        if self._beliefs is None and not any(noise.turns_matter for noise in self.noises):
             return replace(begun, u=begun.u * np.exp(1j * turns))
         zero = np.zeros(turns.shape)
         return self._onward(np.arange(len(turns)), turns, zero, zero, self.leg_noises)

@@ -223,7 +223,8 @@ class _FusingDrives(_Drives):
                 heading = length if name == "heading_bias_per_m" else turn
                 F[:, 2, k], F[:, :2, k] = -heading, -share * heading * swung
         G = np.zeros((self.count, self.size, 3))
-        G[:, :2, 0], G[:, :2, 1] = as_plane(facing), as_plane(1j * facing)
+        G[:, 0, 0], G[:, 1, 0] = facing.real, facing.imag
+        G[:, 0, 1], G[:, 1, 1] = -facing.imag, facing.real
         G[:, :2, 2], G[:, 2, 2] = share * swung, 1.0
         Q = np.diag([variances.distance, variances.lateral, variances.heading])
         Q[0, 2] = Q[2, 0] = self.noise.heading_distance_corr * np.sqrt(variances.distance * variances.heading)
