@@ -38,8 +38,7 @@ class AckermannDrift:
     xy : (n + 1, 2), true positions, metres, from the origin
     bias : (n + 1, 2), E[estimate - truth], metres
     cov : (n + 1, 2, 2), Cov(P_t), m²
-    increment_cov : (n, 2, 2), Cov(ΔP_t), m², of the step's measured displacement in the world frame: it carries the
-        heading error of all steps before
+    increment_cov : (n, 2, 2), Cov(ΔP_t), m², of a step's measured displacement: all headings' errors before are in it
     cross_cov : (n, 2, 2), Cov(P_{t-1}, ΔP_t), m²:
         ``cov[t] = cov[t-1] + increment_cov[t-1] + cross_cov[t-1] + cross_cov[t-1]ᵀ``
     """

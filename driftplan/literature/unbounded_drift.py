@@ -96,8 +96,7 @@ def proposition_1(
 
     Parameters
     ----------
-    distances_m, turns_rad : (..., n), true distance (metres) of each step and the turn before it (rad, positive to the
-        left)
+    distances_m, turns_rad : (..., n), true distance (metres) of each step and the turn before it (rad, left positive)
     heading_std_rad, distance_std_m : δ_θ and δ_d: deviations of each turn's and each distance's error
 
     Raises ValueError for arrays of different or empty shape, values that are not finite, negative deviations.

@@ -8,8 +8,7 @@ frame, and the unknown constants of the odometry (`SystematicSpread`), if any. P
   (per metre, per radian, per step, lateral, correlated), the filter knows, from one set of formulas. Cutting a leg of
   the continuous model changes nothing.
 * Reading z = Hx + v, v ~ N(0, R): ``P ← P (I + J P)⁻¹`` with the information J = Hᵀ R⁻¹ H. A reading of position,
-  heading, range or bearing is one to three `Row` objects, read one after the other: no matrix is inverted, and a
-  perfect reading (variance 0) is exact.
+  heading, range or bearing is one to three `Row` objects, one after the other: nothing is inverted, variance 0 exact.
 * Whole stretches, ``P ↦ A (I + P J)⁻¹ P Aᵀ + C``, are one element each and compose (`compose`).
   Source: S. Särkkä, Á. García-Fernández, Temporal parallelization of Bayesian smoothers, IEEE Trans. Automatic Control
   66(1), 2021; the use for routes: S. Prentice, N. Roy, The belief roadmap, IJRR 28(11-12), 2009.

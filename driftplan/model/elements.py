@@ -248,8 +248,7 @@ def step_errors(
 def step_element(
     u: Array, v: Array, t: Array, d1: Array, d2: Array, D: Array, s1: Array, S: Array, s2: Array, a: Array, b: Array
 ) -> Moments:
-    """Element of a step that turns by ``u`` and moves by ``t`` along ``v``, with the error e = v(δt + s): moments of δ
-    and s as `step_errors` gives them."""
+    """Element of a step that turns by ``u``, moves by ``t`` along ``v`` and errs by v(δt + s) as of `step_errors`."""
     e1, e2 = v * (t * d1 + s1), v * v * (t * t * d2 + 2 * t * b + s2)
     N = np.abs(t) ** 2 * D + S + 2 * np.real(np.conj(t) * a)
     return Moments(u, v * t, d1, d2, D, e1, N, e2, v * (t * D + a), v * (t * d2 + b))

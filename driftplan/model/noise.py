@@ -65,14 +65,12 @@ class OdometryNoise:
       distance. Consistent under subdivision: cutting a run in two changes nothing.
     * ``step_m=d``: odometry errs once per step of at most ``d`` metres. A run of length L counts
       ``ceil(L/d - 1e-9)`` equal steps, each drawing its heading error first and then moving, as in the literature's
-      constant noise per step. *Not* consistent under subdivision into runs shorter than ``d``. A turn on the spot
-      is one draw.
+      constant noise per step. *Not* consistent under subdivision below ``d``. A turn on the spot is one draw.
 
     Parameters
     ----------
     heading_var_per_m : heading variance gained per metre driven, rad²/m
-    distance_var_per_m, lateral_var_per_m : variance of the distance along, and across, the direction of travel per
-        metre driven, m²/m
+    distance_var_per_m, lateral_var_per_m : variance along, and across, the direction of travel per metre driven, m²/m
     heading_var_per_rad, distance_var_per_rad : heading (rad²/rad) and distance (m²/rad) variance per radian turned, on
         the spot or along an arc
     heading_var_per_step, distance_var_per_step, lateral_var_per_step : per step, rad², m², m². They need ``step_m``.
@@ -208,10 +206,7 @@ class OdometryNoise:
         and ``update_min_a``. (S. Thrun, W. Burgard, D. Fox, Probabilistic Robotics, 2005, table 5.6; nav2_amcl,
         differential motion model.)
 
-        Warns
-        -----
-        UserWarning
-            Always: alphas are tuned so that the filter keeps enough particles, and usually overstate the physics.
+        Always warns (UserWarning): alphas are tuned for enough particles in the filter, and usually overstate physics.
         """
         warnings.warn(
             "amcl's alphas are filter tuning, not physics: expect them to overstate the drift; fit the noise from a "

@@ -116,14 +116,12 @@ class Runs:
 
 
 def same_place_within(length_m: float) -> float:
-    """How near to each other two distances along a path of a length are one place, metres: `SAME_PLACE_M`, or what
-    adding up a long path may lose."""
+    """How near two distances along a path are one place, metres: `SAME_PLACE_M`, or what adding up may lose."""
     return max(SAME_PLACE_M, _LOST_SHARE * length_m)
 
 
 def _places(distances_m: Floats, ends: Floats) -> tuple[Floats, Floats]:
-    """Distances on a path, those that are one place made equal: to the nearest leg border, else to the first of them;
-    and the places that are at no border."""
+    """Distances on a path, those of one place made equal (a border's, else the first's), and places at no border."""
     within = same_place_within(float(ends[-1]))
     places = np.minimum(distances_m, ends[-1])
     after = np.clip(np.searchsorted(ends, places), 1, len(ends) - 1)

@@ -1,5 +1,4 @@
-"""Noise of real odometry, from the literature or fitted to published recordings, each with its source: to start from,
-until a log of your own is fitted.
+"""Noise of real odometry, published or fitted to published recordings: to start from, until a log of yours is fitted.
 
 Odometry differs more between two floors than between two papers. A preset says what somebody measured or assumed, for
 which robot, and where that was published; nothing here is a recommendation.
@@ -28,8 +27,7 @@ class Preset:
     robot : what it was stated for
     source : where
     caution : what to know before using it
-    lengths_m : segments over which it was measured, from the shortest to the longest; None where the source says
-        nothing.
+    lengths_m : segments over which it was measured, shortest and longest; None where the source says nothing
     intervals : mapping of str to (float, float): 95 % intervals of the rates, where they were fitted
 
     >>> PRESETS["visual_odometry_indoor"].noise.step_m

@@ -265,8 +265,8 @@ class Readings(Columns):
         return Row((h[0], h[1], h[2]), variance)
 
     def rows(self, positions: Array) -> list[tuple[tuple[Row, ...], float | None]]:
-        """What the estimator ``filter`` makes of each, taken at true ``positions`` (x + jy, metres): the numbers that
-        are measured, and the chance, None for certainty."""
+        """What the estimator ``filter`` makes of each at true ``positions``: numbers that are measured, and the chance
+        of that, None for certainty."""
         h, variance = self.measured(positions)
         read = np.isfinite(variance)
         coefficients = zip(*(x[read].tolist() for x in h), strict=True)

@@ -198,8 +198,7 @@ class _FusingDrives(_Drives):
     """Drives of robots with an extended Kalman filter, each with its own covariance, Jacobians and gains.
 
     Everything is linearised where the robot believes itself to be, from what its odometry reported: the true pose
-    enters through the measurements only. The filter knows the variances of the noise, not its systematic errors; the
-    constants of the spread it estimates.
+    enters through measurements only. It knows the noise's variances, not systematic errors; a spread it estimates.
     """
 
     def __init__(self, *args: Any) -> None:

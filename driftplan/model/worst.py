@@ -67,8 +67,7 @@ def worst_radius(drift: Drift, confidence: float) -> float:
     """The greatest radius that holds the estimate with a confidence in (0, 1) along one path of straight runs, metres.
 
     A radius has no bound between points. It is taken at all borders, both sides of fixes and turns and 200 points along
-    the path, then more and more closely around the greatest: a peak that is narrower than a 200th of the path and not
-    at a border may be missed.
+    the path, then ever closer around the greatest: a peak narrower than a 200th and not at a border may be missed.
     """
     _check(drift)
     length = float(drift.length)
@@ -116,8 +115,7 @@ def _grown(noise: OdometryNoise) -> tuple[float, float]:
 
 
 def ceiling(begin: Floats, end: Floats, bend: Floats, fixed: Floats) -> Floats:
-    """What E|e|² = x² cannot exceed between two points ``begin`` and ``end``, m², when -(x²)'' h²/8 is at most
-    ``bend`` x + ``fixed`` on the h metres between them.
+    """What E|e|² = x² cannot exceed between two points, m², if -(x²)'' h²/8 <= ``bend`` x + ``fixed`` on the h metres.
 
     With such a bound S on -(x²)'' h²/8 the chord is exceeded by at most 4 S t (1 - t) at the share t of the way, so
     that the higher point is not exceeded at all if the other is lower by 4 S or more.

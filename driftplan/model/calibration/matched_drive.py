@@ -94,8 +94,7 @@ def match(
     spacing_m : distance between knots
     time_offset_s : time of the truth's clock minus the odometry's when both see the same event. By default it is
         estimated, up to 1 s: where the motions agree best, and 0 unless their difference is clearly smaller there.
-    heading_offset : measured true heading minus the robot's, rad: how the marker or sensor is mounted. By default it is
-        estimated, and 0 unless clearly another.
+    heading_offset : measured true heading minus the robot's, rad: how the marker is mounted. Default: estimated, or 0.
     max_gap_s : truth samples farther apart in time, between which the robot moved, cut the drive; so do gaps in
         odometry velocities. Default: 2 s or five median intervals, whichever is longer.
 

@@ -19,8 +19,7 @@ prediction even where the model is only roughly right:
   fitted mean. That is added back, from the bootstrap (it is 1/8 of a rate for two biases and 16 longest segments).
 
 A step of Fisher scoring solves ``I d = g`` (g the left side, I its expected slope, with numerical derivatives of the
-exact moments) under the bounds that variances are not negative. The same step from the estimate, with blocks of the
-drives drawn anew, gives the bootstrap.
+exact moments), no variance negative. The same step from the estimate, blocks of the drives drawn anew, bootstraps it.
 """
 
 from __future__ import annotations
@@ -225,8 +224,7 @@ class Model:
 def equations(
     segments: SegmentSet, mean: Floats, cov: Floats, d_mean: Floats, d_cov: Floats, fitted_cov: Floats | None = None
 ) -> tuple[Floats, Floats]:
-    """Left side (n, k) and the root (n, k, 12) of its expected slope, for every observation: least squares in three
-    whitened values and nine of their squares."""
+    """Left side (n, k) and root (n, k, 12) of its expected slope: least squares in 3 whitened values, and 9 squares."""
     typical = (segments.by_bin(cov) + segments.floor())[segments.bin_of]
     try:
         white = np.linalg.inv(np.linalg.cholesky((1 - _EVENNESS) * cov + _EVENNESS * typical))  # white' white = V

@@ -163,8 +163,7 @@ class OdometryLog:
         return np.asarray(slow | ((self.moves == 0) & (self.turns == 0)))
 
     def without_glitches(self) -> OdometryLog:
-        """The log without steps that no robot makes, 20 times as fast as all but one in a hundred: counters that wrap
-        round, poses that jump. Slips are slower, and stay."""
+        """The log without steps 20 times as fast as all but one in 100: counters wrap, poses jump; slips are slower."""
         dt = np.diff(self.times)
         wild = np.zeros(len(dt), dtype=bool)
         for rate in (np.abs(self.moves) / dt, np.abs(self.turns) / dt):

@@ -153,8 +153,7 @@ def _true_distance(odometry: OdometryLog, truth: Trajectory, travelled: Floats, 
 def _turning_by_chords(
     odometry: OdometryLog, truth: Trajectory, driven: Floats, spacing_m: float
 ) -> tuple[Floats, Floats, float]:
-    """Times, heading and its play: the odometry's heading and what is wrong with it, the angle from its chords to the
-    true ones, whatever way the robot drives along them."""
+    """Times, heading and its play: the odometry's heading, put right by the angle from its chords to the true ones."""
     marks = np.unique(np.searchsorted(driven, np.arange(driven[0], driven[-1], spacing_m)))
     seen = (odometry.times[marks] >= truth.times[0]) & (odometry.times[marks] <= truth.times[-1])
     marks = marks[seen] if seen.any() else marks[:1]
