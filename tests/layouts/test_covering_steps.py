@@ -541,30 +541,47 @@ def test_a_local_search_has_the_rows_the_caps_the_best_and_a_share_of_the_time(c
     np.testing.assert_array_equal(rows, [*oracle.matrix, [-1, -1, -1, 0, 0]])
     np.testing.assert_array_equal(least, [1, 1, 1, 1, 1, -3])
     np.testing.assert_array_equal(free, ~those(5, 0))
-    ((start, deadline, goal, patience),) = scripted.calls  # what finds nothing is not asked twice
+    ((start, *rest),) = scripted.calls  # what finds nothing is not asked twice
     np.testing.assert_array_equal(start, those(5, 0, 1, 2, 3))
-    assert (deadline, goal, patience) == (clock.now + 10.0, 2.0, 150)
+    assert rest == [clock.now + 10.0, 2.0, 150]
 
 
-@pytest.mark.parametrize("start", ["all", "best"])
-def test_a_local_search_goes_on_while_it_finds_something_or_learns_a_cut(start, clock, monkeypatch):
+def test_a_local_search_goes_on_from_what_is_refused_and_asks_for_little_less(clock, monkeypatch):
     n = 7
     oracle, cost = odd_ring(n)
     everything = np.ones(n, dtype=bool)
     search = search_of(cost, oracle, known=range(n - 1))
-    search._accept(everything if start == "all" else those(n, 0, 2, 4, 6))
-    found = [those(n, 0, 1, 2, 3, 4, 5)] * (start == "all") + [those(n, 1, 3, 5)]  # the last misses a row not known
+    search._accept(everything)
+    found = [those(n, 0, 1, 2, 3, 4, 5), those(n, 1, 3, 5), those(n, 0, 2, 4, 6)]  # the second misses a row not known
     monkeypatch.setattr(covering, "LocalSearch", scripted := Scripted(*found))
+    search.bound = 2.0
     search._improve_locally(everything)
     assert search.best_cost == 4.0
     assert len(search.rows.cuts) == n
-    assert len(scripted.calls) == len(found) + 1
+    starts, _, goals, _ = zip(*scripted.calls, strict=True)
+    assert goals[:4] == (2.0, 2.0, 5.0, 3.0)
+    np.testing.assert_array_equal(starts[1], found[0])
+    assert (starts[2] >= found[1]).all()
+    assert search.rows.satisfied(starts[2])  # it is mended
+    assert starts[2].sum() == 4
+    np.testing.assert_array_equal(starts[3], found[2])
+    assert len(scripted.calls) == 3 + covering._PATIENCE
     search.bound = 4.0
     search._improve_locally(everything)  # no more where bound and cost meet
     search.bound = 0.0
     clock.now += 200.0
     search._improve_locally(everything)  # or time is over
-    assert len(scripted.calls) == len(found) + 1
+    assert len(scripted.calls) == 3 + covering._PATIENCE
+
+
+@pytest.mark.parametrize("caps", [(), [at_most(7, range(7), 3)]])
+def test_what_cannot_be_mended_is_given_up_for_the_best(caps, clock, monkeypatch):
+    oracle, cost = odd_ring(7)
+    search = search_of(cost, oracle, known=range(6), caps=caps)
+    search._accept(those(7, 0, 2, 4, 6))
+    monkeypatch.setattr(covering, "LocalSearch", scripted := Scripted(those(7, 1, 3, 5)))
+    search._improve_locally(np.ones(7, dtype=bool))
+    assert (scripted.calls[1][0] == search.best).all() == bool(caps)
 
 
 # The order of the steps
@@ -636,7 +653,7 @@ def test_sites_that_look_best_are_looked_at_closely_at_once_where_the_cost_is_fa
 
     search = told(_tighten=tighten, _round=lambda: search._raise_bound(cost) or True)
     assert search.run(None, False).cost == cost
-    closely = [("_improve_locally", (1, 2)), ("_reopen", 0.5)]
+    closely = [("_improve_locally", (1, 2), 0.4), ("_reopen", 0.5)]
     assert search.notes[2:-1] == closely * looks + [("_round",)] * (cost > 2.0)
 
 

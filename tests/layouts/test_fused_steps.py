@@ -10,7 +10,7 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.layouts.placement import fused_requirements
 from driftplan.layouts.placement.fused_requirements import FusedRequirements
 from driftplan.layouts.placement.fused_routes import NEVER, fused_routes
-from driftplan.layouts.placement.weighted_cuts import WeightedCuts
+from driftplan.layouts.placement.weighted_cuts import Stretches, WeightedCuts
 from driftplan.layouts.scenario import Scenario
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
@@ -342,7 +342,7 @@ def test_stretches_know_which_sites_hold_them_alone(name, seed, share, case):
                 assert stretches.inside[v].tolist() == inside
                 assert stretches.alone[v].tolist() == alone
                 weights = [6.0 * a if b else 3.0 * a for a, b in zip(inside, alone, strict=True)]
-                assert stretches.weights[v].tolist() == weights
+                assert [stretches.weights(e, y)[v] for e in range(len(ends))] == weights
             assert stretches.untried(y).tolist() == [
                 v
                 for v, site in enumerate(stretches.sites)
@@ -357,30 +357,49 @@ def test_stretches_know_which_sites_hold_them_alone(name, seed, share, case):
 
 @pytest.mark.parametrize(("name", "seed"), CASES)
 @pytest.mark.parametrize(("share", "redundancy"), [(0.1, 1), (0.25, 2)])
-def test_a_weighted_cut_gives_every_site_one_over_the_fewest_it_takes(name, seed, share, redundancy, case):
+def test_every_set_that_holds_weighs_one_in_a_weighted_cut_and_the_layout_asked_about_less(
+    name, seed, share, redundancy, case
+):
     its = case(name, seed, share=share, redundancy=redundancy)
     rng = np.random.default_rng(seed)
     for r in range(len(its.routes)):
         for weighted, stretches, plain in stretches_of(its, r):
-            tried = set()
+            ends, tried = plain.ends(), set()
             for y in (rng.uniform(0, 0.5, its.n) * (rng.random(its.n) < 0.5), rng.uniform(0, 0.4, its.n)):
                 found = {cut.where: cut for cut in weighted.beyond(stretches, y)}
                 tried |= {s for s in range(its.n) if y[s] > 1e-6}
-                missed = set()
-                for e, end in enumerate(plain.ends()):
+                for e, end in enumerate(ends):
                     sites = plain.read(end)
-                    weights = {}
+                    weight = dict(zip(stretches.sites.tolist(), stretches.weights(e, y).tolist(), strict=True))
                     for s in sites:
-                        fewest = plain.fewest(s, end)
-                        weights[s] = 6.0 / (fewest if s in tried else min(fewest, 2))
-                        assert stretches.weights[stretches.sites.tolist().index(s), e] == weights[s]
-                    least = 6.0 + (redundancy - 1) * min(weights.values(), default=6.0)
-                    if sum(y[s] * weights[s] for s in sites) < least - 6e-3:
-                        missed.add((r, end))
+                        alone = plain.until(frozenset({s})) > end
+                        assert weight[s] == 6.0 if alone else weight[s] in (2.0, 3.0, 4.0)
+                    for s, w in combinations(sites, 2):  # of any three 2 each is enough
+                        assert weight[s] + weight[w] >= 6.0 or plain.until(frozenset({s, w}), ends) <= end
+                    fewest = {
+                        s: 6.0 / (plain.fewest(s, end) if s in tried else min(plain.fewest(s, end), 2)) for s in sites
+                    }
+                    assert sum(y[s] * weight[s] for s in sites) <= sum(y[s] * fewest[s] for s in sites) + 1e-12
+                    least = 6.0 + (redundancy - 1) * min((weight[s] for s in sites), default=6.0)
+                    assert ((r, end) in found) == (sum(y[s] * weight[s] for s in sites) < least - 6e-3)
+                    if (r, end) in found:
                         assert found[r, end].columns.tolist() == sites
-                        assert found[r, end].weights.tolist() == [weights[s] for s in sites]
+                        assert found[r, end].weights.tolist() == [weight[s] for s in sites]
                         assert found[r, end].least == least
-                assert set(found) == missed
+
+
+def test_a_site_weighs_less_where_its_partners_are_chosen_less():
+    """Three sites, of which the middle one does together with either of the others."""
+    one = np.ones((3, 1), dtype=bool)
+    pairs = np.array([(0, 1), (1, 2)])
+    both = Stretches(0, np.array([9]), np.arange(3), np.zeros((3, 1), int), one, ~one, one[:, 0], pairs, one[:2])
+    assert both.weights(0, np.array([0.3, 0.2, 0.3])).tolist() == [2.0, 4.0, 2.0]
+    assert both.weights(0, np.array([0.1, 0.6, 0.1])).tolist() == [4.0, 2.0, 4.0]
+    assert both.weights(0, np.array([0.1, 0.0, 0.1])).tolist() == [2.0, 4.0, 2.0]
+    assert both.weights(0, np.zeros(3)).tolist() == [3.0, 3.0, 3.0]
+    untried = replace(both, tried=np.array([True, False, True]))
+    assert untried.weights(0, np.array([0.0, 0.5, 0.0])).tolist() == [3.0, 3.0, 3.0]
+    assert untried.weights(0, np.array([0.2, 0.1, 0.2])).tolist() == [2.0, 4.0, 2.0]
 
 
 def plain(cuts):

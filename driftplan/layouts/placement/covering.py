@@ -40,6 +40,7 @@ _SEPARATION_SHARE = 0.5  # of the time, for cuts that a fractional layout violat
 _ROUNDING_SHARE = 0.05  # of the time left, for layouts made from one fractional layout on the way
 _REOPENED = 5  # sites that are chosen anew at a time
 _FAR = 1.1  # times the bound: from there on a local search pays before the master is asked
+_FAR_SHARE = 0.4  # of the time left, for that
 _LOCAL_SHARE = 0.1  # of the time left, for one local search
 _MASTER_SHARE = 0.1  # of the time left, for the master before anything cheaper is tried
 
@@ -108,19 +109,13 @@ def cheapest_cover(
 class _CoverSearch:
     best: Bools | None = None
     best_cost, bound, rounds = inf, 0.0, 0
+    refused = False  # whether the oracle has refused a layout
     core: Bools | None = None  # sites that look best: where the master is too hard they are looked at closely, once
 
     def __init__(
-        self,
-        cost: Floats,
-        oracle: Oracle,
-        rows: CutPool,
-        caps: CutPool,
-        fixed: Bools,
-        separate: Separator | None,
-        time_limit: float,
-        progress: Progress | None,
-    ):
+        self, cost: Floats, oracle: Oracle, rows: CutPool, caps: CutPool, fixed: Bools, separate: Separator | None,
+        time_limit: float, progress: Progress | None,
+    ):  # fmt: skip
         self.cost, self.oracle, self.separate, self.progress = cost, oracle, separate, progress
         self.n, self.fixed, self.rows, self.caps = len(cost), fixed, rows, caps
         self.began = time.monotonic()
@@ -142,7 +137,7 @@ class _CoverSearch:
         if not (self._closed() or self.impossible or (stop_at_first and self.best is not None)):
             self._tighten()
         if self.core is not None and not self._closed() and self.best_cost > _FAR * self.bound:
-            self._improve_locally(self.core)
+            self._improve_locally(self.core, _FAR_SHARE)
             self._reopen(0.5)
         while not self.impossible and not self._closed():
             if stop_at_first and self.best is not None:
@@ -204,26 +199,31 @@ class _CoverSearch:
                 return True
         return False
 
-    def _improve_locally(self, sites: Bools) -> None:
-        """Cheaper layouts of these sites and those of the best, by local search, as long as it finds any."""
+    def _improve_locally(self, sites: Bools, share: float = _LOCAL_SHARE) -> None:
+        """Cheaper layouts of these sites and those of the best, by local search in a share of the time left.
+
+        What the oracle refuses is mended and searched on. Once it has refused one, no more than a step below the best
+        is asked for at a time: such layouts soon lack but little, and their cuts are those that bind."""
         from scipy.sparse import csr_array, vstack
 
-        fruitless = 0
-        while self.best is not None and fruitless < _PATIENCE and not self._closed() and self._left() > 0:
-            some = np.flatnonzero(sites | self.best)
+        fruitless, start, until = 0, self.best, time.monotonic() + share * self._left()
+        while start is not None and self.best is not None and not self._closed() and time.monotonic() < until:
+            if fruitless == (_PATIENCE if self.refused else 1):
+                return
+            some, seed = np.flatnonzero(sites | self.best | start), len(self.rows.cuts) + fruitless
             rows = csr_array(vstack([self.rows.matrix[0], self.caps.matrix[0]], format="csr")[:, some])
             least = np.concatenate([self.rows.matrix[2], self.caps.matrix[2]])
-            search = LocalSearch(self.cost[some], rows, least, ~self.fixed[some], seed=self.rounds)
-            until = time.monotonic() + _LOCAL_SHARE * self._left()
-            known, cost = len(self.rows.cuts), self.best_cost
-            patience = min(_LOCAL_STEPS, _LOCAL_STEPS_PER_SITE * len(some))
-            found = np.zeros(self.n, dtype=bool)
-            found[some] = search.improve(self.best[some], until, goal=self.bound, patience=patience)
-            if float(self.cost @ found) < self.best_cost - EPS:
-                self._complete(found)
-            fruitless = 0 if self.best_cost < cost - EPS else fruitless + 1
-            if fruitless and len(self.rows.cuts) == known:
-                return
+            search = LocalSearch(self.cost[some], rows, least, ~self.fixed[some], seed)
+            goal = max(self.bound, self.best_cost - self.step) if self.refused else self.bound
+            patience, found = min(_LOCAL_STEPS, _LOCAL_STEPS_PER_SITE * len(some)), np.zeros(self.n, dtype=bool)
+            found[some] = search.improve(start[some], until, goal=goal, patience=patience)
+            if float(self.cost @ found) > self.best_cost - EPS:
+                start, fruitless = self.best, fruitless + 1
+            elif self._judge(found):
+                start = found if self._cover_rows(found, None) and self.caps.satisfied(found) else self.best
+            else:
+                self._accept(found)
+                start, fruitless = self.best, 0
 
     def _confine(self, sites: Bools, share: float, kept: Bools | None = None) -> bool:
         """A layout of these sites only, few enough for the master to choose well, in a share of the time left, and of
@@ -306,6 +306,7 @@ class _CoverSearch:
         """The oracle's cuts, remembered."""
         cuts = self.oracle.cuts(chosen)
         self.rows.add(cuts)
+        self.refused = self.refused or bool(cuts)
         self.hopeless = self.hopeless or next((cut for cut in cuts if cut.hopeless), None)
         self.impossible = self.impossible or self.hopeless is not None
         return cuts

@@ -1,14 +1,18 @@
 """Cuts for fused routes that count how many sites a stretch needs: sets of one or two sites of it, many at once.
 
-From the best state at the beginning of a stretch, let m(v) be the least size of a set of sites with v that keeps the
-limit at the stretch's end and of which none can be spared: 1, 2 or more. A layout that holds contains such a set S, and
-m(v) <= |S| for each of its sites, so
+From the best state at the beginning of a stretch, a set of sites keeps the limit at its end or does not. Weights c with
 
-    Σ y_v / m(v) >= 1,
+    c_v = 1 for a site that does alone,   c_v + c_w >= 1 for two that do together,   c_v >= 1/3,
 
-with m(v) = 3 for all that is needed neither alone nor in a pair, and m(v) = 2 where that has not been tried: only sites
-that a fractional layout has some of are tried, with all others. With k - 1 dead the survivors satisfy it, hence all the
-dead add at least k - 1 times the least weight.
+add up to 1 over every set that does: it has one such site, or two, or three of any. So every layout that holds keeps
+
+    Σ c_v y_v >= 1.
+
+Of these cuts the one is wanted that a fractional layout y violates most. With c = (1 + z)/3 that is the lightest
+fractional vertex cover z of the pairs, in which every z is 0, ½ or 1 (Nemhauser and Trotter 1975): sites of which y has
+much get 0 where their partners, which get 1, have less. Only sites of which y has some are tried, with all others; of
+two that are untried nothing is known, and both keep at least ½. With k - 1 dead the survivors satisfy the cut, hence
+all the dead add at least k - 1 times the least weight.
 """
 
 from __future__ import annotations
@@ -38,14 +42,23 @@ class Stretches:
     orders: Ints  # (sites, most readings of one), their readings in order
     inside: Bools  # (sites, ends), whether read before an end
     alone: Bools  # (sites, ends), whether a site keeps the limit without another
-    paired: Bools  # (sites, ends), whether it is known to keep it with one other, when neither does alone
     tried: Bools  # (sites,), whether every other has been tried
+    pairs: Ints  # (pairs, 2), positions among the sites, of those that are known to keep it together at some end
+    together: Bools  # (pairs, ends), whether they do, and neither alone
 
-    @property
-    def weights(self) -> Floats:
-        """6 / m(v), (sites, ends): of a site that has not been tried, as if there were a pair."""
-        fewest = np.where(self.alone, 1, np.where(self.paired | ~self.tried[:, None], 2, 3))
-        return np.asarray(self.inside * _SIX / fewest)
+    def weights(self, e: int, y: Floats) -> Floats:
+        """6 c at an end, (sites,), in favour of a cut that ``y`` violates."""
+        share, pairs = y[self.sites], self.pairs[self.together[:, e]]
+        cover = np.where(self.tried, 0, 1)  # 2 z
+        heads, tails = np.concatenate([pairs, pairs[:, ::-1]]).T
+        order = np.argsort(heads, kind="stable")
+        partners = np.split(tails[order], np.searchsorted(heads[order], np.arange(1, len(share))))
+        cover[heads] = 1
+        for v in np.argsort(-share, kind="stable").tolist():
+            mine, free = partners[v], self.tried[v] and cover[v] == 1
+            if free and cover[mine].min(initial=2) > 0 and share[mine[cover[mine] == 1]].sum() < share[v]:
+                cover[v], cover[mine] = 0, 2
+        return np.asarray(np.where(self.alone[:, e], _SIX, 2.0 + cover) * self.inside[:, e])
 
     def untried(self, y: Floats) -> Ints:
         """Sites of which a fractional layout has some, and which may need more than one other."""
@@ -82,16 +95,16 @@ class WeightedCuts:
         where_they_fail = np.quantile(fails, (0.5, 1.0), method="lower") if len(fails) else fails
         ends = np.unique(np.concatenate([farther, where_they_fail]).astype(np.intp))
         alone, inside = holds[:, ends - last], self.border[orders[:, :1]] < ends
-        return Stretches(first, ends, sites, orders, inside, alone, np.zeros_like(alone), np.zeros(len(sites), bool))
+        tried, pairs = np.zeros(len(sites), dtype=bool), np.zeros((0, 2), dtype=np.intp)
+        return Stretches(first, ends, sites, orders, inside, alone, tried, pairs, np.zeros((0, len(ends)), dtype=bool))
 
     def beyond(self, stretches: Stretches, y: Floats) -> list[Cut]:
         """The cuts that a fractional layout violates, once its sites have been tried with all others."""
         self._try_pairs(stretches, stretches.untried(y))
-        weights = stretches.weights
         found = []
         for e, end in enumerate(stretches.ends.tolist()):
             here = stretches.inside[:, e]
-            columns, mine = stretches.sites[here], weights[here, e]
+            columns, mine = stretches.sites[here], stretches.weights(e, y)[here]
             least = _SIX + (self.redundancy - 1) * float(mine.min(initial=_SIX))
             if mine @ y[columns] < least - _MISSED * _SIX:
                 found.append(Cut(columns, mine, least, (self.r, end)))
@@ -105,9 +118,11 @@ class WeightedCuts:
         fresh = (v != w) & ~stretches.tried[w] & ((v < w) | ~np.isin(w, some))
         v, w = v[fresh], w[fresh]
         pairs = self._holds(stretches.first, stretches.ends, np.sort(np.hstack([orders[v], orders[w]]), axis=1))
-        pairs &= ~alone[v] & ~alone[w]
-        np.logical_or.at(stretches.paired, v, pairs)
-        np.logical_or.at(stretches.paired, w, pairs)
+        able_at = ~alone & stretches.inside
+        pairs &= able_at[v] & able_at[w]
+        known = pairs.any(axis=1)
+        stretches.pairs = np.concatenate([stretches.pairs, np.stack([v[known], w[known]], axis=1)])
+        stretches.together = np.concatenate([stretches.together, pairs[known]])
         stretches.tried[some] = True
 
     def _orders(self, first: int, last: int) -> tuple[Ints, Ints]:

@@ -107,8 +107,11 @@ def solve(
         chosen = PLANNERS[planner](si)
         chosen.setProblemDefinition(pdef)
         chosen.setup()
-        most = inf if iterations is None else iterations
-        chosen.solve(ob.PlannerTerminationCondition(lambda: bool(stop()) or chosen.numIterations() >= most))
+
+        def is_enough() -> bool:
+            return bool(stop()) or (iterations is not None and chosen.numIterations() >= iterations)
+
+        chosen.solve(ob.PlannerTerminationCondition(is_enough))
         if not pdef.hasExactSolution():
             return None
         states = pdef.getSolutionPath().getStates()
