@@ -18,7 +18,7 @@ from driftplan.arrays import Floats
 from driftplan.planning.bounds import least_length, least_worst_drift
 from driftplan.planning.request import DEFAULT_DETOUR, Objective
 from driftplan.planning.roadmap.beacon_walks import FINE, ROUNDING, WORST_TOLERANCE, BeaconWalks, with_smaller_range
-from driftplan.planning.roadmap.itinerary_check import ItineraryCheck
+from driftplan.planning.roadmap.itinerary_check import ALL_ALIVE, ItineraryCheck
 from driftplan.planning.roadmap.polish import shortened
 from driftplan.planning.roadmap.prices import length_of
 
@@ -216,12 +216,13 @@ class BeaconSearch(BeaconWalks):
 
     def _shorter_while(self, check: ItineraryCheck, path: Floats, limit: float, most_at_end: float) -> Floats:
         """The path, as short as it gets while one check agrees."""
-        trials = 0
+        trials, dead = 0, ALL_ALIVE
 
         def holds(trial: Floats) -> bool:
-            nonlocal trials
+            nonlocal trials, dead
             trials += 1
-            verdict = check.verdict(trial, limit)
+            verdict = check.verdict(trial, limit, first=dead)  # whose death broke one trial mostly breaks the next
+            dead = dead if verdict.worst <= limit else verdict.dead
             return verdict.worst <= limit and verdict.end <= most_at_end * (1 + ROUNDING)
 
         def stop() -> bool:

@@ -214,7 +214,7 @@ class BeaconWalks:
             elif self._lost_to_capture(path, limit):
                 margin = max(_MARGIN_GROWTH * margin, self._margin(limit))
             else:
-                held *= _LIMIT_STEP
+                held = min(_LIMIT_STEP * held, found.worst_drift * (1 - ROUNDING))  # between the two it is found again
             if self.late():
                 break
         return None if best is None else best[1]

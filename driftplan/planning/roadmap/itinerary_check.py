@@ -76,15 +76,18 @@ class ItineraryCheck:
         arrival = self._drift(path, self._readings(path)).on_arrival(found.enter)
         return chances_listed(self.reliance.beacons, found, chances_of_passes(path, found, self._columns, arrival))
 
-    def verdict(self, path: Floats, limit: float = math.inf, *, by_end: bool = False) -> Verdict:
+    def verdict(
+        self, path: Floats, limit: float = math.inf, *, by_end: bool = False, first: int = ALL_ALIVE
+    ) -> Verdict:
         """The worst over all deaths: the greatest drift on the way or, ``by_end``, at the end.
 
-        Deaths that keep the limit are not told apart once one breaks it.
+        Deaths that keep the limit are not told apart once one breaks it: that of ``first`` is looked at first.
         """
         readings = self._readings(path)
         deaths = [ALL_ALIVE]
         if self.reliance.redundancy > 1:
             deaths += list(dict.fromkeys(readings.source.tolist()))
+            deaths.sort(key=lambda dead: dead != first)
         verdicts = []
         for dead in deaths:
             drift = self._drift(path, readings[readings.source != dead])

@@ -58,6 +58,7 @@ class Walk:
     nodes: tuple[int, ...] | None  # None when none was found
     length: float
     end_drift: float  # rms at its end, metres, in the worst scenario
+    worst_drift: float  # greatest rms on its way, likewise
     finished: bool  # whether the search came to its own end
     labels: int
     bound: float  # no walk of the graph is shorter (for the least drift: 0)
@@ -86,7 +87,8 @@ class _LabelSearch:
         self.dominates = graph.errors.dominance(task.max_gap_m, slack_sq, share, graph.worst_turn())
         self.turning = graph.turns_matter
         states = task.states.T[None]
-        like = {"node": int, "parent": int, "length": float, "facing": complex, "dropped": bool}  # facing 0: any
+        like = {"node": int, "parent": int, "length": float, "worst": float, "facing": complex, "dropped": bool}
+        # worst: greatest E|e|² on the way, m²; facing 0: any
         self.labels: _Labels = {name: np.zeros(_ROOM, dtype=kind) for name, kind in like.items()}
         self.labels["state"] = np.zeros((_ROOM, *states.shape[1:]))
         self.labels["score"] = np.zeros((_ROOM, *self.dominates.scores(states).shape[1:]))
@@ -102,7 +104,8 @@ class _LabelSearch:
         start = self.columns(1)
         start["node"][:], start["parent"][:], start["state"][:] = task.start, -1, task.states.T
         start["facing"][:] = (self.turning and task.arriving) or 0.0
-        if float(self.square(start["state"]).max()) <= task.limit**2:
+        start["worst"][:] = max(float(self.square(start["state"]).max()), 0.0)
+        if start["worst"][0] <= task.limit**2:
             self.offer(start)
         while batch := self.next_batch(1 + min(expanded // _SHARE, _MOST_AT_ONCE)):
             bound = max(bound, batch[0][0])
@@ -131,6 +134,7 @@ class _LabelSearch:
             nodes=tuple(nodes[::-1]) or None,
             length=float(self.labels["length"][end]) if end >= 0 else math.inf,
             end_drift=math.sqrt(max(best, 0.0)) if end >= 0 else math.inf,
+            worst_drift=math.sqrt(self.labels["worst"][end]) if end >= 0 else math.inf,
             finished=finished,
             labels=self.count,
             bound=0.0 if by_end else bound if self.heap or end >= 0 or not finished else math.inf,
@@ -153,7 +157,8 @@ class _LabelSearch:
 
     def expand(self, labels: Ints) -> None:
         task, graph, old = self.task, self.task.graph, self.labels
-        first, count = graph.first[old["node"][labels]], np.diff(graph.first)[old["node"][labels]]
+        first = graph.first[old["node"][labels]]
+        count = graph.first[old["node"][labels] + 1] - first
         edge, of = spans(first, count), np.repeat(labels, count)
         length = old["length"][of] + graph.length[edge]
         fits = length + task.to_goal[graph.head[edge]] <= task.longest
@@ -173,12 +178,13 @@ class _LabelSearch:
             if len(other):
                 one, most = effects.driven(np.searchsorted(effects.edge, edge[other]), begun[other, :, s : s + 1])
                 after[other, :, s], worst[other, s] = one[..., 0], most[:, 0]
-        keeps = np.flatnonzero(worst.max(axis=1) <= task.limit**2)
+        so_far = np.maximum(worst.max(axis=1), old["worst"][of])
+        keeps = np.flatnonzero(so_far <= task.limit**2)
         keeps = keeps[np.lexsort((length[keeps], graph.head[edge[keeps]]))]
         new = self.columns(len(keeps))
         new["node"][:], new["parent"][:], new["length"][:] = graph.head[edge[keeps]], of[keeps], length[keeps]
         new["facing"][:] = graph.direction[edge[keeps]] if self.turning else 0.0
-        new["state"][:] = after[keeps]
+        new["state"][:], new["worst"][:] = after[keeps], so_far[keeps]
         self.offer(new)
 
     def columns(self, count: int) -> _Labels:
@@ -213,10 +219,9 @@ class _LabelSearch:
         dropped[other[behind][self.beats(mine[behind], other[behind])]] = True
         kept = ~new["dropped"]
         ends = base + np.cumsum(np.bincount(group, kept, len(nodes)).astype(int))
-        fresh = np.split(np.arange(base, ends[-1]), ends[:-1] - base)
-        for node, some, more in zip(nodes.tolist(), here, fresh, strict=True):
-            self.at[node] = np.concatenate([some[~dropped[some]], more])
-        self.count = int(ends[-1])
+        for node, some, end in zip(nodes.tolist(), here, ends.tolist(), strict=True):
+            self.at[node] = np.concatenate([some[~dropped[some]], np.arange(self.count, end)])
+            self.count = end
         for column in labels.values():
             column[base : self.count] = column[base : base + len(kept)][kept]
         least = labels["length"][base : self.count] + self.task.to_goal[labels["node"][base : self.count]]

@@ -38,6 +38,7 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix, Readings, start_errors
 from driftplan.planning.roadmap.edge_steps import NO_SITE, SIZE, Steps, spans
 
+_AT_ONCE = 1024  # pieces, whose arrays stay in the cache
 N, D, D1_RE, D1_IM, E1_RE, E1_IM, A_RE, A_IM, ONE = range(SIZE)
 
 
@@ -68,7 +69,9 @@ class ResetEdges:
         for index in np.unique(steps.which).tolist():
             here = np.flatnonzero(steps.which == index)
             moments = run_moments(steps.length[here], np.zeros(len(here)), noises[index])
-            self.run[here] = _matrices(moments, steps.direction[here])
+            for k in range(0, len(here), _AT_ONCE):
+                some = here[k : k + _AT_ONCE]
+                self.run[some] = _matrices(moments[k : k + _AT_ONCE], steps.direction[some])
 
     def at_start(self, initial: Fix | None) -> Floats:
         """The state (9,) of a robot that knows where it is, exactly or as a fix says."""
