@@ -38,7 +38,7 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix, Readings, start_errors
 from driftplan.planning.roadmap.edge_steps import NO_SITE, SIZE, Steps, spans
 
-_AT_ONCE = 1024  # pieces, whose arrays stay in the cache
+_AT_ONCE = 1024  # pieces or edges, whose arrays stay in the cache
 N, D, D1_RE, D1_IM, E1_RE, E1_IM, A_RE, A_IM, ONE = range(SIZE)
 
 
@@ -102,21 +102,24 @@ class ResetEdges:
         return ResetDominance(max_gap_m, slack_sq, turn_rates)
 
     def effects(self, edges: Ints, dead: int = NO_SITE) -> ResetEffects:
-        """Of edges, with one beacon dead: products along them, one step of all of them at a time."""
-        steps, readings = self.steps, self.readings.copy()
-        readings[dead] = np.eye(SIZE)
+        """Of edges, with one beacon dead: products along them, one step of many of them at a time."""
+        steps, gain = self.steps, self.readings - np.eye(SIZE)
+        gain[dead] = 0.0
         begin, count = steps.of_edges(edges)
         first = np.concatenate([[0], np.cumsum(2 * count)])
         matrix = np.broadcast_to(np.eye(SIZE), (len(edges), SIZE, SIZE)).copy()
         row = np.empty((int(first[-1]), SIZE))
-        for k in range(int(count.max(initial=0))):
-            here = np.flatnonzero(count > k)
-            step = begin[here] + k
-            driven = self.run[step] @ matrix[here]
-            chance = steps.chance[step, None, None]
-            read = driven + chance * ((readings[steps.site[step]] - np.eye(SIZE)) @ driven)
-            row[first[here] + 2 * k], row[first[here] + 2 * k + 1] = driven[:, N], read[:, N]
-            matrix[here] = read
+        for few in np.split(np.arange(len(edges)), range(_AT_ONCE, len(edges), _AT_ONCE)):
+            for k in range(int(count[few].max(initial=0))):
+                here = few[count[few] > k]
+                step = begin[here] + k
+                driven = self.run[step] @ matrix[here]
+                row[first[here] + 2 * k] = driven[:, N]
+                met = np.flatnonzero(steps.site[step] != NO_SITE)
+                chance = steps.chance[step[met], None, None]
+                driven[met] += chance * (gain[steps.site[step[met]]] @ driven[met])
+                row[first[here] + 2 * k + 1] = driven[:, N]
+                matrix[here] = driven
         return ResetEffects(edges, matrix, row, first)
 
 
