@@ -101,23 +101,18 @@ def sentence(layout: Layout | str) -> str:
     if isinstance(layout, str):
         return layout
     bare = max(layout.scenario.worst(layout.scenario.drift(r, ())) for r in range(len(layout.drifts)))
-    number = len(layout.beacons)
+    keep = "keeps" if len(layout.beacons) == 1 else "keep"
+    kept = f"{counted(len(layout.beacons), 'RFID tag')} {keep} the drift of {len(ROUNDS)} rounds under {LIMIT_M:g} m"
     proof = "no fewer will do" if layout.proven else f"at least {layout.lower_bound:g} are needed"
-    return (
-        f"{counted(number, 'RFID tag')} keep{'s' * (number == 1)} the drift of {len(ROUNDS)} "
-        f"rounds under {LIMIT_M:g} m everywhere ({proof}); without tags it reaches {bare:.2f} m"
-    )
+    return f"{kept} everywhere ({proof}); without tags it reaches {bare:.2f} m"
 
 
 def as_json(layout: Layout | str) -> dict[str, Any]:
     """The layout by the names of ``driftplan place --json``."""
     if isinstance(layout, str):
         return {"none": layout}
-    return {
-        "beacons": [record(beacon, "id", "x_m", "y_m") for beacon in layout.beacons],
-        "limit_m": LIMIT_M,
-        **record(layout, "lower_bound", "proven", "worst_drift_m"),
-    }
+    beacons = [record(beacon, "id", "x_m", "y_m") for beacon in layout.beacons]
+    return {"beacons": beacons, "limit_m": LIMIT_M, **record(layout, "lower_bound", "proven", "worst_drift_m")}
 
 
 # fmt: off
@@ -125,8 +120,8 @@ COMMAND = Command(
     summary="lowest-drift against shortest routes on the maps that come along, and RFID tags: tables and pictures",
     description="Plan the lowest-drift and the shortest route on the maps that come along, compare and draw them; "
     "then place the fewest RFID tags that keep five rounds through the warehouse under 0.8 m of drift, for a robot "
-    "without a filter and for one with. Without "
-    "--time-limit and --iterations the roadmap ends after 4 batches, on a fast machine or a slow one.",
+    "without a filter and for one with. Without --time-limit and --iterations the roadmap ends after 4 batches, on a "
+    "fast machine or a slow one.",
     run=run,
     groups=(
         Group("", (

@@ -64,15 +64,11 @@ def design_text(found: CoDesign) -> str:
 
 def design_as_json(found: CoDesign) -> dict[str, Any]:
     """All that was found, with the design it is compared with."""
-    routes = [
-        {
-            **row,
-            **record(route, "worst_guaranteed_m"),
-            "least_capture_probability": min((c.probability for c in route.captures), default=None),
-            "waypoints": waypoints(route.path),
-        }
-        for row, route in zip(found.to_dicts(), found.routes, strict=True)
-    ]
+    routes = []
+    for row, route in zip(found.to_dicts(), found.routes, strict=True):
+        least = min((capture.probability for capture in route.captures), default=None)
+        told = {**record(route, "worst_guaranteed_m"), "least_capture_probability": least}
+        routes.append({**row, **told, "waypoints": waypoints(route.path)})
     return {
         **_costs(found),
         "routes": routes,

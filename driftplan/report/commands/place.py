@@ -101,13 +101,9 @@ def _layout_text(args: argparse.Namespace, layout: Layout) -> str:
     what = "drift" if args.confidence is None else f"{100 * args.confidence:g} % radius"
     rows, parts = installer_table(layout), []
     if len(args.paths) <= _MAX_ROUTES:
-        columns: dict[str, Any] = {
-            "route": range(len(args.paths)),
-            "file": map(label, args.paths),
-            "length m": decimals([float(drift.length) for drift in layout.drifts], 2),
-            f"worst {what} m": decimals(layout.worst_drifts, 3),
-        }
-        parts.append(table(columns))
+        columns: dict[str, Any] = {"route": range(len(args.paths)), "file": map(label, args.paths)}
+        columns["length m"] = decimals([float(drift.length) for drift in layout.drifts], 2)
+        parts.append(table(columns | {f"worst {what} m": decimals(layout.worst_drifts, 3)}))
     if rows:
         parts.append(table(installer_columns(rows, what)))
     told = f"{counted(len(layout.beacons), 'new beacon')} of cost {layout.cost:g}; worst {what} "

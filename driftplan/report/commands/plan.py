@@ -60,15 +60,9 @@ def run(args: argparse.Namespace) -> Answer:
         along = {"waypoints": route.drift.to_dicts(), "beyond_linear_m": route.drift.beyond_linear.tolist()}
         return {**_about(args, noise), "route": {**summary(), **along}}
 
-    return Answer(
-        payload=payload,
-        text=text,
-        files={
-            **shared.route_files(route.drift),
-            "geojson": lambda: drift_geojson(route.drift, {"noise": noise.given(), **summary()}),
-            "picture": picture,
-        },
-    )
+    files = shared.route_files(route.drift) | {"picture": picture}
+    files["geojson"] = lambda: drift_geojson(route.drift, {"noise": noise.given(), **summary()})
+    return Answer(payload=payload, text=text, files=files)
 
 
 def _on_graph(args: argparse.Namespace) -> Answer:
@@ -132,14 +126,9 @@ def _asked(args: argparse.Namespace) -> dict[str, Any]:
     """What is asked of a route, by the names of `plan_route`."""
     from driftplan import DriftLimit, load_beacons
 
-    asked = {
-        "beacons": load_beacons(args.beacons) if args.beacons else None,
-        "minimise": args.minimise,
-        "max_drift": DriftLimit(args.max_drift, redundancy=args.redundancy or 1, min_capture=args.min_capture),
-        "estimator": args.estimator,
-        "max_detour": args.max_detour,
-        "start_fix": shared.start_fix_from(args),
-    }
+    asked = {name: getattr(args, name) for name in ("minimise", "estimator", "max_detour")}
+    asked |= {"beacons": load_beacons(args.beacons) if args.beacons else None, "start_fix": shared.start_fix_from(args)}
+    asked["max_drift"] = DriftLimit(args.max_drift, redundancy=args.redundancy or 1, min_capture=args.min_capture)
     return {name: value for name, value in asked.items() if value is not None}
 
 
@@ -172,19 +161,14 @@ def bound_in_words(route: Route) -> str:
 
 def itinerary_as_json(route: Route) -> dict[str, Any]:
     """What an itinerary says beyond a route."""
-    return {
-        **record(route, "max_drift_m", "worst_drift_m", "worst_guaranteed_m", "shortest_length_m"),
-        "passes": [
-            {
-                "beacon": capture.beacon.id,
-                **record(capture.beacon, "x_m", "y_m"),
-                "kind": capture.beacon.kind.name,
-                **record(capture, "enter_m", "leave_m", "probability"),
-                "counted_on": any(capture.beacon is beacon for beacon in route.beacons),
-            }
-            for capture in route.captures
-        ],
-    }
+    passes = []
+    for capture in route.captures:
+        beacon = capture.beacon
+        row = {"beacon": beacon.id, **record(beacon, "x_m", "y_m"), "kind": beacon.kind.name}
+        row |= record(capture, "enter_m", "leave_m", "probability")
+        passes.append(row | {"counted_on": any(beacon is other for other in route.beacons)})
+    told = record(route, "max_drift_m", "worst_drift_m", "worst_guaranteed_m", "shortest_length_m")
+    return told | {"passes": passes}
 
 
 def itinerary_text(route: Route) -> str:
@@ -194,15 +178,11 @@ def itinerary_text(route: Route) -> str:
     if route.worst_guaranteed > route.worst_drift:
         lines.append(f"with any one beacon dead: {route.worst_guaranteed:.3f} m")
     lines.append(f"length: {route.length:.2f} m; the shortest route has {route.shortest_length:.2f} m")
-    passes = itinerary_as_json(route)["passes"]
-    if passes:
-        columns = {
-            "beacon": [row["beacon"] or f"({row['x_m']:g}, {row['y_m']:g})" for row in passes],
-            "kind": [row["kind"] for row in passes],
-            **numbers(passes, 2, "enter_m", "leave_m", "probability"),
-            "counted on": yes_no(row["counted_on"] for row in passes),
-        }
-        lines += ["", table(columns)]
+    if passes := itinerary_as_json(route)["passes"]:
+        names = [row["beacon"] or f"({row['x_m']:g}, {row['y_m']:g})" for row in passes]
+        columns = {"beacon": names, "kind": [row["kind"] for row in passes]}
+        columns |= numbers(passes, 2, "enter_m", "leave_m", "probability")
+        lines += ["", table(columns | {"counted on": yes_no(row["counted_on"] for row in passes)})]
     return "\n".join(lines)
 
 

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 _TRIED, _TRY_S = 3, 20.0  # cells from which the time is estimated, and no more begun after so many seconds
 _MOST_LINES = 60
-_SAMPLE = "layouts/study/sample.yaml"
 
 
 def run(args: argparse.Namespace) -> Answer:
@@ -70,7 +69,7 @@ def _time(seconds: float) -> str:
 def _template(file: Path) -> Answer:
     if file.exists():
         raise ValueError(f"expected the name of a file that is not there, got {file}, which would be overwritten")
-    content = (Path(__file__).parents[2] / _SAMPLE).read_bytes()
+    content = (Path(__file__).parents[2] / "layouts/study/sample.yaml").read_bytes()
     hint = f"A study to begin with is in {file}: driftplan study check {file}"
     return Answer(payload=lambda: {"file": str(file)}, text=lambda: hint, files={file: lambda: content})
 
@@ -94,11 +93,9 @@ def _checked(asked: StudyResult) -> Answer:
     def text() -> str:
         summary = f"{counted(len(asked.tasks), 'cell')}, {len(missing)} of them not done yet."
         if tried:
-            each, in_all = f"{mean_s:.2g} s of processor time each", _time(mean_s * len(missing))
             outcomes = ", ".join(row["outcome"] for row in tried)
-            summary += (
-                f" {counted(len(tried), 'cell')} tried ({outcomes}): {each}, so about {in_all} in all on one core."
-            )
+            took = f"{mean_s:.2g} s of processor time each, so about {_time(mean_s * len(missing))} in all on one core"
+            summary += f" {counted(len(tried), 'cell')} tried ({outcomes}): {took}."
         return "\n".join([summary, *(f"{row['outcome']}: {row['why']}" for row in tried if "why" in row)])
 
     return Answer(payload=lambda: {"study": found}, text=text)
@@ -143,12 +140,10 @@ def _text(result: StudyResult, answers: Answers) -> str:
         parts.append(f"Share of the variance of {answers.measure} that each parameter explains alone: {shares}")
     ends = [end for row in result.rows.values() for end in row.get("ends", ())]
     if ends:
-        within = 100 * sum(abs(z) < 2 for *_, z in ends) / len(ends)
-        most = max(abs(z) for *_, z in ends)
-        parts.append(
-            f"Simulated drives: of {counted(len(ends), 'route end')} {within:.0f} % are within 2 standard errors of "
-            f"the prediction (95 % if it is right); the farthest is {most:.1f} away."
-        )
+        within = f"{100 * sum(abs(z) < 2 for *_, z in ends) / len(ends):.0f} % are within 2 standard errors"
+        most = f"the farthest is {max(abs(z) for *_, z in ends):.1f} away"
+        drives = f"Simulated drives: of {counted(len(ends), 'route end')} {within} of the prediction"
+        parts.append(f"{drives} (95 % if it is right); {most}.")
     for outcome, why, cells in answers.reasons[:5]:
         parts.append(f"{outcome} ({counted(len(cells), 'cell')}, the first is {cells[0]}): {why}")
     return "\n".join(parts)
@@ -156,15 +151,10 @@ def _text(result: StudyResult, answers: Answers) -> str:
 
 def _lines(curve: Curve, answers: Answers) -> list[dict[str, Any]]:
     return [
-        {
-            **{key: _cell(value) for key, value in curve.values.items()},
-            answers.along: f"{point.x:.4g}",
-            f"{answers.measure}: least": _cell(point.low),
-            "middle": _cell(point.middle),
-            "greatest": _cell(point.high),
-            "cells": len(point.cells),
-            "infeasible": point.infeasible,
-        }
+        {key: _cell(value) for key, value in curve.values.items()}
+        | {answers.along: f"{point.x:.4g}", f"{answers.measure}: least": _cell(point.low)}
+        | {"middle": _cell(point.middle), "greatest": _cell(point.high)}
+        | {"cells": len(point.cells), "infeasible": point.infeasible}
         for point in curve.points
     ]
 
