@@ -92,7 +92,7 @@ def umbmark(clockwise: ArrayLike, counterclockwise: ArrayLike, *, side_m: float 
 
 
 def _return(side: float, way: int, corner: float, bend: float) -> Floats:
-    """Where a robot is that believes it is back: it turns by π/2 - ``corner``, its sides bend left by ``bend`` (rad)."""
+    """Where a robot is that believes it is back: it turns π/2 - ``corner``, its sides bend left by ``bend`` (rad)."""
     turns = np.arange(4) * (way * (np.pi / 2 - corner) + bend)
     sides = side * np.sinc(bend / (2 * np.pi)) * np.exp(1j * (turns + bend / 2))
     end = sides.sum()
