@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import platform
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from importlib.metadata import version
 from itertools import combinations
 from math import exp, nan
@@ -110,13 +110,7 @@ def _fitted() -> Iterator[Check]:
         yield Check(f"simulated {name}", "its fit", getattr(noise, name), *intervals[name])
 
 
-_PARTS: dict[str, Callable[[], Iterator[Check]]] = {
-    "model": _straight,
-    "simulation": _simulated,
-    "plan": _planned,
-    "placement": _placed,
-    "fit": _fitted,
-}
+_PARTS = {"model": _straight, "simulation": _simulated, "plan": _planned, "placement": _placed, "fit": _fitted}
 
 
 def run(args: argparse.Namespace) -> Answer:
