@@ -85,7 +85,7 @@ def test_the_same_columns_with_other_weights_or_another_least_are_another_cut():
     assert pool.active.all()
     pool.add([cut_of([0, 1, 1], 1)], active=False)
     assert pool.active.tolist() == [True] * 4 + [False]
-    active, least = pool.active_rows
+    active, least = pool.matrix[0][np.flatnonzero(pool.active)], pool.matrix[2][pool.active]
     np.testing.assert_array_equal(active.toarray(), [[1, 1, 0], [1, 2, 0], [1, 1, 0], [1, 0, 1]])
     np.testing.assert_array_equal(least, [1, 1, 2, 1])
     built = pool.matrix

@@ -88,9 +88,9 @@ class Relaxation:
         """The active rows and the caps."""
         from scipy.sparse import vstack
 
-        rows, least = self.rows.active_rows
-        caps, _, cap_least = self.caps.matrix
-        return vstack([rows, caps], format="csr"), np.concatenate([least, cap_least])
+        (rows, _, least), (caps, _, cap_least) = self.rows.matrix, self.caps.matrix
+        active = np.flatnonzero(self.rows.active)
+        return vstack([rows[active], caps], format="csr"), np.concatenate([least[active], cap_least])
 
     def worth_trying(self, best_cost: float) -> Bools:
         """The sites that a layout cheaper than the best may have."""

@@ -80,12 +80,6 @@ class CutPool:
             self._built = (rows, rows.tocsc(), least)
         return self._built
 
-    @property
-    def active_rows(self) -> tuple[Any, Floats]:
-        """The active rows and their least activities."""
-        rows, _, least = self.matrix
-        return rows[np.flatnonzero(self.active)], least[self.active]
-
     def missing(self, y: NDArray[Any]) -> Floats:
         """By how much every row is missed (negative: exceeded)."""
         rows, _, least = self.matrix

@@ -132,8 +132,11 @@ class SegmentedRoute:
         self.noises, which = noise_of_legs(noise, len(runs.lengths), 1)
         runs, at, old = runs.cut(readings.s_m)
         which = np.repeat(which, np.diff(old))
-        count = self._pieces_needed(runs.lengths, which, least_limit_m)
-        turns = runs.turns != 0
+        bends = np.array([bend_rates(noise) for noise in self.noises])[which]
+        share = (bends[:, 0] / least_limit_m + bends[:, 1] / least_limit_m**2) / 8  # of the limit², per metre squared
+        pieces = np.maximum(1, np.ceil(runs.lengths * np.sqrt(share / _SAG_SHARE)))  # so that each one's sag is small
+        bounded("segments of a route", float(pieces.sum()), _MAX_SEGMENTS, f"raise max_drift, here {least_limit_m:g} m")
+        count, turns = pieces.astype(np.intp), runs.turns != 0
         first = np.concatenate([[0], np.cumsum(turns + count)])  # of a leg's segments: its turn, the parts of its run
         self.turn, self.length = np.zeros(first[-1]), np.repeat(runs.lengths / count, turns + count)
         self.turn[first[:-1][turns]] = runs.turns[turns]
@@ -143,14 +146,6 @@ class SegmentedRoute:
         breakpoint = first[at]
         order = np.lexsort((readings.source, readings.rank, breakpoint))
         self.breakpoint, self.readings = breakpoint[order], readings[order]
-
-    def _pieces_needed(self, lengths: Floats, which: Ints, limit_m: float) -> Ints:
-        """Into how many segments each run is cut, so that its sag is small."""
-        bends = np.array([bend_rates(noise) for noise in self.noises])[which]
-        share = (bends[:, 0] / limit_m + bends[:, 1] / limit_m**2) / 8  # of the limit squared, per metre squared
-        pieces = np.maximum(1, np.ceil(lengths * np.sqrt(share / _SAG_SHARE)))
-        bounded("segments of a route", float(pieces.sum()), _MAX_SEGMENTS, f"raise max_drift, here {limit_m:g} m")
-        return np.asarray(pieces, dtype=np.intp)
 
 
 def _joined(rows: list[SegmentedRoute], start_fix: Fix | None) -> RouteTable:

@@ -52,7 +52,7 @@ def in_processes(shared: Mapping[str, Any], tasks: Sequence[CellTask], count: in
                 ready = wait([worker.link for worker in workers], timeout=1.0)
                 for worker in list(workers):
                     task = worker.task
-                    if worker.link not in ready and not worker.late:
+                    if worker.link not in ready and (task is None or time.monotonic() < worker.until):
                         continue
                     row = worker.answer()
                     if worker.status is not None:
@@ -110,7 +110,7 @@ class Child:
         self.link, theirs = Pipe()
         self.task: CellTask | None = None  # what it is at
         self.status: int | None = None  # how the process ended, once it has
-        self._until, descriptors = 0.0, (theirs.fileno(), shared.fileno())
+        self.until, descriptors = 0.0, (theirs.fileno(), shared.fileno())
         paths = [str(Path(__file__).parents[3]), *filter(None, [os.environ.get("PYTHONPATH")])]
         one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
         self._process = subprocess.Popen(
@@ -124,19 +124,15 @@ class Child:
         theirs.close()
 
     def begin(self, task: CellTask) -> None:
-        self.task, self._until = task, time.monotonic() + _PATIENCE * task.plain["time_limit_s"] + _GRACE_S
+        self.task, self.until = task, time.monotonic() + _PATIENCE * task.plain["time_limit_s"] + _GRACE_S
         with suppress(OSError):  # it is dead, which the answer says
             self.link.send(task)
-
-    @property
-    def late(self) -> bool:
-        return self.task is not None and time.monotonic() > self._until
 
     def answer(self) -> Row | None:
         """The row of the task, waited for; None if the process is dead. Where that is late it is ended."""
         task, self.task = self.task, None
         try:
-            if self.link.poll(max(self._until - time.monotonic(), 0.0)):
+            if self.link.poll(max(self.until - time.monotonic(), 0.0)):
                 row: Row = self.link.recv()
                 return row
         except (OSError, EOFError):

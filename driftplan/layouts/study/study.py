@@ -108,21 +108,17 @@ class Study:
             held.get("title", path.stem if path else "study"), scenario, vary, held.get("design", "grid"),
             path, text, place, places,
         )  # fmt: skip
-        found._check_design()
-        return found
-
-    def _check_design(self) -> None:
-        place = self._lines.get("design", self._lines.get("vary", self._place))
-        if self.design == "zip":
-            counts = {key: len(values) for key, values in self.vary.items()}
-            if len(set(counts.values())) > 1:
-                place.refuse(f"expected as many values of each for a zip, got {counts}")
-        if not self.vary and isinstance(self.design, dict):
-            place.refuse("expected something under vary to draw from, got nothing")
+        here = places.get("design", places.get("vary", place))
+        counts = {key: len(values) for key, values in vary.items()}
+        if found.design == "zip" and len(set(counts.values())) > 1:
+            here.refuse(f"expected as many values of each for a zip, got {counts}")
+        if not vary and isinstance(found.design, dict):
+            here.refuse("expected something under vary to draw from, got nothing")
         try:
-            bounded("cells", len(self), _MAX_CELLS, "vary less, or draw some of them (design: {random: 1000})")
+            bounded("cells", len(found), _MAX_CELLS, "vary less, or draw some of them (design: {random: 1000})")
         except ValueError as err:
-            place.refuse(str(err))
+            here.refuse(str(err))
+        return found
 
     def __len__(self) -> int:
         if isinstance(self.design, dict):

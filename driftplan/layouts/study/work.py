@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import pickle
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import pairwise
 from mmap import ACCESS_READ, mmap
 from multiprocessing.connection import Connection
@@ -18,10 +18,9 @@ import numpy as np
 import shapely
 
 from driftplan.arrays import Floats
-from driftplan.beacons.beacon import Beacon, BeaconKind
+from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import beacon_fixes, floor_of
 from driftplan.errors import DriftplanError, InfeasibleError
-from driftplan.layouts.layout import Layout
 from driftplan.layouts.place import place_at
 from driftplan.layouts.placement.problem import Stations
 from driftplan.layouts.scenario import Scenario, Sites, route_sites, wall_sites
@@ -73,8 +72,14 @@ class Workshop:
                 self._stations(task, scenario), scenario, limit, began=began,
                 max_beacons=plain["max_beacons"], budget=plain["budget"], time_limit=plain["time_limit_s"],
             )  # fmt: skip
-            beacons, worst = layout.everyone, layout.worst_drifts
-            found = _of_layout(layout, asked.all_kinds)
+            beacons, worst, kinds = layout.everyone, layout.worst_drifts, asked.all_kinds
+            found = {
+                "beacons": len(layout.beacons),
+                **{name: getattr(layout, name) for name in ("cost", "lower_bound", "proven")},
+                "ended_by_time": layout.status is Status.TIME_LIMIT,
+                "drift_bound_m": layout.drift_bound,
+                "layout": [[b.id, kinds.index(b.kind), b.x, b.y, b.facing_deg] for b in layout.beacons],
+            }
         else:
             worst = tuple(scenario.worst(scenario.drift(r, beacons)) for r in range(len(routes)))
         if plain["simulated_drives"]:
@@ -161,16 +166,6 @@ def _places(world: World, count: int, rng: np.random.Generator) -> list[Floats]:
         if shapely.contains_xy(hall, *point) and world.is_free(point):
             places.append(point)
     return places
-
-
-def _of_layout(layout: Layout, kinds: Sequence[BeaconKind]) -> Row:
-    return {
-        "beacons": len(layout.beacons),
-        **{name: getattr(layout, name) for name in ("cost", "lower_bound", "proven")},
-        "ended_by_time": layout.status is Status.TIME_LIMIT,
-        "drift_bound_m": layout.drift_bound,
-        "layout": [[b.id, kinds.index(b.kind), b.x, b.y, b.facing_deg] for b in layout.beacons],
-    }
 
 
 def _simulated(scenario: Scenario, beacons: tuple[Beacon, ...], drives: int, seed: int) -> Row:

@@ -107,11 +107,8 @@ def solve(
         chosen = PLANNERS[planner](si)
         chosen.setProblemDefinition(pdef)
         chosen.setup()
-
-        def is_enough() -> bool:
-            return bool(stop()) or (iterations is not None and chosen.numIterations() >= iterations)
-
-        chosen.solve(ob.PlannerTerminationCondition(is_enough))
+        most = inf if iterations is None else iterations
+        chosen.solve(ob.PlannerTerminationCondition(lambda: bool(stop()) or chosen.numIterations() >= most))
         if not pdef.hasExactSolution():
             return None
         states = pdef.getSolutionPath().getStates()
