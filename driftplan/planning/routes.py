@@ -251,12 +251,13 @@ def route_for(request: PlanRequest) -> Route:
     """The route that is asked for, as `plan_route` says."""
     check_connected(request.world, request.ends)
     if not request.needs_labels:
-        return _unaided_route(request)
+        return route_of(request, best_unaided(request))
     if (request.ends[0] == request.ends[1]).all():
         raise ValueError(f"expected start and goal apart, got {request.ends[0].tolist()} for both")
     known = request.initial_paths
     if not request.reliance.beacons and request.minimise == "drift":  # a limit that does not bind changes nothing
-        free = _unaided_route(replace(request, share=_UNAIDED_SHARE))
+        brief = replace(request, share=_UNAIDED_SHARE)
+        free = route_of(brief, best_unaided(brief))
         if free.worst_drift <= request.reliance.max_drift:
             return replace(free, max_drift=request.reliance.max_drift)
         known = (*known, free.path)
@@ -322,10 +323,6 @@ def _route_among_beacons(request: PlanRequest, known: Sequence[Floats]) -> Route
         search.stop = lambda: late(2.0)
         raise InfeasibleError(why_infeasible(search, request.reliance.max_drift, search.max_length(request.minimise)))
     return route_along(search, path, request.minimise)
-
-
-def _unaided_route(request: PlanRequest) -> Route:
-    return route_of(request, best_unaided(request))
 
 
 def route_of(request: PlanRequest, found: Unaided) -> Route:

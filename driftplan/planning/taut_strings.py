@@ -33,24 +33,20 @@ from driftplan.world.zones import noises_on
 # thinning the outline out takes 0.45, and the chords of the flattened plane 0.3.
 _CHORDS_PER_QUARTER = 2
 _THINNING = 0.45
-_CHORD = (
-    0.9  # a chord of the flattened plane sags by s²/4r, s long and r from the goal: 0.9 √(margin r) gives 0.3 margins
-)
+# A chord of the flattened plane sags by s²/4r, s long and r from the goal: 0.9 √(margin r) gives 0.3 margins.
+_CHORD = 0.9
 _SLACK_RAD = 1e-12  # what is nearer than that to an obstacle's corner is taken to miss it
 _SLACK = 1e-9  # and what ends so short of an obstacle, as a share of the distance
-
 _FIRST_MARGIN_RADII, _FIRST_MARGIN_SIZES = 1 / 6, 1e-4  # of the robot, and of the map
 _MARGINS, _FINER = 4, 2.5  # margins tried at most, each so much finer than the one before
 _WORTH = 0.8  # of the gap left by a margin: then the next one does not pay
 _MOST_LOOKS = 3_000_000  # at corners, from others, for one string: about half a second
 _LENGTHS = 2000  # of routes, at which the bound of the mean square is evaluated
 _HEADING_STD_FACTOR = 2.0  # times that of the route found: where a bound must be restricted, it is for up to that
-
 _OUTLINED_S = 1e-5  # per corner of free space, about, to make it larger or smaller by a margin, in one go
-
-Left = Callable[[], float]  # seconds
-
 _FLAT, _CONE = 1, 3  # powers of the lever: distances in the plane, and in the plane flattened
+_PARTS: WeakKeyDictionary[World, dict[tuple[int, float], Any]] = WeakKeyDictionary()
+Left = Callable[[], float]  # seconds
 
 
 class LeastRoute(NamedTuple):
@@ -100,10 +96,6 @@ class LeastRoute(NamedTuple):
         return max(min(float(at_least.min()), position * farthest), worst + position * self.length)
 
 
-def _unhurried() -> float:
-    return math.inf
-
-
 def least_route(
     world: World,
     start: Floats,
@@ -112,7 +104,7 @@ def least_route(
     known: Floats | None = None,
     *,
     only_length: bool = False,
-    left_s: Left = _unhurried,
+    left_s: Left = lambda: math.inf,
     most_looks: float = math.inf,
 ) -> LeastRoute:
     """Lower bounds, among the obstacles, of a route's length and of its integral of the squared distance to the goal.
@@ -145,7 +137,7 @@ def least_route(
 
 
 def tight_least_route(
-    world: World, path: Floats, noise: OdometryNoise, gap: float = 0.01, *, left_s: Left = _unhurried
+    world: World, path: Floats, noise: OdometryNoise, gap: float = 0.01, *, left_s: Left = lambda: math.inf
 ) -> LeastRoute:
     """`least_route` with a margin made smaller until the path costs at most a share ``gap`` more, or while that pays.
 
@@ -192,7 +184,7 @@ def taut_route(
     known: Floats | None = None,
     *,
     by_length: bool = False,
-    left_s: Left = _unhurried,
+    left_s: Left = lambda: math.inf,
 ) -> Floats | None:
     """The route of least ∫|w|² ds, or the shortest, that keeps a margin from obstacles: waypoints (n, 2), or None.
 
@@ -216,9 +208,6 @@ def taut_route(
     path = np.stack([z.real, z.imag], axis=-1) + goal
     path[0] = start
     return path if world.segments_free(path[:-1], path[1:]).all() else None
-
-
-_PARTS: WeakKeyDictionary[World, dict[tuple[int, float], Any]] = WeakKeyDictionary()
 
 
 def _free(world: World, start: Floats, margin_m: float, left_s: Left) -> Any:

@@ -109,9 +109,8 @@ class DriftObjective(ob.OptimizationObjective):
         self.length_weight = float(length_weight)
         self.zone_noises = tuple(zone.noise for zone in zones)
 
-        elsewhere, *inside = (
-            _with_length(CostRates.of(n, kind.dimensions), length_weight) for n in (noise, *self.zone_noises)
-        )
+        rates = [CostRates.of(n, kind.dimensions) for n in (noise, *self.zone_noises)]
+        elsewhere, *inside = (replace(r, position=r.position + self.length_weight) for r in rates)
         lookup = ZoneLookup(zones, inside, elsewhere) if zones else None
         least = CostRates(*(min(getattr(r, name) for r in (elsewhere, *inside)) for name in ("heading", "position")))
 
@@ -195,7 +194,3 @@ got [(3.0, 0.0)]: make the DriftObjective for that goal
                     "the additive cost does not bound the error otherwise, and a planner could stop too early"
                 )
         self.setCostThreshold(ob.Cost(float(rms_m) ** 2))
-
-
-def _with_length(rates: CostRates, length_weight: float) -> CostRates:
-    return replace(rates, position=rates.position + float(length_weight))
