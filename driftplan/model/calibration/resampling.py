@@ -108,16 +108,13 @@ def along_travel(parts: list[ResampledDrive]) -> list[ResampledDrive]:
     if not parts:
         return parts
     chords = [np.diff(part.truth) for part in parts]
-    lengths = [np.maximum(np.abs(chord), 1e-12) for chord in chords]
-    squares = [chord**2 / length for chord, length in zip(chords, lengths, strict=True)]
-    agreement = sum(
-        complex(np.sum(square * np.conj(part.travel_axes) / np.diff(part.driven)))
-        for square, part in zip(squares, parts, strict=True)
-    ) / float(sum(length.sum() for length in lengths))
+    axes = [chord**2 / np.maximum(np.abs(chord), 1e-12) for chord in chords]  # as long as the chords
+    cosines = (np.sum(axis * np.conj(p.travel_axes) / np.diff(p.driven)) for axis, p in zip(axes, parts, strict=True))
+    agreement = complex(sum(cosines)) / max(float(sum(np.abs(axis).sum() for axis in axes)), 1e-300)
     if abs(agreement) < _KEEPS_COURSE:
         return [
-            part._replace(travel_axes=np.diff(part.driven) * square / length)
-            for part, square, length in zip(parts, squares, lengths, strict=True)
+            part._replace(travel_axes=np.diff(part.driven) * axis / np.maximum(np.abs(axis), 1e-12))
+            for part, axis in zip(parts, axes, strict=True)
         ]
     turn = agreement / abs(agreement)
     return [part._replace(travel_axes=part.travel_axes * turn, turn_axes=part.turn_axes * turn) for part in parts]

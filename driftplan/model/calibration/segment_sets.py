@@ -80,24 +80,23 @@ class SegmentSet:
     def turned_per_longest(self) -> float:
         """Angle turned on the length of the longest segments, rad: heading changes (without headings: changes of
         course) over the shortest ones, so that jitter adds little."""
-        steps, turned = self.bins[0].steps, 0.0
-        for part in self.resampled:
-            if part.truth_heading is not None:
-                turned += float(np.abs(np.diff(part.truth_heading[::steps])).sum())
-            else:
-                chords = np.diff(part.truth[::steps])
-                turned += float(np.abs(np.angle(chords[1:] * np.conj(chords[:-1]))).sum())
+        steps = self.bins[0].steps
+        courses = (
+            np.unwrap(np.angle(np.diff(part.truth[::steps])))
+            if part.truth_heading is None
+            else part.truth_heading[::steps]
+            for part in self.resampled
+        )
+        turned = sum(float(np.abs(np.diff(course)).sum()) for course in courses)
         return turned / self.total_m * self.bins[-1].length_m
 
     @property
     def counted_over_true(self) -> float:
         """Length of the odometry's chords over that of the true ones, over the shortest segments."""
         steps = self.bins[0].steps
-        counted, true = (
-            sum(float(np.abs(np.diff(positions[::steps])).sum()) for positions in way)
-            for way in zip(*((part.estimate, part.truth) for part in self.resampled), strict=True)
-        )
-        return counted / max(true, 1e-300)
+        ways = ((part.estimate[::steps], part.truth[::steps]) for part in self.resampled)
+        counted, true = np.sum([[np.abs(np.diff(way)).sum() for way in both] for both in ways], axis=0).tolist()
+        return float(counted / max(true, 1e-300))
 
     def by_bin(self, values: Floats) -> Floats:
         """Averages of values (n, ...) over the segments of every length, (bins, ...)."""
