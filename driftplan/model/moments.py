@@ -239,9 +239,7 @@ def _where(condition: Array, yes: Moments, no: Moments) -> Moments:
 
 def _broadcast(X: Moments, shape: tuple[int, ...]) -> Moments:
     shape = np.broadcast_shapes(X.shape, shape)
-    if shape == X.shape:
-        return X
-    return Moments(*(np.broadcast_to(x, shape) for x in X.arrays()))
+    return X if shape == X.shape else Moments(*(np.broadcast_to(x, shape) for x in X.arrays()))
 
 
 def _re2(x: Array) -> Array:

@@ -152,8 +152,12 @@ def read_path(path: Any, start_heading: float | ArrayLike | None = None) -> Runs
 
     Raises ValueError for fewer than 2 waypoints, wrong shapes, values that are not finite, negative lengths.
     """
-    of_runs = isinstance(path, Sequence) and len(path) > 0 and all(isinstance(item, Run) for item in path)
-    driven = path if isinstance(path, Runs) else _from_runs(path) if of_runs else None
+    driven = path if isinstance(path, Runs) else None
+    if isinstance(path, Sequence) and len(path) > 0 and all(isinstance(item, Run) for item in path):
+        turns, lengths, curvatures = np.array(
+            [(run.turn_rad, run.length_m, run.curvature_per_m) for run in path], dtype=float
+        ).T.copy()
+        driven = Runs(np.zeros((), complex), np.zeros(()), turns, lengths, curvatures)
     runs = _from_array(_as_array(path)) if driven is None else driven
     if start_heading is None:
         return runs
@@ -206,15 +210,7 @@ def _course(legs: NDArray[np.complex128], first: Floats | None) -> Floats:
     latest = np.maximum.accumulate(index, axis=-1)
     first_move = np.argmax(moves, axis=-1)[..., None]
     course = np.take_along_axis(np.angle(legs), np.where(latest < 0, first_move, latest), axis=-1)
-    if first is None:
-        return course
-    return np.where(latest < 0, np.asarray(first)[..., None], course)
-
-
-def _from_runs(runs: Sequence[Run]) -> Runs:
-    columns = zip(*((run.turn_rad, run.length_m, run.curvature_per_m) for run in runs), strict=True)
-    turns, lengths, curvatures = (np.array(column, dtype=float) for column in columns)
-    return Runs(np.zeros((), complex), np.zeros(()), turns, lengths, curvatures)
+    return course if first is None else np.where(latest < 0, np.asarray(first)[..., None], course)
 
 
 def _as_array(path: Any) -> Floats:
