@@ -17,28 +17,40 @@ from driftplan.model.noise import OdometryNoise
 from driftplan.world.shapes import PreparedArea, polygon_of
 
 _FEW_BOXES = 16  # to look at each is faster than to search
+_MOST_CELLS = 64  # along each axis
 
 
 class ZoneBoxes:
-    """Boxes ``(n, 4)`` of (xmin, ymin, xmax, ymax), and which of them are met: each once, the last first."""
+    """Boxes ``(n, 4)`` of (xmin, ymin, xmax, ymax), and which of them are met: each once, the last first.
+
+    For one point or motion at a time they are listed by the cells of a grid.
+    """
 
     def __init__(self, boxes: Floats) -> None:
         self._boxes = [tuple(box) for box in boxes.tolist()]
-        self._all = range(len(boxes) - 1, -1, -1)
-        self._few = len(boxes) <= _FEW_BOXES
         self._low, self._high = boxes[:, None, :2], boxes[:, None, 2:]
         self._tree = shapely.STRtree(shapely.box(*boxes.T))
-        self._room_m2 = float(np.prod(boxes[:, 2:].max(axis=0) - boxes[:, :2].min(axis=0))) / len(boxes)
+        low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+        self._side = side = min(int(np.ceil(np.sqrt(len(boxes)))), _MOST_CELLS)
+        extent = np.maximum(high - low, 1e-12 * np.abs([low, high]).max() + 1e-300)
+        (self._x, self._y), (self._per_x, self._per_y) = low.tolist(), (side / extent).tolist()
+        slack = 1e-6 + 1e-9 * np.abs([low, high]).max() / extent * side  # of a cell: rounding leaves none out
+        first = np.clip((boxes[:, :2] - low) / extent * side - slack, 0, side - 1).astype(int)
+        last = np.clip((boxes[:, 2:] - low) / extent * side + slack, 0, side - 1).astype(int)
+        self._columns: list[list[list[int]]] = [[[] for _ in range(side)] for _ in range(side)]
+        for k in range(len(boxes) - 1, -1, -1):
+            (i0, j0), (i1, j1) = first[k].tolist(), last[k].tolist()
+            for column in self._columns[i0 : i1 + 1]:
+                for cell in column[j0 : j1 + 1]:
+                    cell.append(k)
 
-    def at_point(self, x: float, y: float, among: Sequence[int] | None = None) -> list[int]:
-        """At a point, of some or all."""
-        if among is None and not self._few:
-            return self._found(shapely.points(x, y))
-        return self._meeting(self._all if among is None else among, x, y, x, y)
+    def at_point(self, x: float, y: float) -> list[int]:
+        """At a point."""
+        return self.on_box(x, y, x, y)
 
     def at_points(self, xy: Floats) -> tuple[Ints, Ints]:
         """Pairs of a point of (n, 2) and a box that it is in, boxes in their order."""
-        if self._few:
+        if len(self._boxes) <= _FEW_BOXES:
             box, point = np.nonzero(((xy >= self._low) & (xy <= self._high)).all(axis=2))
             return point, box
         point, box = self._tree.query(shapely.points(xy))
@@ -47,25 +59,49 @@ class ZoneBoxes:
 
     def on_box(self, xmin: float, ymin: float, xmax: float, ymax: float) -> list[int]:
         """On a box."""
-        if self._few:
-            return self._meeting(self._all, xmin, ymin, xmax, ymax)
-        return self._found(shapely.box(xmin, ymin, xmax, ymax))
+        j0, j1 = self._row(ymin), self._row(ymax)
+        columns = self._columns[self._column(xmin) : self._column(xmax) + 1]
+        return self._meeting([cell for column in columns for cell in column[j0 : j1 + 1]], xmin, ymin, xmax, ymax)
 
     def on_segment(self, x0: float, y0: float, x1: float, y1: float) -> list[int]:
-        """On a straight segment, and a few beside it."""
-        left, right = (x0, x1) if x0 <= x1 else (x1, x0)
+        """On a straight segment, and perhaps some that it touches but for rounding."""
+        if x0 > x1:
+            x0, y0, x1, y1 = x1, y1, x0, y0
         low, high = (y0, y1) if y0 <= y1 else (y1, y0)
-        if self._few or (right - left) * (high - low) < self._room_m2:
-            return self.on_box(left, low, right, high)
-        return self._found(shapely.linestrings(((x0, y0), (x1, y1))), "intersects")
-
-    def _found(self, shape: Any, predicate: str | None = None) -> list[int]:
-        return sorted(self._tree.query(shape, predicate).tolist(), reverse=True)
-
-    def _meeting(self, some: Sequence[int], xmin: float, ymin: float, xmax: float, ymax: float) -> list[int]:
+        first, last, j, j1 = self._column(x0), self._column(x1), self._row(y0), self._row(y1)
+        dx, dy = x1 - x0, y1 - y0
+        if first == last:
+            cells = self._columns[first][j : j1 + 1] if j <= j1 else self._columns[first][j1 : j + 1]
+            if len(cells) == 1 and not cells[0]:
+                return []
+        else:
+            cells, slope = [], dy / dx
+            for i in range(first, last + 1):
+                end = y1 if i == last else y0 + (self._x + (i + 1) / self._per_x - x0) * slope
+                to = self._row(min(max(end, low), high))
+                cells += self._columns[i][j : to + 1] if j <= to else self._columns[i][to : j + 1]
+                j = to
+        slack = 1e-9 * (dx + high - low) * (abs(x0) + abs(x1) + high - low + abs(y0))
         return [
             k
-            for k in some
+            for k in self._meeting(cells, x0, low, x1, high)
+            for left, below, right, above in (self._boxes[k],)
+            if abs(dx * (below + above - 2 * y0) - dy * (left + right - 2 * x0))
+            <= dx * (above - below) + (high - low) * (right - left) + slack
+        ]
+
+    def _column(self, x: float) -> int:
+        i = int((x - self._x) * self._per_x)
+        return i if 0 <= i < self._side else 0 if i < 0 else self._side - 1
+
+    def _row(self, y: float) -> int:
+        j = int((y - self._y) * self._per_y)
+        return j if 0 <= j < self._side else 0 if j < 0 else self._side - 1
+
+    def _meeting(self, cells: Sequence[Sequence[int]], xmin: float, ymin: float, xmax: float, ymax: float) -> list[int]:
+        return [
+            k
+            for k in (cells[0] if len(cells) == 1 else sorted(set().union(*cells), reverse=True))
             for left, low, right, high in (self._boxes[k],)
             if xmin <= right and xmax >= left and ymin <= high and ymax >= low
         ]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from ompl import util as ou
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.ompl.collision import use_world
 from driftplan.planning.ompl.objective import DriftObjective
+from driftplan.planning.ompl.zone_lookup import ZoneLookup
 from driftplan.world.mapfiles import bundled_map, load_world
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -104,28 +106,37 @@ def callbacks() -> None:
 
 
 def many_zones() -> None:
-    """What further zones cost: motions of a tree's length, and across the map, among squares of floor."""
+    """What further zones cost: motions of given lengths, and of lengths in proportion to the zones, which cut them as
+    often, among squares of floor."""
     si = ob.SpaceInformation(ob.RealVectorStateSpace(2))
-    objectives = {}
+    objectives, lookups, widths = {}, {}, {}
     for count in (10, 1000):
         side = int(np.ceil(np.sqrt(count)))
-        width = 100 / side
-        corners = [(width * (k % side) - 50, width * (k // side) - 50) for k in range(count)]
+        widths[count] = width = 100 / side
+        corners = [(width * (k // side) - 50, width * (k % side) - 50) for k in range(count)]
         zones = [Zone(shapely.box(x, y, x + 0.7 * width, y + 0.7 * width), NOISE.scaled(3.0)) for x, y in corners]
         world = World.from_polygons([], bounds=(-50, -50, 50, 50), robot_radius=0.3, zones=zones)
-        objectives[str(count)] = DriftObjective(si, NOISE, (40.0, 10.0), world)
-    rng = np.random.default_rng(1)
-    for name, step_m in (("5 m", 5.0), ("long", np.inf)):
-        path, state = og.PathGeometric(si), si.allocState()
-        place = np.zeros(2)
-        for _ in range(MOTIONS + 1):
-            move = rng.uniform(-50, 50, 2) - place
-            place = place + move * min(1.0, step_m / np.hypot(*move))
-            state[0], state[1] = place.tolist()
-            path.append(state)
-        took = per_motion(path, objectives)
-        ratio = took["1000"] / took["10"]
-        print(f"R^2, {name} motions: 10 zones {took['10']:6.2f}us, 1000 zones {took['1000']:6.2f}us, {ratio:.2f}x")
+        objectives[count] = DriftObjective(si, NOISE, (40.0, 10.0), world)
+        lookups[count] = ZoneLookup(zones, range(count), -1)
+    motions = (("1 m", 1.0, 1.0), ("5 m", 5.0, 5.0), ("across", np.inf, np.inf))
+    shares = ((f"{share:g} zones long", share * widths[10], share * widths[1000]) for share in (0.3, 1.0, 3.0))
+    for name, *steps in (*motions, *shares):
+        took, pieces = {}, {}
+        for (count, objective), step_m in zip(objectives.items(), steps, strict=True):
+            rng = np.random.default_rng(1)
+            path, state, where = og.PathGeometric(si), si.allocState(), [np.zeros(2)]
+            for _ in range(MOTIONS + 1):
+                move = rng.uniform(-50, 50, 2) - where[-1]
+                where.append(where[-1] + move * min(1.0, step_m / np.hypot(*move)))
+                state[0], state[1] = where[-1].tolist()
+                path.append(state)
+            took[count] = per_motion(path, {"drift": objective})["drift"]
+            cut = [lookups[count].pieces(*a, *b) for a, b in pairwise(np.array(where[1:]).tolist())]
+            pieces[count] = sum(map(len, cut)) / MOTIONS
+        print(
+            f"R^2, motions {name}: 10 zones {took[10]:.2f}us ({pieces[10]:.1f} pieces), "
+            f"1000 zones {took[1000]:.2f}us ({pieces[1000]:.1f}), {took[1000] / took[10]:.2f}x"
+        )
 
 
 def growth(

@@ -84,3 +84,21 @@ def test_one_motion_at_a_time_gets_the_answer_of_the_bulk(sides):
         mine = pieces.segment == i
         which = np.searchsorted(pieces.end[mine], middle)
         assert [zone for *_, zone in alone] == pieces.zone[mine][which].tolist()
+
+
+@pytest.mark.parametrize("seed", [1, 5, 9, 13])
+def test_a_motion_that_enters_by_a_corner_is_in_the_zone_behind_it(seed):
+    rng = np.random.default_rng(seed)
+    low, size = np.round(rng.uniform(0, 30, (25, 2))), np.round(rng.uniform(1, 6, (25, 2)))
+    zones = [Zone(shapely.box(*box), WET) for box in np.c_[low, low + size].tolist()]
+    world = World.from_polygons([], bounds=(0, 0, 40, 40), robot_radius=0.1, zones=zones)
+    lookup = ZoneLookup(zones, range(len(zones)), -1)
+    a = np.round(rng.uniform(-2, 38, (200, 2)))
+    b = a + np.round(rng.uniform(1, 9, (200, 1))) * rng.choice([-1, 1], (200, 2))  # over corners of the lattice
+    along = np.linspace(0.0031, 0.9967, 50)
+    for begin, end in zip(a.tolist(), b.tolist(), strict=True):
+        pieces = lookup.pieces(*begin, *end)
+        assert [piece[0] for piece in pieces[1:]] == pytest.approx([piece[1] for piece in pieces[:-1]], abs=1e-9)
+        which = np.searchsorted([piece[1] for piece in pieces], along)
+        places = np.array(begin) + along[:, None] * (np.array(end) - begin)
+        assert [pieces[k][2] for k in which] == world.zone_at(places).tolist()

@@ -20,6 +20,7 @@ from driftplan.world.zones import Zone, ZoneIndex
 T = TypeVar("T")  # of what each zone has its own: rates, or noise
 
 _FEW = 60  # edges of a zone: a Python loop over so many is faster than numpy
+_NO_PIECE = 1e-12  # of a motion
 _ON_SIDE = 1e-9  # of an edge: nearer than that a point may be on it
 
 
@@ -33,30 +34,59 @@ class ZoneLookup(Generic[T]):
         self._outlines = [_Outline(zone) for zone in zones]
         self._index = ZoneIndex(zones)
 
-    def at(self, x: float, y: float, among: Sequence[int] | None = None) -> T:
-        """What holds at a point; ``among`` are the zones that may be there, where they are known."""
-        if self._values:
-            for k in self._index.boxes.at_point(x, y, among):  # the last first
-                inside = self._outlines[k].surrounds(x, y)
-                if inside is None:
-                    inside = shapely.intersects_xy(self._index.areas[k].prepared, x, y)
-                if inside:
-                    return self._values[k]
+    def at(self, x: float, y: float) -> T:
+        """What holds at a point."""
+        for k in self._index.boxes.at_point(x, y) if self._values else ():  # the last first
+            if self._is_inside(k, x, y):
+                return self._values[k]
         return self._elsewhere
 
     def pieces(self, x0: float, y0: float, x1: float, y1: float) -> list[tuple[float, float, T]]:
         """The segment from (x0, y0) to (x1, y1) in pieces: from and to, as fractions, and what holds between."""
         near = self._index.boxes.on_segment(x0, y0, x1, y1) if self._values else ()
-        if not near:
-            return [(0.0, 1.0, self._elsewhere)]
         dx, dy = x1 - x0, y1 - y0
-        cuts = [0.0, 1.0]
+        spans = []
         for k in near:
-            cuts += self._outlines[k].crossings(x0, y0, dx, dy)
-        return [
-            (begin, end, self.at(x0 + 0.5 * (begin + end) * dx, y0 + 0.5 * (begin + end) * dy, near))
-            for begin, end in _between(cuts)
-        ]
+            outline = self._outlines[k]
+            cuts = outline.crossings(x0, y0, dx, dy)
+            if len(cuts) == 2 and outline.is_convex and abs(cuts[1] - cuts[0]) > _ON_SIDE:  # no corner: a chord
+                spans.append((min(cuts), max(cuts), k))
+                continue
+            if not cuts and not outline.may_hold(x0, y0):
+                continue
+            for begin, end in _between([0.0, 1.0, *cuts]):
+                share = 0.5 * (begin + end)
+                if self._is_inside(k, x0 + share * dx, y0 + share * dy):
+                    spans.append((begin, end, k))
+        return self._over(spans)
+
+    def _is_inside(self, k: int, x: float, y: float) -> bool:
+        inside = self._outlines[k].surrounds(x, y)
+        return bool(shapely.intersects_xy(self._index.areas[k].prepared, x, y)) if inside is None else inside
+
+    def _over(self, spans: list[tuple[float, float, int]]) -> list[tuple[float, float, T]]:
+        """The whole, from 0 to 1, in pieces: where spans of zones overlap the later zone holds."""
+        spans.sort()
+        pieces, at = [], 0.0
+        for begin, end, k in spans:
+            if begin < at - _NO_PIECE:
+                return self._overlapping(spans)
+            if begin - at > _NO_PIECE:
+                pieces.append((at, begin, self._elsewhere))
+            pieces.append((begin, end, self._values[k]))
+            at = end
+        if 1.0 - at > _NO_PIECE or not pieces:
+            pieces.append((at, 1.0, self._elsewhere))
+        return pieces
+
+    def _overlapping(self, spans: list[tuple[float, float, int]]) -> list[tuple[float, float, T]]:
+        """Cut at all ends of spans."""
+        found = []
+        for begin, end in _between([0.0, 1.0, *(cut for span in spans for cut in span[:2])]):
+            middle = 0.5 * (begin + end)
+            k = max((k for first, last, k in spans if first < middle < last), default=-1)
+            found.append((begin, end, self._elsewhere if k < 0 else self._values[k]))
+        return found
 
     def arc_pieces(
         self, x: float, y: float, yaw: float, length: float, curvature: float
@@ -75,20 +105,22 @@ class ZoneLookup(Generic[T]):
         near = self._index.boxes.on_box(*box) if self._values else ()
         if not near:
             return [(x, y, yaw, length, self._elsewhere)]
-        turn = curvature * length
-        cuts = [0.0, 1.0]
+        turn, spans = curvature * length, []
         for k in near:
+            cuts = [0.0, 1.0]
             for px, py in self._outlines[k].circle_crossings(cx, cy, radius):
                 turned = atan2((px - cx) * curvature, (cy - py) * curvature) - yaw
                 turned = turned % tau if turn > 0 else -turned % tau
                 if turned < abs(turn):
                     cuts.append(turned / abs(turn))
-        found = []
-        for begin, stop in _between(cuts):
-            middle = after_arc(x, y, yaw, 0.5 * (begin + stop) * length, curvature)
-            start = after_arc(x, y, yaw, begin * length, curvature)
-            found.append((*start, (stop - begin) * length, self.at(middle[0], middle[1], near)))
-        return found
+            for begin, stop in _between(cuts):
+                middle = after_arc(x, y, yaw, 0.5 * (begin + stop) * length, curvature)
+                if self._is_inside(k, middle[0], middle[1]):
+                    spans.append((begin, stop, k))
+        return [
+            (*after_arc(x, y, yaw, begin * length, curvature), (stop - begin) * length, value)
+            for begin, stop, value in self._over(spans)
+        ]
 
 
 class _Outline:
@@ -97,8 +129,15 @@ class _Outline:
     def __init__(self, zone: Zone) -> None:
         edges = np.c_[zone.sides[:, 0], zone.sides[:, 1] - zone.sides[:, 0]]
         edges = edges[(edges[:, 2:] != 0).any(axis=1)]  # corners may be repeated
+        self._box: tuple[float, float, float, float] = zone.polygon.bounds
+        self.is_convex = zone.polygon.convex_hull.area <= zone.polygon.area * (1 + 1e-12)
         self._edges = edges.T.copy()  # (4, n): x, y, step x, step y
         self._few = [tuple(edge) for edge in edges.tolist()] if len(edges) <= _FEW else None
+
+    def may_hold(self, x: float, y: float) -> bool:
+        """Whether a point is in the box around the zone."""
+        xmin, ymin, xmax, ymax = self._box
+        return xmin <= x <= xmax and ymin <= y <= ymax
 
     def surrounds(self, x: float, y: float) -> bool | None:
         """Whether a point is inside, by the sides that a ray to the right meets; None where it takes GEOS to say."""
@@ -170,4 +209,4 @@ class _Outline:
 def _between(cuts: list[float]) -> list[tuple[float, float]]:
     """The stretches between cuts."""
     cuts.sort()
-    return [(begin, end) for begin, end in pairwise(cuts) if end - begin > 1e-12]
+    return [(begin, end) for begin, end in pairwise(cuts) if end - begin > _NO_PIECE]
