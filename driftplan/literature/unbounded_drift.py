@@ -213,14 +213,8 @@ def _sum(x: Array) -> Array:
 
 
 def _pairs(earlier: Array, later: Array, fade: float) -> Array:
-    """Σ_{i<p} earlier_i later_p fade^(p-i) along the last axis, in O(n log n) at most."""
-    n = earlier.shape[-1]
-    past = np.array(np.broadcast_arrays(earlier, later)[0])
-    if fade == 1:
-        np.cumsum(past, axis=-1, out=past)
-    else:
-        shift = 1
-        while shift < n and (remains := fade**shift) > 0:
-            past[..., shift:] = past[..., shift:] + remains * past[..., :-shift]
-            shift *= 2
-    return np.asarray((fade * past[..., :-1] * later[..., 1:]).sum(axis=-1))
+    """Σ_{i<p} earlier_i later_p fade^(p-i) along the last axis, in O(n)."""
+    from scipy.signal import lfilter
+
+    past = lfilter([fade], [1.0, -fade], earlier)  # Σ_{i<=p} earlier_i fade^(p+1-i)
+    return np.asarray((past[..., :-1] * later[..., 1:]).sum(axis=-1))
