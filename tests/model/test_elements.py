@@ -288,3 +288,13 @@ def test_a_dense_log_is_its_pieces():
         alone = run_moments(lengths[k : k + 1], curvatures[k : k + 1], noise)
         for name in NAMES:
             np.testing.assert_allclose(getattr(together, name)[k], getattr(alone, name)[0], rtol=1e-13, atol=1e-18)
+
+
+@pytest.mark.parametrize("curvature", [0.0, 0.3])
+@pytest.mark.parametrize("bias", [0.01, 2.0])
+def test_what_errs_to_the_right_mirrors_what_errs_to_the_left(curvature, bias):
+    noise = OdometryNoise(heading_var_per_m=1e-3, distance_var_per_m=1e-3, heading_bias_per_m=bias)
+    left = run_moments(np.array(20.0), np.array(curvature), noise)
+    right = run_moments(np.array(20.0), np.array(-curvature), replace(noise, heading_bias_per_m=-bias))
+    for one, other in zip(left.arrays(), right.arrays(), strict=True):
+        np.testing.assert_allclose(one, np.conj(other), rtol=1e-12)
