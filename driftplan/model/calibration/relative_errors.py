@@ -16,8 +16,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, Ints, choice, finite, whole
-from driftplan.model.calibration.matched_drive import MatchedDrive, match
+from driftplan.arrays import Floats, Ints, as_plane, choice, finite, whole
+from driftplan.model.calibration.matched_drive import MatchedDrive, MatchOptions, match
 from driftplan.model.calibration.recordings import OdometryLog, Trajectory
 from driftplan.model.calibration.segment_sets import SegmentSet
 from driftplan.tables import Tabular, decimals
@@ -156,14 +156,8 @@ def segment_errors(
     lengths = [length.length_m for length in segments.bins]
     found: list[RelativeError] = []
     for (odometry, truth), m in zip(drives, matches, strict=True):
-        frames = match(
-            odometry,
-            truth,
-            spacing_m=lengths[0] / _FRAMES,
-            time_offset_s=m.time_offset_s,
-            heading_offset=m.heading_offset,
-            max_gap_s=max_gap_s,
-        )
+        offsets = MatchOptions(time_offset_s=m.time_offset_s, heading_offset=m.heading_offset, max_gap_s=max_gap_s)
+        frames = match(odometry, truth, spacing_m=lengths[0] / _FRAMES, **offsets)
         for part in frames.resampled:
             if part.truth_heading is not None and np.abs(np.diff(part.truth)).sum() > lengths[0]:
                 estimate = np.column_stack([part.estimate.real, part.estimate.imag, part.estimate_heading])
@@ -180,25 +174,22 @@ def _kitti_pairs(along: Floats, length: float, step: int) -> tuple[Ints, Ints]:
 
 
 def _evo_pairs(along: Floats, length: float) -> tuple[Ints, Ints]:
-    ends, begin = [0], 0.0
-    while True:
-        end = int(np.searchsorted(along, begin + length * (1 - 1e-12)))
-        if end >= len(along):
-            break
+    ends = [0]
+    while (end := int(np.searchsorted(along, along[ends[-1]] + length * (1 - 1e-12)))) < len(along):
         ends.append(end)
-        begin = float(along[end])
     return np.array(ends[:-1], dtype=np.intp), np.array(ends[1:], dtype=np.intp)
 
 
 def _matrices(name: str, poses: Any) -> Floats:
     """Poses as (n, 4, 4) matrices."""
     array = finite(name, poses)
-    if array.ndim == 2 and array.shape[1] == 3:
-        c, s, zero, one = np.cos(array[:, 2]), np.sin(array[:, 2]), np.zeros(len(array)), np.ones(len(array))
-        rows = [[c, -s, zero, array[:, 0]], [s, c, zero, array[:, 1]], [zero, zero, one, zero]]
-        array = np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
-    if array.ndim != 3 or array.shape[1:] not in ((3, 4), (4, 4)) or len(array) < 2:
+    planar = array.shape[1:] == (3,)
+    if not (planar or array.shape[1:] in ((3, 4), (4, 4))) or len(array) < 2:
         raise ValueError(f"expected {name} of shape (n, 3), (n, 3, 4) or (n, 4, 4), n >= 2, got {np.shape(poses)}")
     full = np.tile(np.eye(4), (len(array), 1, 1))
-    full[:, :3] = array[:, :3]
+    if planar:
+        u = np.exp(1j * array[:, 2])
+        full[:, :2, 0], full[:, :2, 1], full[:, :2, 3] = as_plane(u), as_plane(1j * u), array[:, :2]
+    else:
+        full[:, :3] = array[:, :3]
     return full
