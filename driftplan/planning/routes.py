@@ -303,20 +303,13 @@ def route_along(search: BeaconSearch, path: Floats, minimise: Objective) -> Rout
 
 
 def _route_among_beacons(request: PlanRequest, known: Sequence[Floats]) -> Route:
-    def late(share: float) -> bool:
+    def late(share: float = 1.0) -> bool:
         return request.left_s(share) < 0
 
+    given = request.world, request.world, request.ends, request.noise, request.reliance
+    nodes, seed = request.planner.max_nodes, request.seed
     search = BeaconSearch(
-        request.world,
-        request.world,
-        request.ends,
-        request.noise,
-        request.reliance,
-        max_nodes=request.planner.max_nodes,
-        seed=request.seed,
-        stop=lambda: late(_SEARCH_SHARE),
-        stop_shortening=lambda: late(1.0),
-        known=known,
+        *given, max_nodes=nodes, seed=seed, known=known, stop=lambda: late(_SEARCH_SHARE), stop_shortening=late
     )
     path = search.best(request.minimise)
     if path is None:
@@ -339,9 +332,8 @@ def _dead_reckoned(request: PlanRequest, minimise: Objective, path: Floats, foun
     drift = exact_drift(request.world, path, request.noise, request.reliance.start_heading, fixes)
     score, bound, heading_std = float(drift.length), found.least.length, math.inf
     if minimise != "length":
-        mean_square, heading_std = found.least.bound(
-            noises_on(request.world, request.noise), float(drift.end.heading_std)
-        )
+        noises = noises_on(request.world, request.noise)
+        mean_square, heading_std = found.least.bound(noises, float(drift.end.heading_std))
         score, bound = float(drift.end.rms), math.sqrt(mean_square)
     worst = worst_rms(drift)
     return Route(

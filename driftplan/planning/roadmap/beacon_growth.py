@@ -45,17 +45,10 @@ class BeaconRouteGrowth:
         self.max_nodes, self.seed = max_nodes, seed
         self.batches = 0
         self.route: Route | None = None
-        self.cost = math.inf  # what is minimised: metres, or square metres of drift
+        self.path: Floats | None = None  # of the route
+        self.cost = self.additive_cost = math.inf  # what is minimised: metres, or square metres of drift
         self.search: BeaconSearch | None = None  # the latest
         self._is_largest = False
-
-    @property
-    def path(self) -> Floats | None:
-        return None if self.route is None else self.route.path
-
-    @property
-    def additive_cost(self) -> float:
-        return self.cost
 
     @property
     def is_optimal(self) -> bool:
@@ -71,17 +64,9 @@ class BeaconRouteGrowth:
     def grow(self, stop: Callable[[], bool]) -> None:
         """A route on a roadmap of twice as many nodes as before; the better one stays."""
         nodes = min(_FIRST_NODES << self.batches, self.max_nodes)
+        given = self.pricing.space, self.world, self.ends, self.noise, self.reliance
         try:
-            search = BeaconSearch(
-                self.pricing.space,
-                self.world,
-                self.ends,
-                self.noise,
-                self.reliance,
-                max_nodes=nodes,
-                seed=self.seed,
-                stop=stop,
-            )
+            search = BeaconSearch(*given, max_nodes=nodes, seed=self.seed, stop=stop)
         except NoPathError:
             self._is_largest = True  # more nodes would help no more than the batches that were tried
             return
@@ -89,9 +74,12 @@ class BeaconRouteGrowth:
         path = search.best(self.minimise)
         search.stop = search.stop_shortening = lambda: False  # a termination condition ends with its solve
         if path is not None:
-            cost = self._cost_of(path, search)
+            verdict = search.check.verdict(path)
+            drift_m = verdict.end if self.minimise == "drift" else verdict.worst
+            cost = length_of(path) if self.minimise == "length" else drift_m**2
             if cost < self.cost:
-                self.cost, self.route = cost, route_along(search, path, self.minimise)
+                self.cost = self.additive_cost = cost
+                self.path, self.route = path, route_along(search, path, self.minimise)
         if not search.timed_out:
             self.batches += 1
             self._is_largest = nodes == self.max_nodes
@@ -109,9 +97,3 @@ class BeaconRouteGrowth:
         if self.search is None:
             return "no path was found at all: the way may be too narrow for samples"
         return why_infeasible(self.search, self.reliance.max_drift, self.search.max_length(self.minimise))
-
-    def _cost_of(self, path: Floats, search: BeaconSearch) -> float:
-        if self.minimise == "length":
-            return length_of(path)
-        verdict = search.check.verdict(path)
-        return (verdict.end if self.minimise == "drift" else verdict.worst) ** 2
