@@ -107,30 +107,23 @@ def power(X: Moments, count: Array | int | float) -> Moments:
         counts = np.broadcast_to(count, X.shape).ravel().tolist()
         powers = Moments.stack(_scalar_power(x, int(n)) for x, n in zip(X.numbers(), counts, strict=True))
         return Moments(*(x.reshape(X.shape) for x in powers.arrays()))
-    nothing = identity(X.shape)
-    result: Moments | None = None
-    while True:
-        odd = count % 2 == 1
-        if result is None:
-            result = X if odd.all() else _where(odd, X, nothing)
-        elif odd.any():
+    odd, left = count % 2 == 1, count // 2
+    result = X if odd.all() else _where(odd, X, identity(X.shape))
+    while left.any():
+        X, odd, left = compose(X, X), left % 2 == 1, left // 2
+        if odd.any():
             result = _where(odd, compose(result, X), result)
-        count = count // 2
-        if not count.any():
-            return result
-        X = compose(X, X)
+    return result
 
 
 def _scalar_power(X: Moments, count: int) -> Moments:
     """`power` of one piece made of Python numbers, on which composing costs a thirtieth of what numpy's calls do."""
-    result: Moments | None = None
-    while count:
+    result = X if count % 2 else None
+    while count := count // 2:
+        X = compose(X, X)
         if count % 2:
             result = X if result is None else compose(result, X)
-        count //= 2
-        if count:
-            X = compose(X, X)
-    return result if result is not None else Moments(1.0, *([0.0] * 9))  # type: ignore[arg-type]
+    return Moments(1.0, *([0.0] * 9)) if result is None else result  # type: ignore[arg-type]
 
 
 def doubled(X: Moments, times: Array) -> Moments:
