@@ -105,9 +105,7 @@ def match(
     clocked = replace(truth, times=truth.times - time_offset_s)
     good, jumps = _good_samples(odometry, clocked)
     cleaned = clocked.chosen(good)
-    first, last = (
-        float(end) for end in (max(cleaned.times[0], odometry.times[0]), min(cleaned.times[-1], odometry.times[-1]))
-    )
+    first, last = max(cleaned.times[0], odometry.times[0]), min(cleaned.times[-1], odometry.times[-1])
     if not last > first:
         raise ValueError(
             f"expected odometry and truth to overlap in time, got odometry from {odometry.times[0]:.3f} to "
