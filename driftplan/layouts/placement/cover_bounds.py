@@ -160,7 +160,7 @@ class LocalSearch:
         self.price = np.maximum(cost, 1e-9)
         self.random = np.random.default_rng(seed)
         by_column = rows.tocsc()
-        self.rows, self.column, self.weight = rows, rows.indices, rows.data
+        self.rows, self.column, self.weight, self.starts = rows, rows.indices, rows.data, rows.indptr.tolist()
         self.row = np.repeat(np.arange(len(least)), np.diff(rows.indptr))
         self.rows_of = np.split(by_column.indices, by_column.indptr[1:-1])
         self.given_by = np.split(by_column.data, by_column.indptr[1:-1])
@@ -211,7 +211,7 @@ class LocalSearch:
         self.part[entries] = part
 
     def _entries_of(self, rows: Ints) -> Ints:
-        entries = (np.arange(*self.rows.indptr[r : r + 2]) for r in rows.tolist())
+        entries = (np.arange(self.starts[r], self.starts[r + 1]) for r in rows.tolist())
         return np.concatenate([np.zeros(0, dtype=np.intp), *entries])
 
     def _flip(self, column: int, step: int) -> None:
@@ -242,7 +242,7 @@ class LocalSearch:
         """Put in the best column for one of the missed rows, if it stays cheaper than ``under``."""
         missed = np.flatnonzero(self.missed)
         row = missed[int(self.random.random() * len(missed))]
-        entries = slice(self.rows.indptr[row], self.rows.indptr[row + 1])
+        entries = slice(self.starts[row], self.starts[row + 1])
         columns, weights = self.column[entries], self.weight[entries]
         helps = np.where(self.y[columns], weights < 0, weights > 0) & self.free[columns] & self.may_come[columns]
         change = np.where(self.y[columns], -self.cost[columns], self.cost[columns])
