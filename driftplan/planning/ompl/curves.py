@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt, tau
+from typing import Any
 
 L, S, R = 1, 0, -1  # sense of the curvature
 SAME_LENGTH = 1e-7  # turning radii: OMPL rounds angles to zero from about there
@@ -100,7 +101,7 @@ def reeds_shepp_curves(
     c, s = cos(yaw_start), sin(yaw_start)
     x, y, phi = c * dx + s * dy, c * dy - s * dx, yaw_end - yaw_start
     s, c = sin(phi), cos(phi)
-    for formula, word, build, middles, fixed, gear, mirror in _ALL if first is None else _BY_FIRST_ARC[first]:
+    for formula, word, build, middles, fixed, gear, mirror in _BY_FIRST_ARC[first]:
         turned = gear * mirror
         found = formula(gear * x, mirror * y, turned * phi, turned * s, c)
         if found is not None:
@@ -257,15 +258,16 @@ _WORDS: tuple[tuple[int, _Formula, tuple[int, ...], _Build, int, float], ...] = 
     (-1, _from_the_end(_rs_lrsr), (R, S, R, L), lambda t, u, v: (v, u, -_QUARTER, t), 1, _QUARTER),
     (1, _rs_lrslr, (L, R, S, L, R), lambda t, u, v: (t, -_QUARTER, u, -_QUARTER, v), 1, pi),
 )  # sign of the first arc (0: either), formula, senses, arcs, of which how many are u long, and what others take
-_ALL = [(*word[1:], gear, mirror) for word in _WORDS for mirror in (1, -1) for gear in (1, -1)]
-_BY_FIRST_ARC = {
-    (way, sense): [
+
+
+def _begun(way: int, sense: int) -> list[Any]:
+    ways = [(word, gear, mirror) for word in _WORDS for mirror in (1, -1) for gear in (1, -1)]
+    return [
         (*word[1:], gear, mirror)
-        for word in _WORDS
-        for mirror in (1, -1)
-        for gear in (1, -1)
-        if gear * word[0] in (0, way) and mirror * word[2][0] == sense
+        for word, gear, mirror in ways
+        if way == 0 or (gear * word[0] in (0, way) and mirror * word[2][0] == sense)
     ]
-    for way in (1, -1)
-    for sense in (L, R)
-}
+
+
+_ARCS = ((1, L), (1, R), (-1, L), (-1, R))
+_BY_FIRST_ARC: dict[tuple[int, int] | None, list[Any]] = {None: _begun(0, 0), **{arc: _begun(*arc) for arc in _ARCS}}

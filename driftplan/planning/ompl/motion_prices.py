@@ -117,21 +117,16 @@ def _zoned(kind: SpaceKind, goal: Point, zones: ZoneLookup[CostRates]) -> Price:
         (x0, y0), (x1, y1) = read(a), read(b)
         turn = abs(remainder(b.getYaw() - a.getYaw(), tau)) if has_yaw else 0.0
         wx, wy, dx, dy = goal[0] - x0, goal[1] - y0, x0 - x1, y0 - y1
+        length, ww, wd, dd = hypot(dx, dy), wx * wx + wy * wy, wx * dx + wy * dy, dx * dx + dy * dy
         total = 0.0
-        for begin, end, rates in zones.pieces(x0, y0, x1, y1):
-            ends = wx + begin * dx, wy + begin * dy, wx + end * dx, wy + end * dy
-            total += _straight(rates, *ends, (end - begin) * turn)
+        for begin, end, r in zones.pieces(x0, y0, x1, y1):
+            # the mean of |w + s d|² for s from begin to end
+            mean_square = ww + (begin + end) * wd + (begin * begin + begin * end + end * end) / 3 * dd
+            by_heading = (r.heading * length + r.turn_heading * turn) * max(mean_square, 0.0)
+            total += (end - begin) * (by_heading + r.position * length + r.turn_position * turn)
         return Cost(total)
 
     return motion
-
-
-def _straight(rates: CostRates, x0: float, y0: float, x1: float, y1: float, turn: float) -> float:
-    """Cost of a straight run between levers while the heading turns at a constant rate."""
-    length = hypot(x0 - x1, y0 - y1)
-    mean_square = (x0 * (x0 + x1) + y0 * (y0 + y1) + x1 * x1 + y1 * y1) / 3
-    by_heading = rates.heading * length + rates.turn_heading * turn
-    return by_heading * mean_square + rates.position * length + rates.turn_position * turn
 
 
 def _space(kind: SpaceKind, goal: Point, rates: CostRates) -> Price:
