@@ -27,8 +27,9 @@ from driftplan.planning.request import (
     check_connected,
     checked_ends,
 )
+from driftplan.planning.roadmap.growth import KEPT_BATCH, RoadmapSearch
 from driftplan.planning.roadmap.kept_graph import KeptGraph
-from driftplan.planning.roadmap.prices import AdditiveCost, exact_drift, length_of
+from driftplan.planning.roadmap.prices import AdditiveCost, Score, length_of
 from driftplan.planning.routes import Route, route_for, route_of
 from driftplan.planning.status import Status
 from driftplan.planning.taut_strings import LeastRoute
@@ -92,14 +93,14 @@ def plan_routes(
     reliance = Reliance.of(beacons, max_drift, max_detour, start_fix, estimator)
     asked: dict[str, Any] = {"minimise": minimise, "time_limit": time_limit, "seed": seed}
     asked |= {"noise": noise, "reliance": reliance, "planner": Planner.of(planner)}
-    plan = partial(_planned, partial(PlanRequest, world, **asked))
     plain = not beacons and reliance.max_drift == inf and max_detour is None and time_limit is None
-    if plain and minimise != "worst_drift" and planner == ROADMAP and ends:
+    plain &= minimise != "worst_drift" and planner == ROADMAP
+    if plain and ends:
         KeptGraph.of(world)  # before there are processes, so that those that are forked have it
-        plan = partial(_kept_route, *plan.args)
+    plan = partial(_planned, partial(PlanRequest, world, **asked), _kept_route if plain else route_for)
     workers = min(os.cpu_count() or 1 if workers is None else whole("workers", workers, least=1), max(len(ends), 1))
     if workers == 1:
-        return _collected(map(partial(_numbered_call, plan), range(len(ends)), ends), len(ends), progress)
+        return _collected(map(plan, range(len(ends)), ends), len(ends), progress)
     with ProcessPoolExecutor(workers, initializer=_take, initargs=(plan,)) as pool:
         try:
             return _collected(pool.map(_taken, range(len(ends)), ends), len(ends), progress)
@@ -117,24 +118,22 @@ def _collected(routes: Iterable[Route], count: int, progress: Callable[[int, int
     return tuple(found)
 
 
-def _planned(asked: Callable[[Floats], PlanRequest], trip: Floats) -> Route:
-    return route_for(asked(trip))
-
-
-def _kept_route(asked: Callable[[Floats], PlanRequest], trip: Floats) -> Route:
+def _kept_route(request: PlanRequest) -> Route:
     """The best route of the kept graph; where that has none, what `plan_route` finds."""
-    request = asked(trip)
     world, noise, (start, goal) = request.world, request.noise, request.ends
     if (start == goal).all():
         return route_for(request)
-    graph, scores = KeptGraph.of(world), ("length",) if request.minimise == "length" else ("length", "drift")
-    paths = [graph.path(AdditiveCost(world, goal, noise, score), start) for score in scores]  # type: ignore[arg-type]
-    pool = [path for path in paths if path is not None]
-    if not pool:
+    scores: tuple[Score, ...] = ("length",) if request.minimise == "length" else ("length", "drift")
+    searches = [RoadmapSearch(AdditiveCost(world, goal, noise, s), start, batch=KEPT_BATCH) for s in scores]
+    for search in searches:
+        search.grow()
+    paths = [search.path for search in searches if search.path is not None]
+    if not paths:
         return route_for(request)
-    best = shortest = min(pool, key=length_of)
-    if request.minimise == "drift":
-        best = min(pool, key=lambda path: float(exact_drift(world, path, noise).end.rms))
+    shortest = min(paths, key=length_of)
+    searches[-1].offer(shortest)
+    best = searches[-1].path
+    assert best is not None
     straight = float(np.linalg.norm(goal - start))
     return route_of(request, Unaided(best, shortest, Status.SEARCH_DONE, LeastRoute(straight**3 / 3, straight)))
 
@@ -147,17 +146,19 @@ def _numbered(k: int, call: Callable[[], Any]) -> Any:
         raise type(err)(f"trip {k}: {err}") from None
 
 
-def _numbered_call(plan: Callable[[Floats], Route], k: int, trip: Floats) -> Route:
-    route: Route = _numbered(k, partial(plan, trip))
+def _planned(
+    asked: Callable[[Floats], PlanRequest], plan: Callable[[PlanRequest], Route], k: int, trip: Floats
+) -> Route:
+    route: Route = _numbered(k, lambda: plan(asked(trip)))
     return route
 
 
-_PLAN: list[Callable[[Floats], Route]] = []  # of a worker
+_PLAN: list[Callable[[int, Floats], Route]] = []  # of a worker
 
 
-def _take(plan: Callable[[Floats], Route]) -> None:
+def _take(plan: Callable[[int, Floats], Route]) -> None:
     _PLAN[:] = [plan]
 
 
 def _taken(k: int, trip: Floats) -> Route:
-    return _numbered_call(_PLAN[0], k, trip)
+    return _PLAN[0](k, trip)

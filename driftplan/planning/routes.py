@@ -199,11 +199,11 @@ def plan_route(
         corners of obstacles in the roadmap; at most 5, and as long as it takes with ``iterations``. What is done once
         for a world (growing the obstacles by the robot's radius, cutting free space into triangles) is not cut short. A
         longer search without max_detour comes by all paths that a shorter one comes by. Among beacons work is counted
-        in labels and trials, and the time limit only
-        cuts it short; saying why there is no route may take as long again.
+        in labels and trials, which the time limit cuts short; saying why there is no route may take as long again.
     iterations : int, optional
-        Ends every search without beacons after so many: batches of the roadmap (each has twice as many samples as the
-        one before), or iterations of OMPL's planners. The same seed then gives the same route, to the last bit.
+        Ends every search without beacons after so many: batches of the roadmap (the second is the graph kept with the
+        world, the others have ever more samples), or iterations of OMPL's planners. The same seed then gives the same
+        route, to the last bit, whatever was asked of the world before.
     until : callable, optional
         Asked over and over, without arguments, whether to stop: a button, a deadline, a termination condition of OMPL.
         Then neither the five seconds of ``time_limit`` nor its "done" hold. It is asked every 20 to 50 ms while a

@@ -18,11 +18,11 @@ from driftplan.planning.request import ROADMAP, PlanRequest, format_point
 from driftplan.planning.roadmap.growth import BATCHES_TO_FIND_ONE, RoadmapSearch
 from driftplan.planning.roadmap.kept_graph import channel_route
 from driftplan.planning.roadmap.polish import polished
-from driftplan.planning.roadmap.prices import AdditiveCost, Score, exact_drift, length_of
+from driftplan.planning.roadmap.prices import AdditiveCost, PartOfWorld, Score, Space, exact_drift, length_of
 from driftplan.planning.status import Status
 from driftplan.planning.taut_strings import LeastRoute, first_margin_m, taut_route, tight_least_route
 from driftplan.world.world import World
-from driftplan.world.zones import noises_on
+from driftplan.world.zones import Zone, noises_on
 
 _SEARCH_SHARE = 0.85  # of the time limit; the rest is for the bound
 _SHORTEST_SHARE = 0.2  # of it, for OMPL's planner to find the shortest route, whose polished form is a candidate too
@@ -161,7 +161,9 @@ class _RoadmapPaths:
 
     def priced(self, price_per_m: float) -> list[Floats]:
         """Of a roadmap of a few batches, with a price on length."""
-        search = self._search("drift", *_dearer_by(self.request.world, self.request.noise, price_per_m))
+        world = self.request.world
+        dearer = PartOfWorld(world, world.bounds, _dearer_zones(world, price_per_m))
+        search = self._search("drift", dearer, _dearer(self.request.noise, price_per_m))
         stop = self._stop(search)
         for path in self.paths[-1:]:
             search.consider(path, stop)
@@ -177,9 +179,9 @@ class _RoadmapPaths:
                 self._shared = search.path
                 best.consider(search.path, self._stop(best))
 
-    def _search(self, score: Score, world: World, noise: OdometryNoise) -> RoadmapSearch:
+    def _search(self, score: Score, space: Space, noise: OdometryNoise) -> RoadmapSearch:
         request = self.request
-        cost = AdditiveCost(world, request.ends[1], noise, score)
+        cost = AdditiveCost(space, request.ends[1], noise, score)
         return RoadmapSearch(cost, request.ends[0], seed=request.seed, start_heading=request.reliance.start_heading)
 
     def _left_s(self, search: RoadmapSearch) -> float:
@@ -247,7 +249,9 @@ class _OmplPaths:
         from driftplan.planning.ompl.solve import solve
 
         request = self.request
-        world, noise = _dearer_by(request.world, request.noise, price_per_m)
+        world, noise = request.world, _dearer(request.noise, price_per_m)
+        if world.zones and price_per_m:
+            world = replace(world, zones=_dearer_zones(world, price_per_m))
         keep_s = (1 - share) * max(request.left_s(_SEARCH_SHARE), 0.0)
 
         def stop() -> bool:
@@ -264,11 +268,10 @@ class _OmplPaths:
         return [polished(cost, raw, request.reliance.start_heading, self._late), raw]
 
 
-def _dearer_by(world: World, noise: OdometryNoise, price_per_m: float) -> tuple[World, OdometryNoise]:
-    """World and noise with a variance per metre added to every noise."""
+def _dearer(noise: OdometryNoise, price_per_m: float) -> OdometryNoise:
+    """Noise with a variance per metre added."""
+    return replace(noise, distance_var_per_m=noise.distance_var_per_m + price_per_m)
 
-    def dearer(noise: OdometryNoise) -> OdometryNoise:
-        return replace(noise, distance_var_per_m=noise.distance_var_per_m + price_per_m)
 
-    zones = tuple(replace(zone, noise=dearer(zone.noise)) for zone in world.zones)
-    return (replace(world, zones=zones) if zones and price_per_m else world), dearer(noise)
+def _dearer_zones(world: World, price_per_m: float) -> tuple[Zone, ...]:
+    return tuple(Zone(zone.polygon, _dearer(zone.noise, price_per_m)) for zone in world.zones)

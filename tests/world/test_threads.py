@@ -54,11 +54,16 @@ from driftplan.planning.roadmap import kept_graph
 locks = [kept_graph._MAKING, solve._OMPLS_OWN]  # as if in a thread that makes a graph, solves, derives from a world
 locks += [part.lock for part in vars(dp.World).values() if hasattr(part, "lock")]
 held, done = threading.Event(), threading.Event()
+world = dp.World.from_polygons([], bounds=(0, 0, 9, 9), robot_radius=0.3)
+def making():
+    held.set()
+    done.wait()
+    yield
+graph = vars(world)["_kept_graph"] = making()
 def hold():
     for lock in locks:
         lock.acquire()
-    held.set()
-    done.wait()
+    next(graph)
 thread = threading.Thread(target=hold)
 thread.start()
 held.wait()
@@ -66,7 +71,6 @@ child = os.fork()
 if not child:
     import faulthandler
     faulthandler.dump_traceback_later(60, exit=True)
-    world = dp.World.from_polygons([], bounds=(0, 0, 9, 9), robot_radius=0.3)
     noise = dp.OdometryNoise(heading_var_per_m=1e-3)
     dp.plan_routes(world, [[(1, 1), (8, 8)]], noise, workers=1)
     dp.plan_route(world, (1, 1), (8, 8), noise, planner="bitstar", iterations=100)

@@ -84,25 +84,22 @@ class DesignProblem:
             if asked.start == asked.goal:
                 raise ValueError(f"expected start and goal apart, got {asked.start} for both")
             check_connected(self.world, ends)
-            return self._search(trip, (), None).shortest
+            return self.search(trip, ()).shortest
         except (StartError, GoalError, NoPathError, ValueError) as err:
             raise type(err)(f"{self.name(trip)}: {err}") from None
 
     def search(self, trip: int, beacons: Sequence[Beacon]) -> BeaconSearch:
         """The search for a route of a trip among beacons."""
-        return self._search(trip, tuple(beacons), self.shortest[trip])
-
-    def _search(self, trip: int, beacons: tuple[Beacon, ...], known: Floats | None) -> BeaconSearch:
         return BeaconSearch(
             self.world,
             self.world,
             np.array([self.trips[trip].start, self.trips[trip].goal]),
             self.noise,
-            replace(self.reliance, beacons=beacons, max_drift=self.limits_m[trip], estimator=self.estimator),
+            replace(self.reliance, beacons=tuple(beacons), max_drift=self.limits_m[trip], estimator=self.estimator),
             max_nodes=self.max_nodes,
             seed=self.seed,
             stop=self.late,
-            shortest=known,
+            shortest=self.shortest[trip] if self.shortest else None,
         )
 
     def route(self, trip: int, beacons: Sequence[Beacon], longest_m: float) -> Floats | None:

@@ -22,11 +22,11 @@ from driftplan.model.spatial.drift import SpatialDrift, predict_flight_drift
 from driftplan.planning.ompl.collision import CurveMotionValidator, StraightMotionValidator
 from driftplan.planning.ompl.curves import after_arc
 from driftplan.planning.ompl.motion_prices import attitude_step
-from driftplan.planning.ompl.roadmap_problem import ClippedWorld, box_of, target_of
+from driftplan.planning.ompl.roadmap_problem import box_of, target_of
 from driftplan.planning.ompl.spaces import CurveFinder, SpaceKind, check_world_of, position_reader, space_kind
 from driftplan.planning.ompl.zone_lookup import ZoneLookup
 from driftplan.planning.roadmap.polish import polished
-from driftplan.planning.roadmap.prices import AdditiveCost
+from driftplan.planning.roadmap.prices import AdditiveCost, PartOfWorld
 from driftplan.world.box_world import BoxWorld
 from driftplan.world.world import World
 
@@ -245,7 +245,7 @@ def polish_ompl_path(path: og.PathGeometric, objective: ob.OptimizationObjective
         if len(xy) < 3:
             return og.PathGeometric(path)
         goal = xy[-1] if target.goal is None else np.array(target.goal)
-        space = ClippedWorld(world, box_of(si.getStateSpace()), zones)
+        space = PartOfWorld(world, box_of(si.getStateSpace()), zones)
         better, state = og.PathGeometric(si), si.allocState()
         for state[0], state[1] in polished(AdditiveCost(space, goal, target.noise, target.minimise), xy).tolist():
             better.append(state)

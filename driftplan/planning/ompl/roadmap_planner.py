@@ -17,17 +17,19 @@ from driftplan.beacons.beacon import Beacon
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise, check_continuous
 from driftplan.model.readings import Estimator, Fix
-from driftplan.planning.ompl.roadmap_problem import ClippedWorld, OmplCheckedSpace, Target, box_of, target_of
+from driftplan.planning.ompl.roadmap_problem import OmplCheckedSpace, Target, box_of, target_of
 from driftplan.planning.ompl.spaces import SpaceKind, space_kind
 from driftplan.planning.request import DriftLimit, Objective, Reliance
 from driftplan.planning.roadmap.beacon_growth import BeaconRouteGrowth
 from driftplan.planning.roadmap.growth import RoadmapSearch
-from driftplan.planning.roadmap.prices import AdditiveCost, Space, exact_drift
+from driftplan.planning.roadmap.prices import AdditiveCost, PartOfWorld, Space, exact_drift
 from driftplan.planning.routes import Route
 from driftplan.planning.taut_strings import LeastRoute, tight_least_route
 from driftplan.world.world import World
 from driftplan.world.zones import noises_on
 
+# A start or goal: x, y, metres, and its heading, rad; None where there are none, or any will do.
+_Pose = tuple[float, float, float | None]
 _SAME_PLACE = 1e-9  # m: how far the problem's goal may be from the one that the objective weighs drift by
 
 
@@ -145,7 +147,7 @@ class RoadmapPlanner(ob.Planner):
         self._scale = 1.0
 
     def clear(self) -> None:
-        """Forget the roadmap; OMPL may call this twice."""
+        """Forget the roadmap, but for the graph kept with the world; OMPL may call this twice."""
         super().clear()
         self._queries, self._asked = [], None
 
@@ -248,7 +250,7 @@ class RoadmapPlanner(ob.Planner):
         while inputs.haveMoreGoalStates() and (state := inputs.nextGoal()) is not None:
             goals.append(self._read(state))
         if goals and target.goal is not None:
-            places = [(goal.x, goal.y) for goal in goals]
+            places = [goal[:2] for goal in goals]
             if all(np.abs(np.subtract(place, target.goal)).max() > _SAME_PLACE for place in places):
                 raise PlannerError(
                     f"expected the problem's goal where the objective weighs drift, at {target.goal}, got "
@@ -276,22 +278,22 @@ class RoadmapPlanner(ob.Planner):
                 "not in it: make the DriftObjective for a place in the region"
             )
         x, y = target.goal
-        return [_Pose(x, y, None)] if si.isValid(state) else []
+        return [(x, y, None)] if si.isValid(state) else []
 
     def _read(self, state: Any) -> _Pose:
         if self._has_headings:
-            return _Pose(state.getX(), state.getY(), state.getYaw())
-        return _Pose(state[0], state[1], None)
+            return state.getX(), state.getY(), state.getYaw()
+        return state[0], state[1], None
 
     def _query(self, target: Target, start: _Pose, goal: _Pose) -> _Query:
         place = np.array(goal[:2])
         si = self.getSpaceInformation()
         zones = target.zones(self._world)
         box = box_of(si.getStateSpace())
-        space: Space = OmplCheckedSpace(si, box) if self._world is None else ClippedWorld(self._world, box, zones)
+        space: Space = OmplCheckedSpace(si, box) if self._world is None else PartOfWorld(self._world, box, zones)
         pricing = AdditiveCost(space, place, target.noise, target.minimise)
-        search = self._search(pricing, np.array(start[:2]), start.yaw)
-        return _Query(search, goal.yaw)
+        search = self._search(pricing, np.array(start[:2]), start[2])
+        return _Query(search, goal[2])
 
     def _search(
         self, pricing: AdditiveCost, start: Floats, start_heading: float | None
@@ -350,14 +352,6 @@ class _Query(NamedTuple):
 
     search: RoadmapSearch | BeaconRouteGrowth
     goal_yaw: float | None  # rad; any where it is None
-
-
-class _Pose(NamedTuple):
-    """A start or goal, metres and rad; without a heading where there are none, or any will do."""
-
-    x: float
-    y: float
-    yaw: float | None
 
 
 def _poses(xy: Floats, start_yaw: float, goal_yaw: float | None) -> Iterator[tuple[float, float, float]]:

@@ -100,30 +100,6 @@ def box_of(space: Any) -> tuple[float, float, float, float]:
     return xmin, ymin, xmax, ymax
 
 
-class ClippedWorld:
-    """A world within the bounds of a state space."""
-
-    def __init__(self, world: World, box: tuple[float, float, float, float], zones: tuple[Zone, ...]) -> None:
-        low, high = np.maximum(box[:2], world.bounds[:2]), np.minimum(box[2:], world.bounds[2:])
-        self.bounds: tuple[float, float, float, float] = (*low.tolist(), *high.tolist())
-        self.zones = zones
-        self.robot_radius = world.robot_radius
-        self._world, self._low, self._high = world, low, high
-
-    def is_free(self, xy: Floats, /) -> Bools:
-        return np.asarray(((xy >= self._low) & (xy <= self._high)).all(axis=-1) & self._world.is_free(xy))
-
-    def segments_free(self, a: Floats, b: Floats, /) -> Bools:
-        return self._world.segments_free(a, b)  # their ends are in the box, which is convex
-
-    def corners(self, tolerance_m: float | None = None, /) -> Floats:
-        corners = self._world.corners(tolerance_m)
-        return corners[self.is_free(corners)]
-
-    def zone_pieces(self, a: Floats, b: Floats, /) -> ZonePieces:
-        return self._world.zone_pieces(a, b)
-
-
 class OmplCheckedSpace:
     """Whatever the checkers of a SpaceInformation over R^2 say, state by state and motion by motion."""
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csgraph, csr_matrix
 from scipy.spatial import cKDTree
 
-from driftplan.arrays import Floats, Ints
+from driftplan.arrays import Bools, Floats, Ints
 from driftplan.planning.roadmap.prices import AdditiveCost
 
 START, GOAL = 0, 1
@@ -94,16 +94,19 @@ class Roadmap:
             pairs.append(also[~np.isin(also @ key, self.edges @ key)])
         self._connect(np.concatenate(pairs), limit)
 
-    def over(self, xy: Floats, edges: Ints, near: Ints) -> None:
-        """Take the nodes and free edges of another graph, and edges from start and goal to the nodes ``near`` them,
-        (2, k)."""
-        first = len(self.xy)
-        self.xy, edges = np.concatenate([self.xy, xy]), edges + first
-        self.from_start, self.to_goal = np.zeros((2, len(self.xy)))  # bounds of no use, which take no time
+    def over(self, xy: Floats, inside: Bools, edges: Ints, near: Ints, limit: float) -> None:
+        """Take the nodes and free edges of another graph, those ``inside`` that paths that cost less than ``limit`` can
+        use, and edges from start and goal to the nodes ``near`` them, (2, k)."""
+        from_start, to_goal = self._bounds(xy)
+        keep = inside & (from_start + to_goal < limit)
+        number, ends = len(self.xy) + np.cumsum(keep) - 1, np.repeat([START, GOAL], near.shape[1])
+        edges, at_ends = number[edges[keep[edges].all(axis=1)]], keep[near.ravel()]
+        self.xy = np.concatenate([self.xy, xy[keep]])
+        self.from_start = np.append(self.from_start, from_start[keep])
+        self.to_goal = np.append(self.to_goal, to_goal[keep])
         self.edges = np.concatenate([self.edges, edges])
         self.prices = self.prices.joined(self.pricing.edges(self.xy[edges[:, 0]], self.xy[edges[:, 1]]))
-        ends = np.repeat([START, GOAL], near.shape[1])
-        self._connect(np.stack([ends, near.ravel() + first], axis=1), math.inf)
+        self._connect(np.stack([ends, number[near.ravel()]], axis=1)[at_ends], limit)
 
     def prune(self, limit: float) -> None:
         """Drop the nodes and edges that no path cheaper than ``limit`` can use."""

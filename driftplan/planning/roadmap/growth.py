@@ -1,9 +1,9 @@
 """RoadmapSearch: a roadmap that grows in batches towards a goal, and the best path found so far.
 
-Each batch adds nodes (ever more points of a low-discrepancy sequence, the corners of the inflated obstacles, and the
-waypoints of the best path so far), finds the cheapest path of the roadmap and polishes it. What cannot beat the best
-path is dropped: a node whose obstacle-free geodesic bounds from the start and to the goal add up to more than the best
-cost. Same seed, same batches, same path.
+Each batch adds nodes (ever more points of a low-discrepancy sequence, the graph kept with the world, all corners of the
+inflated obstacles, and the waypoints of the best path so far), finds the cheapest path of the roadmap and polishes it.
+What cannot beat the best path is dropped: a node whose obstacle-free geodesic bounds from the start and to the goal add
+up to more than the best cost. Same seed, same batches, same path.
 """
 
 from __future__ import annotations
@@ -18,16 +18,17 @@ from driftplan.arrays import Floats, Ints
 from driftplan.beacons.beacon import Beacon
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.roadmap.graph import Roadmap
+from driftplan.planning.roadmap.kept_graph import KeptGraph, channel_route
 from driftplan.planning.roadmap.polish import polished
-from driftplan.planning.roadmap.prices import AdditiveCost, Space, exact_drift
+from driftplan.planning.roadmap.prices import AdditiveCost, PartOfWorld, Space, exact_drift
 from driftplan.planning.roadmap.sampling import FreeSamples, coarse_corners, places_in_range
 from driftplan.world.world import World
 
-_FIRST_BATCH = 128  # samples; every later batch has twice as many, and the next two have corners too
+_FIRST_BATCH = 128  # samples; every later batch has twice as many, and all corners come with one of them
+KEPT_BATCH = 1  # is the graph kept with the world, where there is one: the first is all that many a route takes
 _LARGEST_BATCH = 8192
-_MOST_NODES = 40_000  # then a new roadmap is begun
+_MOST_NODES = 40_000  # then a new roadmap is begun, so that memory stays bounded
 _CHUNK = 192  # points joined to the roadmap before the clock is looked at again: 20 to 50 ms
-_FEW_CORNERS = 200  # no more than these: then all of them at once
 _NEIGHBOURS = 14
 _NEXT_TO_NOTHING = 2e-4  # of the cost, gained by a batch
 _MAX_DRAWS = 16  # times as many samples as a batch wants,
@@ -39,12 +40,12 @@ class RoadmapSearch:
     """An anytime search: `grow` adds a batch of nodes and improves `path`."""
 
     def __init__(
-        self, pricing: AdditiveCost, start: Floats, *, seed: int = 0, start_heading: float | None = None
+        self, pricing: AdditiveCost, start: Floats, *, seed: int = 0, start_heading: float | None = None, batch: int = 0
     ) -> None:
         self.pricing = pricing
         self.start_heading = start_heading
         self.roadmap = Roadmap(pricing, start, start_heading)
-        self.batches = 0
+        self.batches = batch  # the first of them may be left out
         self.idle_batches = 0  # the latest ones, that brought next to nothing
         self.path: Floats | None = None
         self.cost = math.inf  # of the path, exact
@@ -53,8 +54,10 @@ class RoadmapSearch:
         self._joined: Floats | None = None  # the latest path that is part of the roadmap
         self._polished: Floats | None = None  # the latest best path that nothing more can be done about
         self._free = FreeSamples(pricing.space, np.random.default_rng(seed).random(2), _MAX_DRAWS)
-        self._corners_left: list[Floats] | None = None  # of those asked for; None before any were
+        self._corners_left: list[Floats] = []  # of those asked for
         self.has_all_corners = False
+        space = pricing.space
+        self._world = space.world if isinstance(space, PartOfWorld) else space if isinstance(space, World) else None
         self._search_s_per_edge = 0.0
         self._consider(self.roadmap.shortest().nodes, lambda: False)
 
@@ -74,30 +77,48 @@ class RoadmapSearch:
         while there is no path: so a longer search comes by all that a shorter one does, in the same order."""
         if stop() and self.path is not None:
             return
+        self.roadmap.prune(self._least_additive * (1 + 1e-9))
         if len(self.roadmap.xy) > _MOST_NODES:
-            self._renew()
+            self.roadmap = Roadmap(self.pricing, self.roadmap.xy[0], self.start_heading)
+            self.has_all_corners, self._corners_left, self._joined = False, [], None
         roadmap = self.roadmap
-        corners = self._next_corners()
-        while corners and not stop():
-            roadmap.add(corners.pop(0), _NEIGHBOURS, self._least_additive, all_round=True)
-        self._join()
-        samples = self._free.next(min(_FIRST_BATCH << min(self.batches, 20), _LARGEST_BATCH), self._informed)
-        done = 0
-        while done < len(samples) and not stop():
-            roadmap.add(samples[done : done + _CHUNK], _NEIGHBOURS, self._least_additive)
-            done += _CHUNK
-        is_whole = done >= len(samples) and not corners
+        is_whole = self._add(stop)
         if not is_whole and self.path is not None:
             return
         began, before = time.perf_counter(), self.cost
         found = roadmap.shortest(self._least_additive)
+        if self.path is None and not len(found.nodes) and self._world is not None:
+            way = channel_route(self._world, roadmap.xy[:2])
+            if way is not None and self.pricing.space.is_free(way).all():
+                roadmap.add(way[1:-1], _NEIGHBOURS, math.inf, chain=True)
+                found = roadmap.shortest()
         self._search_s_per_edge = (time.perf_counter() - began) / max(len(roadmap.edges), 1)
         self._consider(found.nodes, stop)
-        if not stop():
-            roadmap.prune(self._least_additive * (1 + 1e-9))
         if is_whole:
             self.batches += 1
             self.idle_batches = 0 if self.cost < before * (1 - _NEXT_TO_NOTHING) else self.idle_batches + 1
+
+    def _add(self, stop: Callable[[], bool]) -> bool:
+        """Add the graph kept with the world, or corners and samples, and the best path; whether there was time."""
+        if self.batches == KEPT_BATCH and self._world is not None:
+            graph = KeptGraph.of(self._world, stop)
+            if graph is not None:
+                graph.join(self.roadmap, self._least_additive)
+                self.has_all_corners, self._joined = graph.has_all_corners, None
+                self._join()
+            return graph is not None
+        if self.batches > KEPT_BATCH and not self.has_all_corners:  # of which the coarse ones are in the kept graph
+            self.has_all_corners, corners = True, self._informed(self.pricing.space.corners())
+            self._corners_left = [corners[k : k + _CHUNK] for k in range(0, len(corners), _CHUNK)]
+        while self._corners_left and not stop():
+            self.roadmap.add(self._corners_left.pop(0), _NEIGHBOURS, self._least_additive, all_round=True)
+        self._join()
+        samples = self._free.next(min(_FIRST_BATCH << min(self.batches, 20), _LARGEST_BATCH), self._informed)
+        done = 0
+        while done < len(samples) and not stop():
+            self.roadmap.add(samples[done : done + _CHUNK], _NEIGHBOURS, self._least_additive)
+            done += _CHUNK
+        return done >= len(samples) and not self._corners_left
 
     def consider(self, path: Floats, stop: Callable[[], bool] = lambda: False) -> None:
         """Take a collision-free path (n, 2) from start to goal, as it is or polished, if it is better than the best."""
@@ -124,33 +145,11 @@ class RoadmapSearch:
         if cost < self.cost:
             self.path, self.cost, self.additive_cost = path, cost, additive
 
-    def _renew(self) -> None:
-        """Start a new roadmap with the corners and the best path, so that memory stays bounded."""
-        self.roadmap = Roadmap(self.pricing, self.roadmap.xy[0], self.start_heading)
-        self.has_all_corners, self._corners_left = False, None
-        self._joined = None
-
     def _join(self) -> None:
         """Make the best path part of the roadmap."""
         if self.path is not None and self.path is not self._joined and len(self.path) > 2:
             self.roadmap.add(self.path[1:-1], _NEIGHBOURS, math.inf, chain=True)
         self._joined = self.path
-
-    def _next_corners(self) -> list[Floats]:
-        """Corners that may improve the path and are still to be added, some at a time: the coarse ones first, where
-        there are many; then all. None in the first batch."""
-        if self._corners_left or self.batches == 0:
-            return self._corners_left or []
-        space = self.pricing.space
-        corners = np.zeros((0, 2))
-        if self._corners_left is None:
-            corners = coarse_corners(space)
-        if not self.has_all_corners and len(corners) <= _FEW_CORNERS:
-            self.has_all_corners = True
-            corners = space.corners()
-        corners = self._informed(corners)
-        self._corners_left = [corners[k : k + _CHUNK] for k in range(0, len(corners), _CHUNK)]
-        return self._corners_left
 
     def _informed(self, points: Floats) -> Floats:
         lower = self.pricing.lower_bound

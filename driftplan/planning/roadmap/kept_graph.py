@@ -4,7 +4,7 @@ depend on the goal, only prices do."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable, Iterator
 from threading import Lock
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -18,21 +18,19 @@ from shapely.geometry import Polygon
 from driftplan.arrays import Floats, Ints
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.roadmap.graph import Roadmap
-from driftplan.planning.roadmap.polish import polished
 from driftplan.planning.roadmap.prices import AdditiveCost
-from driftplan.planning.roadmap.sampling import FreeSamples
+from driftplan.planning.roadmap.sampling import FreeSamples, coarse_corners
 from driftplan.world.world import World
 
 _THINNING_RADII = 0.1  # of the robot, by which a thinned outline may be off: few of the arcs round corners are left
 _MESHES: WeakKeyDictionary[World, dict[tuple[int, float], Mesh]] = WeakKeyDictionary()
-_GRAPHS: WeakKeyDictionary[World, KeptGraph] = WeakKeyDictionary()
 _MAKING = Lock()
 _NEIGHBOURS = 10
 _MOST_CORNERS, _FEWEST_SAMPLES, _MOST_SAMPLES = 6000, 300, 3000
+_FEW_CORNERS = 200  # coarse ones, no more than these: then all, however fine
 _MAX_DRAWS = 8  # times as many samples as are wanted
-_COARSE_RADII, _COARSE_SIZES = 1 / 4, 4e-4  # of the robot, and of the map: how coarse the corners are
 _ANCHORS = 5  # nearest nodes among which the side of a triangle looks for one in sight
-_CHUNK = 512  # points joined at once: a matter of memory
+_CHUNK = 512  # points joined at once: a matter of memory, and of how soon a clock is looked at again
 _AT_ENDS = 160  # nearest nodes that start and goal are joined to
 
 
@@ -112,49 +110,57 @@ def mesh_of(world: World, part: int, thinning_radii: float = 0.0) -> Mesh:
 
 
 class KeptGraph(NamedTuple):
-    """Nodes (n, 2) and undirected edges (m, 2) that are free."""
+    """Nodes (n, 2) and undirected edges (m, 2) that are free: at most 9000 nodes, and what the triangles add."""
 
     xy: Floats
     edges: Ints
+    has_all_corners: bool  # however fine
     tree: Any
 
     @classmethod
-    def of(cls, world: World) -> KeptGraph:
-        """The graph of a world; made when it is first asked for, once for all threads."""
-        with _MAKING:
-            if world not in _GRAPHS:
-                _GRAPHS[world] = cls._made(world)
-            return _GRAPHS[world]
+    def of(cls, world: World, stop: Callable[[], bool] = lambda: False) -> KeptGraph | None:
+        """The graph of a world.
 
-    @classmethod
-    def _made(cls, world: World) -> KeptGraph:
-        xmin, ymin, xmax, ymax = world.bounds
-        size = math.hypot(xmax - xmin, ymax - ymin)
-        corners = world.corners(max(_COARSE_RADII * world.robot_radius, _COARSE_SIZES * size))
-        if len(corners) > _MOST_CORNERS:
-            corners = corners[np.sort(np.random.default_rng(0).permutation(len(corners))[:_MOST_CORNERS])]
-        count = int(np.clip(len(corners), _FEWEST_SAMPLES, _MOST_SAMPLES))
-        samples = FreeSamples(world, np.array([0.5, 0.5]), _MAX_DRAWS).next(count, lambda points: points)
-        graph = Roadmap(AdditiveCost(world, samples[0], OdometryNoise(), "length"), samples[-1])
-        for points, are_corners in ((corners, True), (samples[1:-1], False)):
-            for first in range(0, len(points), _CHUNK):
-                graph.add(points[first : first + _CHUNK], _NEIGHBOURS, np.inf, all_round=are_corners)
-        _add_passages(world, graph)
-        return cls(graph.xy, graph.edges, cKDTree(graph.xy))
+        It is made when it is first asked for, once for all threads, and goes when the world does. It is the same
+        whoever asks. None if ``stop``, asked every 50 ms, cuts its making short: whoever asks next goes on.
+        """
+        while not stop():
+            with _MAKING:
+                made = vars(world).get("_kept_graph")
+                if isinstance(made, cls):
+                    return made
+                # at first; in a forked process, where no thread goes on; where Ctrl-C has ended it
+                if made is None or made.gi_running or made.gi_frame is None:
+                    made = _made(world)
+                vars(world)["_kept_graph"] = next(made) or made
+        return None
 
-    def path(self, pricing: AdditiveCost, start: Floats, start_heading: float | None = None) -> Floats | None:
-        """The cheapest path (k, 2) of the graph from a place to a pricing's goal, polished. Where the graph has none,
-        the way over the triangles of free space joins in; None where that has none either."""
-        roadmap = Roadmap(pricing, start, start_heading)
-        near = self.tree.query(roadmap.xy, k=min(_AT_ENDS, len(self.xy)))[1]
-        roadmap.over(self.xy, self.edges, near)
-        found = roadmap.shortest()
-        if not len(found.nodes) and isinstance(pricing.space, World):
-            way = channel_route(pricing.space, np.stack([start, pricing.goal]))
-            if way is not None:
-                roadmap.add(way[1:-1], _NEIGHBOURS, np.inf, chain=True)
-                found = roadmap.shortest()
-        return polished(pricing, roadmap.xy[found.nodes], start_heading) if len(found.nodes) else None
+    def join(self, roadmap: Roadmap, limit: float) -> None:
+        """Make the graph part of a roadmap, as far as paths that beat the cost ``limit`` can use it."""
+        near = self.tree.query(roadmap.xy[:2], k=np.arange(1, 1 + min(_AT_ENDS, len(self.xy))))[1]
+        space = roadmap.pricing.space
+        inside = np.full(len(self.xy), True) if isinstance(space, World) else space.is_free(self.xy)
+        roadmap.over(self.xy, inside, self.edges, near, limit)
+
+
+def _made(world: World) -> Iterator[KeptGraph | None]:
+    """Step by step; the last step gives the graph."""
+    corners = coarse_corners(world)
+    yield None
+    if has_all_corners := len(corners) <= _FEW_CORNERS:
+        corners = world.corners()
+    if len(corners) > _MOST_CORNERS:
+        corners = corners[np.sort(np.random.default_rng(0).permutation(len(corners))[:_MOST_CORNERS])]
+    count = int(np.clip(len(corners), _FEWEST_SAMPLES, _MOST_SAMPLES))
+    samples = FreeSamples(world, np.array([0.5, 0.5]), _MAX_DRAWS).next(count, lambda points: points)
+    somewhere = np.array(world.free_parts[0].representative_point().coords[0])
+    graph = Roadmap(AdditiveCost(world, somewhere, OdometryNoise(), "length"), somewhere)
+    for points, are_corners in ((corners, True), (samples, False)):
+        for first in range(0, len(points), _CHUNK):
+            graph.add(points[first : first + _CHUNK], _NEIGHBOURS, np.inf, all_round=are_corners)
+            yield None
+    _add_passages(world, graph)
+    yield KeptGraph(graph.xy, graph.edges, has_all_corners, cKDTree(graph.xy))
 
 
 def _add_passages(world: World, graph: Roadmap) -> None:

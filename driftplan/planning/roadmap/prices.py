@@ -19,6 +19,7 @@ from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.planning.cost import CostRates, edge_cost, geodesic_cost, turn_cost
+from driftplan.world.world import World
 from driftplan.world.zones import Zone, ZonePieces, noises_on
 
 Score = Literal["drift", "length"]
@@ -37,6 +38,30 @@ class Space(Protocol):
     def segments_free(self, a: Floats, b: Floats, /) -> Bools: ...
     def corners(self, tolerance_m: float | None = None, /) -> Floats: ...
     def zone_pieces(self, a: Floats, b: Floats, /) -> ZonePieces: ...
+
+
+class PartOfWorld:
+    """A world within a box (xmin, ymin, xmax, ymax), metres, and with the noise of other zones at the same places."""
+
+    def __init__(self, world: World, box: tuple[float, float, float, float], zones: tuple[Zone, ...]) -> None:
+        low, high = np.maximum(box[:2], world.bounds[:2]), np.minimum(box[2:], world.bounds[2:])
+        self.bounds: tuple[float, float, float, float] = (*low.tolist(), *high.tolist())
+        self.zones = zones
+        self.robot_radius = world.robot_radius
+        self.world, self._low, self._high = world, low, high
+
+    def is_free(self, xy: Floats, /) -> Bools:
+        return np.asarray(((xy >= self._low) & (xy <= self._high)).all(axis=-1) & self.world.is_free(xy))
+
+    def segments_free(self, a: Floats, b: Floats, /) -> Bools:
+        return self.world.segments_free(a, b)  # their ends are in the box, which is convex
+
+    def corners(self, tolerance_m: float | None = None, /) -> Floats:
+        corners = self.world.corners(tolerance_m)
+        return corners[self.is_free(corners)]
+
+    def zone_pieces(self, a: Floats, b: Floats, /) -> ZonePieces:
+        return self.world.zone_pieces(a, b)
 
 
 class EdgePrices(NamedTuple):

@@ -24,7 +24,7 @@ def coarse_corners(space: Space) -> Floats:
     """Corners of a space, (n, 2), those that crowd together left out."""
     xmin, ymin, xmax, ymax = space.bounds
     radius = getattr(space, "robot_radius", 0.0)
-    return space.corners(max(radius / 4, 1e-3 * math.hypot(xmax - xmin, ymax - ymin)))
+    return space.corners(max(radius / 4, 4e-4 * math.hypot(xmax - xmin, ymax - ymin)))
 
 
 class FreeSamples:
