@@ -52,7 +52,7 @@ def infeasible(
         else:
             found = obstacle(problem, needs, cover.hopeless)
         limit, stretch = limits[found.stretch.route], found.stretch
-        why = _words_about_obstacle(problem, found, limit) + _next_to_try(problem, limit)
+        why = _about_obstacle(problem, found, limit)
     elif problem.rules and (free := search.cover(limits, ruled=False)).chosen is not None:
         number = int((free.chosen & ~problem.fixed).sum())
         why = (
@@ -68,20 +68,6 @@ def infeasible(
     return InfeasibleError(f"{mean}their mean {why}" if even_for_the_mean else why, stretch)
 
 
-def _next_to_try(problem: PlacementProblem, limit: float) -> str:
-    """What beacons, or what spacing, might hold a stretch that no site holds."""
-    scenario = problem.scenario
-    stds = [beacon.kind.position_std_m or 0.0 for beacon in problem.sites]
-    if scenario.estimator == "reset" and scenario.confidence is None and limit <= 2**0.5 * min(stds):
-        own = f"{min(stds):g} m per axis, an rms of sqrt(2) x {min(stds):g} = {2**0.5 * min(stds):.3g} m"
-        return f"; right after a reading the drift is that of the beacon itself, {own}: take more accurate ones"
-    xy = np.unique([beacon.xy for beacon in problem.sites], axis=0)
-    if len(xy) < 2:
-        return ""
-    apart = float(np.median(KDTree(xy).query(xy, k=2)[0][:, 1]))
-    return f"; sites are {apart:.3g} m apart here: try {apart / 2:.3g} m"
-
-
 def _if_fused(problem: PlacementProblem, limits: Sequence[float]) -> str:
     """Whether all sites together keep the limits of a robot that fuses its readings: then some layout does."""
     if problem.scenario.estimator == "filter" or problem.scenario.confidence is not None:
@@ -95,15 +81,24 @@ def _if_fused(problem: PlacementProblem, limits: Sequence[float]) -> str:
     return "; nor can a robot that fuses its readings"
 
 
-def _words_about_obstacle(problem: PlacementProblem, found: Obstacle, limit: float) -> str:
+def _about_obstacle(problem: PlacementProblem, found: Obstacle, limit: float) -> str:
+    """About a stretch that no site holds, and what beacons, or what spacing, might."""
     scenario, named = problem.scenario, _named(problem, found.sites)
     helped = f"; closest sites: {named}" if named else "; no site's range is met before it"
     spare = "" if scenario.redundancy == 1 else f" with any {scenario.redundancy - 1} dead"
     confidence = scenario.confidence
     score, least = ("drift", "least") if confidence is None else (f"{100 * confidence:g} % radius", "least rms")
+    std_m = min(beacon.kind.position_std_m or 0.0 for beacon in problem.sites)
+    xy, to_try = np.unique([beacon.xy for beacon in problem.sites], axis=0), ""
+    if scenario.estimator == "reset" and confidence is None and limit <= 2**0.5 * std_m:
+        own = f"{std_m:g} m per axis, an rms of sqrt(2) x {std_m:g} = {2**0.5 * std_m:.3g} m"
+        to_try = f"; right after a reading the drift is that of the beacon itself, {own}: take more accurate ones"
+    elif len(xy) > 1:
+        apart = float(np.median(KDTree(xy).query(xy, k=2)[0][:, 1]))
+        to_try = f"; sites are {apart:.3g} m apart here: try {apart / 2:.3g} m"
     return (
         f"{_said(found.stretch)}: no sites keep the {score} under {limit:g} m there{spare}, the {least} that can be "
-        f"reached is {format_least(found.least_drift)}{helped}"
+        f"reached is {format_least(found.least_drift)}{helped}{to_try}"
     )
 
 
