@@ -66,9 +66,9 @@ def fuse(
     return Driven(_as_moments(u, p, before), _as_moments(u, p, after)), Beliefs(after, noises, spread)
 
 
-def belief_at_start(start_fix: Fix | None) -> FilterState:
-    """What a fusing robot knows at the start of a path: all of it, or what a fix says."""
-    return _of_moments(start_errors(start_fix), NO_SPREAD)
+def belief_at_start(start_fix: Fix | None, spread: SystematicSpread = NO_SPREAD) -> FilterState:
+    """What a fusing robot knows at the start of a path: all of it, or what a fix says; but for the constants."""
+    return _of_moments(start_errors(start_fix), spread)
 
 
 def misused_from(sighted: Readings, before: PointDrift) -> float:

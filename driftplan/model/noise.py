@@ -89,7 +89,7 @@ class OdometryNoise:
     heading_bias_std_per_m, heading_bias_std_per_rad, distance_scale_std : how much these systematic errors differ from
         one drive to the next (another day, other tyres, another load): standard deviations about the values above,
         Gaussian and constant during a drive. Predictions average over drives; routes and layouts are searched for with
-        the values above, and scored with the average.
+        the values above, and scored with the average; a filter's routes are searched for with what it knows of them.
 
     Raises ValueError if a rate is negative, not finite, or needs a ``step_m`` that is not given.
 

@@ -1,6 +1,7 @@
 """plan_route with and without beacons, and the trade-off between length and drift."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import drift_with_beacons
 from driftplan.errors import KeywordError, PlannerError
 from driftplan.model.noise import OdometryNoise
+from driftplan.model.worst import worst_rms
 from driftplan.planning.comparison import compare_routes, knee, non_dominated
 from driftplan.planning.request import DriftLimit, Planner
 from driftplan.world.world import World
@@ -153,6 +155,24 @@ def test_with_any_one_radio_dead_the_limit_of_a_robot_with_a_filter_still_holds(
     for k in range(len(radios)):
         alive = radios[:k] + radios[k + 1 :]
         assert drift_with_beacons(route, NOISE, alive, HALL, estimator="filter").profile(0.5).rms.max() <= 2.2 + 1e-9
+
+
+@pytest.mark.slow
+def test_constants_that_differ_between_drives_are_on_the_labels_of_a_filter():
+    """A bias is learned where beacons come in a row: the route for a robot with one goes by more of them."""
+    tags = [
+        Beacon(BeaconKind.rfid(range_m=2.0, position_std_m=0.1), x, y) for x in (10, 20, 30, 40, 50) for y in (5, 12)
+    ]
+    asked = {"beacons": tags, "estimator": "filter", "minimise": "worst_drift", "time_limit": 600.0}
+    noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
+    varying = replace(noise, heading_bias_std_per_m=5e-3)
+    alike, found = (
+        plan_route(HALL, (2, 5), (58, 5), n, planner=Planner(max_nodes=40), **asked) for n in (noise, varying)
+    )
+    drift = drift_with_beacons(found, varying, tags, HALL, estimator="filter")
+    assert found.rms == pytest.approx(float(drift.end.rms), rel=1e-9)
+    assert found.worst_drift == pytest.approx(worst_rms(drift), rel=1e-9)
+    assert found.worst_drift < worst_rms(drift_with_beacons(alike, varying, tags, HALL, estimator="filter"))
 
 
 def test_a_table_of_routes_says_which_robot_they_are_for():

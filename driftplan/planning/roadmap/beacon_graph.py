@@ -100,7 +100,7 @@ class BeaconGraph:
 
     @property
     def turns_matter(self) -> bool:
-        return any(noise.turns_matter for noise in noises_on(self.world, self.noise))
+        return self.errors.turns_matter or any(x.turns_matter for x in noises_on(self.world, self.noise))
 
     def worst_turn(self) -> tuple[float, float]:
         """Heading and position variance per radian turned, at most."""

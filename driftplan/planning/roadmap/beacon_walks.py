@@ -160,7 +160,8 @@ class BeaconWalks:
             arriving=None if heading is None else complex(math.cos(heading), math.sin(heading)),
         )
         slack_sq = slack * min(limit, self.worst(self.shortest)) ** 2
-        found = best_walk(problem, by_end=by_end, slack_sq=slack_sq, stop=self.late, max_labels=max_labels)
+        granted = {"slack_sq": slack_sq, "share": slack}
+        found = best_walk(problem, by_end=by_end, **granted, stop=self.late, max_labels=max_labels)
         self.labels, self.labels_of_latest = self.labels + found.labels, found.labels
         if limit <= _NEARLY * self.reliance.max_drift:  # searches with looser limits say nothing about this one
             self.exhausted |= not found.finished

@@ -22,7 +22,7 @@ from driftplan.beacons.readings import BeaconColumns
 from driftplan.world.world import World
 
 NO_SITE = -1
-SIZE = 9  # of an error state: a column of numbers, whatever the estimator; of s scenarios of dead beacons (9, s)
+SIZE = 9  # of an error state, but for a filter that estimates constants; of s scenarios of dead beacons (9, s)
 _LEAST_M = 1e-6  # a range touched on less than this is a graze, read once
 
 

@@ -1,7 +1,8 @@
 """The errors of a robot that fuses its readings, on the edges of a roadmap, and which of its labels make which
 superfluous.
 
-The error state is the covariance P of position and heading (`driftplan.model.covariance`), nine numbers. A stretch of
+The error state is the covariance P of position, heading and the unknown constants of the odometry, those that differ
+between drives (`driftplan.model.covariance`): nine numbers, or up to 36. A stretch of
 an edge, readings that are certain included, is one element P ↦ A (I + P J)⁻¹ P Aᵀ + C. A reading that may be missed
 is none: an edge is cut there into parts, and the bound of `FilterState.read` taken. Between readings tr P is convex in
 the distance, and a reading never adds to it: it is greatest on arrival at a reading, or at the end.
@@ -9,10 +10,11 @@ the distance, and a reading never adds to it: it is greatest on arrival at a rea
 *Dominance.* Driving, turning and reading, missed or not, are monotone: P₁ ⪯ P₂ (P₂ - P₁ positive semidefinite, the
 Loewner order) stays so whatever follows, and then tr P₁ <= tr P₂. So label 1 dominates when it is no longer and
 P₁ ⪯ (1 + ε) P₂ + S in every scenario. S is the slack s that is granted: s/2 for either axis of the position and s/R²
-for the heading, R being how far the most accurate robot can drive before it breaks the limit; ε is the same slack as a
-share of the limit's square. Then tr P₁ <= (1 + ε) tr P₂ + 2s whatever follows: (1 + ε) P₂ becomes at most 1 + ε times
-what P₂ becomes, and S no more than driving alone makes of it. Of systematic errors,
-known or not, labels know nothing: with them the exact model may disagree with what was found.
+for the heading, R being how far the most accurate robot can drive before it breaks the limit; ε is a share that is
+granted. Then tr P₁ <= (1 + ε) tr P₂ + 2s whatever follows: (1 + ε) P₂ becomes at most 1 + ε times what P₂ becomes, and
+S no more than driving alone makes of it. Where an unknown constant acts on turns, a label dominates those that face as
+it does. Of systematic errors that are known labels know nothing: with them the exact model may disagree with what was
+found.
 """
 
 from __future__ import annotations
@@ -28,13 +30,11 @@ from driftplan.beacons.readings import BeaconColumns, readings_from
 from driftplan.model.covariance import CovarianceMap, compose, identity, legs
 from driftplan.model.filter_state import FilterState, Row, upper_triangle
 from driftplan.model.fusion import belief_at_start
-from driftplan.model.noise import OdometryNoise
+from driftplan.model.noise import OdometryNoise, spread_of
 from driftplan.model.readings import Fix, Readings
-from driftplan.planning.roadmap.edge_steps import NO_SITE, SIZE, Steps, spans
+from driftplan.planning.roadmap.edge_steps import NO_SITE, Steps, spans
 
-_UPPER = [3 * i + j for i, j in upper_triangle(3)]  # of the nine numbers, those that say it all
-_ON_DIAGONAL = [k for k, (i, j) in enumerate(upper_triangle(3)) if i == j]
-_DIAGONAL = np.isin(np.arange(6), _ON_DIAGONAL).astype(float)
+_NEVER = 1e30  # rad²/rad: whoever has to turn does not dominate
 _ROUNDING = 1e-12  # of the diagonal: what is semidefinite but for rounding
 
 
@@ -52,7 +52,7 @@ class FusedEffects:
     def driven(self, which: Ints, begun: Floats) -> tuple[Floats, Floats]:
         """As of `ResetEffects`."""
         first, count = self.first_part[which], self.first_part[which + 1] - self.first_part[which]
-        P = np.swapaxes(begun, 1, 2).reshape(len(which), -1, 3, 3)
+        P = np.swapaxes(begun, 1, 2).reshape(len(which), -1, *self.maps.A.shape[1:])
         after, worst = np.empty(P.shape), np.zeros(P.shape[:2])
         here = np.arange(len(which))
         for k in range(int(count.max(initial=0))):
@@ -65,7 +65,7 @@ class FusedEffects:
             after[here], onward = found[last], count[here] > k + 1
             here, part = here[onward], part[onward]
             P = self._read(found[last[onward]], part) if len(here) else P[:0]
-        return np.swapaxes(after.reshape(*after.shape[:2], SIZE), 1, 2), worst
+        return _columns(after), worst
 
     def _read(self, P: Floats, part: Ints) -> Floats:
         rows = [Row(tuple(c[part] for c in row.coefficients), row.variance[part]) for row in self.missable]
@@ -78,7 +78,10 @@ class FusedEdges:
     def __init__(self, steps: Steps, noises: Sequence[OdometryNoise], beacons: Sequence[Beacon]) -> None:
         self.steps, self.columns = steps, BeaconColumns.of(beacons)
         zero = np.zeros(len(steps.edge))
-        self.run = legs(np.angle(steps.direction), zero, steps.length, zero, noises, steps.which).maps
+        self.noises, self.spread = spread_of(noises)
+        self.size = 3 + len(self.spread.names)
+        self.turns_matter = "heading_bias_per_rad" in self.spread.names
+        self.run = legs(np.angle(steps.direction), zero, steps.length, zero, self.noises, steps.which, self.spread).maps
         self.coefficients, self.variance = self._columns_of_rows(steps)
 
     def _columns_of_rows(self, steps: Steps) -> tuple[Floats, Floats]:
@@ -97,27 +100,30 @@ class FusedEdges:
         return readings_from(self.columns, site, distance, np.zeros(len(site)), np.ones(len(site)))
 
     def at_start(self, initial: Fix | None) -> Floats:
-        return belief_at_start(initial).matrix.ravel()
+        return belief_at_start(initial, self.spread).matrix.ravel()
 
     def read(self, state: Floats, site: int, place: complex) -> Floats:
         at = np.array([place])
         rows, _ = self._readings(np.array([site]), at).rows(at)[0]
-        return FilterState.from_matrix(state.reshape(3, 3)).read(rows).matrix.ravel()
+        return FilterState.from_matrix(state.reshape(self.size, self.size)).read(rows).matrix.ravel()
 
     def square(self, states: Floats) -> Floats:
-        return np.asarray(states[..., 0, :] + states[..., 4, :])
+        return np.asarray(states[..., 0, :] + states[..., self.size + 1, :])
 
     def turns(self, turn_rad: Floats, arriving: complex, noise: OdometryNoise) -> Floats:
-        zero = np.zeros(len(turn_rad))
-        return legs(np.full(len(turn_rad), np.angle(arriving)), turn_rad, zero, zero, [noise]).C.reshape(-1, SIZE, 1)
+        zero, (random, *_) = np.zeros(len(turn_rad)), spread_of([noise])[0]
+        turned = legs(np.full(len(turn_rad), np.angle(arriving)), turn_rad, zero, zero, [random], None, self.spread)
+        return np.stack([turned.A, turned.C], axis=1)
 
     def turned(self, state: Floats, turns: Floats) -> Floats:
-        return state + turns
+        A, C, P = turns[:, None, 0], turns[:, None, 1], state.T.reshape(-1, self.size, self.size)
+        return _columns(A @ P @ np.swapaxes(A, -1, -2) + C)
 
     def dominance(
         self, max_gap_m: float, slack_sq: float, share: float, turn_rates: tuple[float, float]
     ) -> LoewnerDominance:
-        return LoewnerDominance(max_gap_m, slack_sq, share, turn_rates)
+        rates = (_NEVER if self.turns_matter else turn_rates[0], turn_rates[1])
+        return LoewnerDominance(max_gap_m, slack_sq, share, rates, self.size)
 
     def effects(self, edges: Ints, dead: int = NO_SITE) -> FusedEffects:
         steps = self.steps
@@ -126,7 +132,7 @@ class FusedEdges:
         begin, count = steps.of_edges(edges)
         ends_reading = reads[begin + count - 1]  # then a map more, of what it leaves
         first = np.concatenate([[0], np.cumsum(count + ends_reading)])
-        maps, now = _nothing(int(first[-1])), _nothing(len(edges))
+        maps, now = _nothing(int(first[-1]), self.size), _nothing(len(edges), self.size)
         step_of = np.zeros(first[-1], dtype=np.intp)
         for k in range(int(count.max(initial=0))):
             here = np.flatnonzero(count > k)
@@ -135,7 +141,7 @@ class FusedEdges:
             _put(maps, first[here] + k, driven)
             step_of[first[here] + k] = step
             _put(now, here, driven.read(self._rows_of(step, reads[step] & ~cut[step])))
-            _put(now, here[cut[step]], _nothing(int(cut[step].sum())))
+            _put(now, here[cut[step]], _nothing(int(cut[step].sum()), self.size))
         _put(maps, first[1:][ends_reading] - 1, now[ends_reading])
         ends_part = cut[step_of]
         ends_part[first[1:][ends_reading] - 1] = False
@@ -161,38 +167,53 @@ class FusedEdges:
 
 
 class LoewnerDominance:
-    """Which label makes which superfluous; see above. A score is the upper triangle of P."""
+    """Which label makes which superfluous; see above. A score is P, but for ``size`` 3 its upper triangle."""
 
-    keys = (5, 0, 3)
-
-    def __init__(self, max_gap_m: float, slack_sq: float, share: float, turn_rates: tuple[float, float]) -> None:
+    def __init__(
+        self, max_gap_m: float, slack_sq: float, share: float, turn_rates: tuple[float, float], size: int = 3
+    ) -> None:
         self.turn_rates, self.share = turn_rates, share + _ROUNDING
         self.slack = slack_sq / 2, slack_sq / max(max_gap_m, 1e-9) ** 2
         self.key_slacks = self.slack[1], self.slack[0], self.slack[0]
+        self.pairs = upper_triangle(size)
+        self.diagonal = [k for k, (i, j) in enumerate(self.pairs) if i == j]
+        self.keys = self.diagonal[2], self.diagonal[0], self.diagonal[1]
 
     def scores(self, states: Floats) -> Floats:
-        """What it looks at, (n, scenarios, 6), of states (n, 9, scenarios)."""
-        return np.swapaxes(states[:, _UPPER], 1, 2)
+        """What it looks at, (n, scenarios, 6), of states (n, 9, scenarios); or as many as the states have."""
+        size = len(self.diagonal)
+        return np.swapaxes(states[:, [size * i + j for i, j in self.pairs]], 1, 2)
 
     def __call__(self, better: Floats, worse: Floats, turn_rad: Floats) -> Bools:
-        """All principal minors. The noise of a turn counts in all directions."""
+        """No pivot of Gauss's elimination is negative. The noise of a turn counts in all directions."""
         axis = self.slack[0] - self.turn_rates[1] * turn_rad[:, None]
         heading = self.slack[1] - self.turn_rates[0] * turn_rad[:, None]
-        gap = (1 + self.share - _ROUNDING) * worse - better + _ROUNDING * _DIAGONAL * worse
-        gap[..., 0] += axis
-        gap[..., 3] += axis
-        gap[..., 5] += heading
-        holds = np.asarray((gap[..., _ON_DIAGONAL] >= 0).all(axis=(1, 2)))
-        a, b, c, d, e, f = np.moveaxis(gap[holds], -1, 0)
-        ad, af, df = a * d - b * b, a * f - c * c, d * f - e * e
-        minors = (ad >= 0) & (af >= 0) & (df >= 0) & (a * df - b * (b * f - c * e) + c * (b * e - c * d) >= 0)
-        holds[holds] = minors.all(axis=1)
+        gap = (1 + self.share - _ROUNDING) * worse - better
+        gap[..., self.diagonal] += _ROUNDING * worse[..., self.diagonal]
+        for k, slack in zip(self.keys, (heading, axis, axis), strict=True):
+            gap[..., k] += slack
+        holds = np.asarray((gap[..., self.diagonal] >= 0).all(axis=(1, 2)))
+        left = {pair: gap[holds, :, k] for k, pair in enumerate(self.pairs)}
+        fits = np.ones(left[0, 0].shape, dtype=bool)
+        for k in range(len(self.diagonal)):
+            pivot = left[k, k]
+            fits &= pivot >= 0
+            for i, j in self.pairs:
+                if i > k:
+                    fits &= (pivot > 0) | (left[k, i] == 0)
+                    left[i, j] = left[i, j] - left[k, i] * left[k, j] / np.where(pivot > 0, pivot, 1.0)
+        holds[holds] = fits.all(axis=1)
         return holds
 
 
-def _nothing(count: int) -> CovarianceMap:
+def _columns(P: Floats) -> Floats:
+    """Error states (n, d², scenarios) of covariances (n, scenarios, d, d)."""
+    return np.swapaxes(P.reshape(*P.shape[:2], -1), 1, 2)
+
+
+def _nothing(count: int, size: int) -> CovarianceMap:
     """Stretches in which nothing happens yet."""
-    return CovarianceMap(*(x.copy() for x in identity((count,)).arrays()))
+    return CovarianceMap(*(x.copy() for x in identity((count,), size).arrays()))
 
 
 def _put(maps: CovarianceMap, index: Ints | Bools, some: CovarianceMap) -> None:

@@ -8,8 +8,8 @@ a side aisle: it comes back with another error.
 
 *Dominance.* Label 1 makes label 2 at the same node superfluous when it is no longer and, whatever is driven and read
 from there, ends with no more drift: what that takes depends on the estimator (see there). Where turning costs, label 1
-is first turned to the heading of label 2. ``slack_sq`` (m²) is granted in all of this; with zero no walk of the graph
-is better than the one found.
+is first turned to the heading of label 2. ``slack_sq`` (m²) is granted in all of this, and to a filter a ``share`` of
+E|e|²; with zero no walk of the graph is better than the one found.
 """
 
 from __future__ import annotations
@@ -70,21 +70,23 @@ def best_walk(
     *,
     by_end: bool = False,
     slack_sq: float = 0.0,
+    share: float = 0.0,
     stop: Callable[[], bool] = lambda: False,
     max_labels: int = 1_000_000,
 ) -> Walk:
     """The shortest walk from start to goal that keeps the limit in every scenario; or, ``by_end``, the one no longer
     than ``task.longest`` that ends with the least rms drift."""
-    return _LabelSearch(task, slack_sq, stop, max_labels).run(by_end)
+    return _LabelSearch(task, (slack_sq, share), stop, max_labels).run(by_end)
 
 
 class _LabelSearch:
-    def __init__(self, task: LabelProblem, slack_sq: float, stop: Callable[[], bool], max_labels: int) -> None:
+    def __init__(
+        self, task: LabelProblem, slack: tuple[float, float], stop: Callable[[], bool], max_labels: int
+    ) -> None:
         self.task, self.stop, self.max_labels = task, stop, max_labels
         graph = task.graph
         self.square = graph.errors.square
-        share = slack_sq / task.limit**2
-        self.dominates = graph.errors.dominance(task.max_gap_m, slack_sq, share, graph.worst_turn())
+        self.dominates = graph.errors.dominance(task.max_gap_m, *slack, graph.worst_turn())
         self.turning = graph.turns_matter
         states = task.states.T[None]
         like = {"node": int, "parent": int, "length": float, "worst": float, "facing": complex, "dropped": bool}

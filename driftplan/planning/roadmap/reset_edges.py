@@ -63,6 +63,8 @@ class ResetEffects(NamedTuple):
 class ResetEdges:
     """The errors of a robot whose readings replace what they measure, on the edges of one graph."""
 
+    turns_matter = False  # more than the noise says
+
     def __init__(self, steps: Steps, noises: Sequence[OdometryNoise], beacons: Sequence[Beacon]) -> None:
         self.steps, self.readings = steps, _readings(beacons)
         self.run = np.empty((len(steps.edge), SIZE, SIZE))
@@ -97,8 +99,8 @@ class ResetEdges:
         self, max_gap_m: float, slack_sq: float, share: float, turn_rates: tuple[float, float]
     ) -> ResetDominance:
         """The rule for labels: none gets farther than ``max_gap_m`` without a reading; one dominates though its E|e|²
-        is worse by ``slack_sq`` m², the ``share`` of the limit's square; a radian turned adds at most so much heading
-        (rad²) and position variance (m²)."""
+        is worse by ``slack_sq`` m², or if a filter by a ``share``; a radian turned adds at most so much heading (rad²)
+        and position variance (m²)."""
         return ResetDominance(max_gap_m, slack_sq, turn_rates)
 
     def effects(self, edges: Ints, dead: int = NO_SITE) -> ResetEffects:
