@@ -1,7 +1,8 @@
 """place_beacons for robots that fuse their readings: how many beacons, the bound, the gap, the time.
 
-The demo's rounds, a corridor, ten aisles, and the routes of the warehouse of `bench_placement`, with resets beside; the
-six routes of the study example.
+The demo's rounds, a corridor, ten aisles, the routes of the warehouse of `bench_placement`, and routes through nav2's
+depot (in ``../shared/data`` or the folder that DRIFTPLAN_DATA names; left out without it), with resets beside; the six
+routes of the study example.
 """
 
 from __future__ import annotations
@@ -14,8 +15,11 @@ import numpy as np
 import yaml
 
 from driftplan import BeaconKind, OdometryNoise, Sites, bundled_map, load_world, place_beacons, run_study
+from driftplan.layouts.scenario import grid_sites
 from driftplan.report.commands.demo import ROUNDS
 from tests.benchmarks.bench_placement import shelf_routes, sites_of, warehouse
+from tests.benchmarks.bench_time_limits import DATA
+from tests.layouts.test_placement_depot import routes_in
 
 ROUGH = OdometryNoise.from_std(heading_deg=2.0, distance_m=0.05, after_m=10.0)
 FINE = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
@@ -33,13 +37,18 @@ def cases() -> dict[str, tuple[Any, Any, OdometryNoise, float, Sites]]:
     hall = load_world(bundled_map("warehouse"), robot_radius=0.4)
     world, middles, cross = warehouse(1.0)
     routes = shelf_routes(60, middles, cross, np.random.default_rng(1))
-    return {
+    found = {
         "demo's rounds": (hall, ROUNDS, ROUGH, 0.8, Sites(TAG, spacing_m=1.5)),
         "corridor 500 m": (None, [(0, 0), (500, 0)], FINE, 0.3, Sites(SHORT_TAG, spacing_m=1.0)),
         "ten aisles": (None, aisles(10, 40.0), FINE, 0.3, Sites(SHORT_TAG, spacing_m=1.0)),
         "60 shelf routes": (world, routes, ROUGH, 0.8, Sites(TAG, points=sites_of(world, 1250))),
         "the same, 0.3 m": (world, routes, FINE, 0.3, Sites(TAG, points=sites_of(world, 1461))),
     }
+    if (map_file := DATA / "nav2_depot/depot.yaml").exists():  # 1.86 km
+        depot = load_world(map_file, robot_radius=0.25)
+        routes, sites = routes_in(depot, 60, np.random.default_rng(4)), Sites(SHORT_TAG, points=grid_sites(depot, 0.56))
+        found["60 depot routes"] = depot, routes, ROUGH, 0.3, sites
+    return found
 
 
 def main() -> None:

@@ -734,8 +734,8 @@ def fractions(bounds, limit=100.0, **told):
     [
         ([1.0, 1.0005], {"join": True}, 7, 1),  # six rounds that raise it by less than a thousandth
         ([1.0 * 1.01**k for k in range(20)], {"join": True, "separated": False}, 26, 1),
-        ([1.0], {"separated": True}, 7, 1),  # six cuts in vain
-        ([1.0 * 1.01**k for k in range(9)], {"separated": True}, 15, 9),
+        ([1.0], {"separated": True}, 4, 1),  # three rounds of cuts in vain
+        ([1.0 * 1.01**k for k in range(9)], {"separated": True}, 12, 9),
         ([1.0], {}, 1, 1),
     ],
 )
@@ -745,6 +745,13 @@ def test_the_linear_relaxation_is_given_up_after_so_many_rounds_that_bring_nothi
     assert search.asked == asked
     assert search.rounded == [0.05] * rounded + [0.25]
     np.testing.assert_array_equal(search.core, [True, True, True])
+
+
+def test_an_oracle_that_refuses_leaves_less_time_for_layouts_of_what_the_fractions_have():
+    search = fractions([1.0])
+    search.refused = True
+    search._tighten()
+    assert search.rounded == [0.05, 0.1]
 
 
 @pytest.mark.parametrize("bound", [1e6, 0.1])

@@ -34,6 +34,7 @@ from driftplan.planning.status import Status
 
 _LONGEST_S = 600.0  # of a search, as far as it is divided into parts
 _PATIENCE = 6  # rounds of the linear relaxation that may pass without raising its bound by a thousandth
+_FRUITLESS = 3  # rounds of cuts that may
 _LOCAL_STEPS = 10000  # of a local search without success, or
 _LOCAL_STEPS_PER_SITE = 30  # if that is less
 _SEPARATION_SHARE = 0.5  # of the time, for cuts that a fractional layout violates
@@ -174,12 +175,12 @@ class _CoverSearch:
                 tried = self.bound
                 self._round_up(y, _ROUNDING_SHARE)
             fruitless += 1
-            if self._closed() or fruitless > _PATIENCE or time.monotonic() > until or not self._separated(y):
+            if self._closed() or fruitless > _FRUITLESS or time.monotonic() > until or not self._separated(y):
                 break
             stale = 0
         if y is None or self.impossible:
             return
-        self._round_up(y, 0.25)
+        self._round_up(y, _LOCAL_SHARE if self.refused else 0.25)
         self.core = self.relaxation.core(y, self.best_cost)
 
     def _round_up(self, y: Floats, share: float) -> None:
