@@ -78,10 +78,10 @@ def test_a_beacon_that_does_harm_is_driven_round(min_capture):
     assert plan_route(ROOM, *ENDS, NOISE, minimise="length", max_drift=limit, **asked).worst_drift <= 1.0
 
 
-OTHER_NODES = pytest.mark.xfail(reason="among the nodes for routes of any length is a path that those for 1.5 lack")
+SHORTENED = pytest.mark.xfail(reason="a walk of 1.6 times the shortest keeps it, and is then shortened to 1.18 times")
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=OTHER_NODES), 4, 5])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=SHORTENED), 4, 5])
 @pytest.mark.slow
 def test_the_least_worst_drift_can_be_kept_and_two_per_cent_less_cannot(seed):
     world, ends, beacons = scattered(seed)

@@ -6,8 +6,8 @@ interfered.
 
 *The least worst drift decides what can be kept.* A limit that its path keeps is never called out of reach, and the
 shortest path that keeps it is no longer than its path; under a limit that is lower by more than `WORST_TOLERANCE` no
-path is sought for the least drift at the end, and none for the least length is found among the same nodes. (Routes of
-any length have nodes of their own: with few of them one may turn up there.)
+path is sought for the least drift at the end, and none for the least length is found within the same length. (Where
+any length will do, a walk that is longer than that may be shortened to a path that is not.)
 """
 
 from __future__ import annotations
