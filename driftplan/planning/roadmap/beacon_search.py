@@ -109,8 +109,9 @@ class BeaconSearch(BeaconWalks):
         lower = (1 - WORST_TOLERANCE) * limit
         return kept > lower and not self.late() and self._short_within(lower, longest) is None
 
-    def _short_within(self, limit: float, longest: float) -> Floats | None:
-        found = self.best_walk(limit, longest, slack=_COARSE, max_labels=self.max_labels)
+    def _short_within(self, limit: float, longest: float, *, soon: bool = True) -> Floats | None:
+        """A short path that keeps the limit; ``soon`` where there probably is one."""
+        found = self.best_walk(limit, longest, slack=_COARSE, max_labels=self.max_labels) if soon else None
         within, arrival = longest, limit
         slack = FINE
         if self.reliance.estimator == "filter":
@@ -149,10 +150,10 @@ class BeaconSearch(BeaconWalks):
 
     def _steadier(self, best: Floats, longest: float) -> Floats:
         while not self.late():
-            found = self._short_within((1 - WORST_TOLERANCE) * self.worst(best), longest)
+            found = self._short_within((1 - WORST_TOLERANCE) * self.worst(best), longest, soon=False)
             if found is None:
                 break
-            best = found
+            best = self._bisected(found, longest, 0.0)
         return best
 
     def _steady(self, longest: float) -> Floats:
@@ -172,12 +173,7 @@ class BeaconSearch(BeaconWalks):
         """A path with nearly the least greatest drift on the way, by bisection over the limit."""
         if longest not in self._rough:
             known = [path for path in (self.unaided, *self.known) if length_of(path) <= longest]
-            best = self._bisected(min([self.shortest, *known], key=self.worst), longest, None)
-            if self._margin(self.worst(best)) > 0:  # ranges with a margin overlook readings that do harm
-                limit = (1 - 2 * WORST_TOLERANCE) * self.worst(best)
-                found = self.any_within(limit, longest, _MEDIUM, 0.0)
-                best = best if found is None else self._bisected(found, longest, 0.0)
-            self._rough[longest] = best
+            self._rough[longest] = self._bisected(min([self.shortest, *known], key=self.worst), longest, None)
         return self._rough[longest]
 
     def _bisected(self, best: Floats, longest: float, margin: float | None) -> Floats:
