@@ -179,7 +179,7 @@ class BeaconSearch(BeaconWalks):
     def _bisected(self, best: Floats, longest: float, margin: float | None) -> Floats:
         high = self.worst(best)
         least = least_worst_drift(self.ends, self.noises, self.reliance.bounding, high)
-        for slack, step, tolerance in ((_COARSE, 0.5, 0.05), (_MEDIUM, _STEP_DOWN, WORST_TOLERANCE)):
+        for slack, step, tolerance in ((_COARSE, 0.5, 0.05), (_MEDIUM, _STEP_DOWN, 2 * WORST_TOLERANCE)):
             low, missed = least, False
             for _ in range(_MAX_BISECTIONS):
                 if high - low <= tolerance * high or self.late():
