@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, reduce
 from math import factorial
 
 import numpy as np
@@ -124,7 +124,9 @@ def _stretch(length: Array, curvature: Array, noise: OdometryNoise, *, speed: fl
         mu: Array = -heading_rate / 2 + (1j * bias_rate if biased else 0.0)
         gamma: Array = np.asarray(speed * noise.distance_scale_error + (0.5j * covariance if correlated else 0.0))
         bend = np.asarray(1j * curvature * h) if turning else np.zeros(())
-        sums = (_sum(c) for c in _taylor(h, bend, speed, mu, gamma, along, across))
+        sums = (
+            reduce(np.add, reversed(c)) for c in _taylor(h, bend, speed, mu, gamma, along, across)
+        )  # smallest first
         piece = Moments(np.exp(bend), speed * h * _phi(bend) if turning else speed * h, *sums)
     whole = doubled(piece, halvings)
     if not turning:
@@ -268,11 +270,3 @@ def _horner(coefficients: tuple[float, ...], x: Array) -> Array:
         total *= x
         total += c
     return total
-
-
-def _sum(series: list[Array]) -> Array:
-    """Sum of a series, smallest terms first."""
-    total = series[-1]
-    for term in reversed(series[:-1]):
-        total = total + term
-    return np.asarray(total)

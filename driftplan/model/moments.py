@@ -89,13 +89,13 @@ def compose(A: Moments, B: Moments, lever_B: tuple[Array, ...] | None = None) ->
     q1, Q, q2, epsilon, eta, kappa, lam = lever(B) if lever_B is None else lever_B
     e1 = A.e1 + u * (e1B + d1A * q1)
     cross = u.conjugate() * (A.e1 * e1B.conjugate() + A.a * q1.conjugate())
-    N = A.N + B.N + _re2(d1A.conjugate() * epsilon + cross) + DA * Q
+    N = A.N + B.N + 2 * (d1A.conjugate() * epsilon + cross).real + DA * Q
     e2 = A.e2 + u * (u * (B.e2 + 2 * d1A * eta + d2A * q2) + 2 * (A.e1 * e1B + A.b * q1))
     a = A.a + (A.e1 + A.a) * d1B_ + u * (B.a + d1A.conjugate() * (e1B + B.a) + DA * (q1 + kappa) + d1A * kappa)
     b = A.b + (A.e1 + A.b) * d1B + u * (B.b + d1A * (e1B + B.b) + d2A * (q1 + lam) + d1A * lam)
     d1 = d1A + d1B + d1A * d1B
     d2 = d2A * (1 + 2 * d1B + B.d2) + 2 * d1A * (d1B + B.d2) + B.d2
-    D = DA * (1 + 2 * d1B.real + B.D) + _re2(d1A * (d1B_ + B.D)) + B.D
+    D = DA * (1 + 2 * d1B.real + B.D) + 2 * (d1A * (d1B_ + B.D)).real + B.D
     return Moments(u * B.u, A.p + u * pB, d1, d2, D, e1, N, e2, a, b)
 
 
@@ -165,7 +165,7 @@ def _scan_chunk(B: Moments, start: Moments) -> Moments:
     d1 = coherence.recur(d1B, start.d1)
     d1A = d1[..., :-1]
     d2 = _Coherence(1 + 2 * d1B + B.d2).recur(2 * d1A * (d1B + B.d2) + B.d2, start.d2)
-    D = _Coherence(1 + 2 * d1B.real + B.D).recur(_re2(d1A * (d1B_ + B.D)) + B.D, start.D)
+    D = _Coherence(1 + 2 * d1B.real + B.D).recur(2 * (d1A * (d1B_ + B.D)).real + B.D, start.D)
     d2A, DA = d2[..., :-1], D[..., :-1]
 
     e1 = _cumulative(np.add, uA * (B.e1 + d1A * q1), start.e1)
@@ -175,7 +175,7 @@ def _scan_chunk(B: Moments, start: Moments) -> Moments:
     a = np.conj(coherence.recur(np.conj(gain_a), np.conj(start.a)))
     b = coherence.recur(gain_b, start.b)
     cross = np.conj(uA) * (e1A * np.conj(B.e1) + a[..., :-1] * np.conj(q1))
-    gain_N = B.N + _re2(np.conj(d1A) * epsilon + cross) + DA * Q
+    gain_N = B.N + 2 * (np.conj(d1A) * epsilon + cross).real + DA * Q
     gain_e2 = uA * (uA * (B.e2 + 2 * d1A * eta + d2A * q2) + 2 * (e1A * B.e1 + b[..., :-1] * q1))
     N = _cumulative(np.add, gain_N, start.N)
     e2 = _cumulative(np.add, gain_e2, start.e2)
@@ -233,8 +233,3 @@ def _where(condition: Array, yes: Moments, no: Moments) -> Moments:
 def _broadcast(X: Moments, shape: tuple[int, ...]) -> Moments:
     shape = np.broadcast_shapes(X.shape, shape)
     return X if shape == X.shape else Moments(*(np.broadcast_to(x, shape) for x in X.arrays()))
-
-
-def _re2(x: Array) -> Array:
-    """Twice the real part."""
-    return 2 * x.real
