@@ -19,7 +19,8 @@ _QUAD_SEGS = 8
 # A buffer replaces arcs by chords of at most 1.5 * 90°/quad_segs (GEOS rounds the number of chords of an arc to the
 # nearest integer), which pass inside the circle. Growing the radius by 1/cos(half a chord) puts them outside.
 _CHORD_FACTOR = 1 / cos(0.75 * (pi / 2) / _QUAD_SEGS) + 1e-9
-_CELLS = 20_000  # of the reach table: some 50 ms to fill
+_CELLS = 20_000  # of the reach table: some 50 ms to fill, more among many obstacles,
+_FIRST_ASKED = 10_000  # so not before so many questions
 _MAX_RINGS = 40  # of cells looked at around a free one
 _UNSURE, _BLOCKED = -1.0, -2.0  # cells with an outline in them, cells inside an obstacle
 
@@ -30,9 +31,9 @@ class Inflation:
     The disc's arcs are replaced by chords outside the true circle, so the grown obstacles contain the exact ones. GEOS
     also fills concave dents of less than 1 % of the radius. A point of contact counts as a collision.
 
-    Every answer comes from one GEOS predicate on one geometry, prepared for each thread that asks. The scalar methods
-    first look into a table of cells, which answers only with a margin that is far above round-off; so they agree with
-    the vectorised ones.
+    Every answer comes from one GEOS predicate on one geometry, prepared for each thread that asks. The scalar methods,
+    once they are asked often, first look into a table of cells, which answers only with a margin that is far above
+    round-off; so they agree with the vectorised ones.
     """
 
     def __init__(self, obstacles: MultiPolygon, bounds: Bounds, radius: float) -> None:
@@ -42,6 +43,7 @@ class Inflation:
         else:
             self.obstacles = obstacles
         self._obstacles = PreparedArea(self.obstacles)
+        self._asked = 0
         xmin, ymin, xmax, ymax = bounds
         self.bounds = (xmin + radius, ymin + radius, xmax - radius, ymax - radius)
 
@@ -63,6 +65,9 @@ class Inflation:
         xmin, ymin, xmax, ymax = self.bounds
         if not (xmin < x < xmax and ymin < y < ymax):
             return False
+        if self._asked < _FIRST_ASKED:
+            self._asked += 1
+            return not shapely.intersects_xy(self._obstacles.prepared, x, y)
         reach, width, per_m = self._reach
         step = reach[int((y - ymin) * per_m) * width + int((x - xmin) * per_m)]
         if step != _UNSURE:
@@ -74,6 +79,9 @@ class Inflation:
         xmin, ymin, xmax, ymax = self.bounds
         if not (xmin < x0 < xmax and xmin < x1 < xmax and ymin < y0 < ymax and ymin < y1 < ymax):
             return False
+        if self._asked < _FIRST_ASKED:
+            self._asked += 1
+            return not shapely.intersects(self._obstacles.prepared, shapely.linestrings(((x0, y0), (x1, y1))))
         reach, width, per_m = self._reach
         if reach[int((y1 - ymin) * per_m) * width + int((x1 - xmin) * per_m)] == _BLOCKED:
             return False

@@ -108,7 +108,7 @@ def in_a_process(function: Callable[..., Any], *args: Any) -> Any:
 
 
 def main() -> None:
-    for planner in os.environ.get("BENCH_PLANNERS", ",".join(ASKED)).split(","):
+    for planner in os.environ.get("BENCH_PLANNERS", ";".join(ASKED)).split(";"):
         for name, world in (*maps(), ("1000 zones", zoned(1000)), ("5000 x 5000", bench_trips.load())):
             said = []
             for limit in LIMITS_S:

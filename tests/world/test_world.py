@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from driftplan.errors import ArgumentError
 from driftplan.model.noise import OdometryNoise
+from driftplan.world import inflation
 from driftplan.world.mapfiles import load_world
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -24,6 +25,14 @@ CARPET = OdometryNoise(heading_var_per_m=2e-3)
 seeds = st.integers(0, 2**32 - 1)
 some = settings(max_examples=40, deadline=None)
 few = settings(max_examples=12, deadline=None)  # where every example fills a table for the scalar tests
+
+
+@pytest.fixture(autouse=True, scope="module")
+def asked_often():
+    """Both ways to answer one question at a time are gone, with and without the table of cells."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(inflation, "_FIRST_ASKED", 50)
+        yield
 
 
 def random_world(seed: int, *, zones: int = 0) -> tuple[World, np.random.Generator]:
@@ -133,6 +142,15 @@ def test_moving_the_map_moves_the_answers(seed):
     )
     turn = np.array([-1, 1])
     assert (world.segments_free(a, b) == turned.segments_free(a[:, ::-1] * turn, b[:, ::-1] * turn)).all()
+
+
+def test_the_table_of_cells_is_made_for_those_who_ask_often():
+    world = World.from_polygons([[(4, 0), (6, 0), (6, 7)]], bounds=(0, 0, 10, 10), robot_radius=0.5)
+    for _ in range(inflation._FIRST_ASKED):
+        assert world.point_free(2.0, 2.0)
+    assert "_reach" not in vars(world._inflation)
+    assert world.segment_free(2.0, 2.0, 2.0, 8.0)
+    assert "_reach" in vars(world._inflation)
 
 
 def test_shapes_broadcast():
