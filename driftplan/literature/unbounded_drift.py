@@ -134,13 +134,13 @@ def proposition_2(
     mean, N, e2 = _error_moments(path)
     # μ = E[e | true path] is linear in the true steps: its own second moments
     z, a, c = path.z, path.a, path.c
-    mu_N = _sum(path.square * a**2) + 2 * _pairs(np.conj(z * a), z * a, c).real
-    mu_e2 = _sum(path.square2 * a**2) + 2 * _pairs(z * path.open2 * a, z * a, c)
+    mu_N = (path.square * a**2).sum(-1) + 2 * _pairs(np.conj(z * a), z * a, c).real
+    mu_e2 = (path.square2 * a**2).sum(-1) + 2 * _pairs(z * path.open2 * a, z * a, c)
     return Proposition2(
         bias=as_plane(mean),
         total_cov=as_covariance(mean, N, e2),
         average_true_cov=as_covariance(np.zeros_like(mean), N - mu_N, e2 - mu_e2),
-        measured_path_bias=as_plane(_sum(z * a)),
+        measured_path_bias=as_plane((z * a).sum(-1)),
         table=_table(path),
     )
 
@@ -178,10 +178,10 @@ def _error_moments(path: _Path) -> tuple[Complexes, Floats, Complexes]:
     """E e, E|e|² and E e² at the end of the path."""
     z, a, b, open2, late = path.z, path.a, path.b, path.open2, path.fade * path.c
     weighted = np.conj(z * a)
-    N = 2 * _sum(path.square * a) + 2 * (_pairs(weighted, z, path.fade) + _pairs(weighted, z, late)).real
-    e2 = _sum(path.square2 * (a - b)) + 2 * (_pairs(z * open2 * a, z, path.fade) - _pairs(z * open2 * b, z, late))
-    of_distances = path.distance_var * path.d.shape[-1], path.distance_var * _sum(path.u**2 * path.g * open2)
-    return -_sum(z * path.open1 * a), N + of_distances[0], e2 + of_distances[1]
+    N = 2 * (path.square * a).sum(-1) + 2 * (_pairs(weighted, z, path.fade) + _pairs(weighted, z, late)).real
+    e2 = (path.square2 * (a - b)).sum(-1) + 2 * (_pairs(z * open2 * a, z, path.fade) - _pairs(z * open2 * b, z, late))
+    of_distances = path.distance_var * path.d.shape[-1], path.distance_var * (path.u**2 * path.g * open2).sum(-1)
+    return -(z * path.open1 * a).sum(-1), N + of_distances[0], e2 + of_distances[1]
 
 
 def _table(path: _Path) -> Table:
@@ -194,22 +194,18 @@ def _table(path: _Path) -> Table:
     mixed = path.open2 * left * forward  # E sin T̄ cos T̄
 
     def entries(own: Floats, other: Floats, own2: Floats, other2: Floats) -> tuple[Floats, Floats, Floats]:
-        single = _sum(path.square * (own2 * (a + 0.5 * (a - b)) + other2 * 0.5 * (a + b)))
+        single = (path.square * (own2 * (a + 0.5 * (a - b)) + other2 * 0.5 * (a + b))).sum(-1)
         pairs: Floats = np.zeros(single.shape)
         # k α and k β, split by their power of k; the later heading is written out about the earlier one
         for fade, alpha, beta in ((path.fade, a, 0.0), (path.fade * c, 0.5 * (a - b), 0.5 * (a + b))):
             from_own = own2 * own * alpha + mixed * other * (alpha - beta) + other2 * own * beta
             from_other = own2 * other * alpha - mixed * own * (alpha - beta) + other2 * other * beta
             pairs = pairs + 2 * (_pairs(d * from_own, d * own, fade) + _pairs(d * from_other, d * other, fade))
-        return single, pairs, path.distance_var * _sum(0.5 * (1 + g) * own2 + 0.5 * (a + b) * other2)
+        return single, pairs, path.distance_var * (0.5 * (1 + g) * own2 + 0.5 * (a + b) * other2).sum(-1)
 
     A, B, C = entries(left, forward, mean_left2, mean_forward2)
     D, E, F = entries(forward, left, mean_forward2, mean_left2)
     return Table(A=A, B=B, C=C, D=D, E=E, F=F)
-
-
-def _sum(x: Array) -> Array:
-    return np.asarray(x.sum(axis=-1))
 
 
 def _pairs(earlier: Array, later: Array, fade: float) -> Array:

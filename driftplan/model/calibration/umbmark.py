@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, finite, positive
+from driftplan.arrays import Floats, as_plane, finite, positive
 from driftplan.model.noise import OdometryNoise
 
 
@@ -95,8 +95,7 @@ def _return(side: float, way: int, corner: float, bend: float) -> Floats:
     """Where a robot is that believes it is back: it turns π/2 - ``corner``, its sides bend left by ``bend`` (rad)."""
     turns = np.arange(4) * (way * (np.pi / 2 - corner) + bend)
     sides = side * np.sinc(bend / (2 * np.pi)) * np.exp(1j * (turns + bend / 2))
-    end = sides.sum()
-    return np.array([end.real, end.imag])
+    return as_plane(sides.sum())
 
 
 def _centre(name: str, errors: ArrayLike) -> Floats:
