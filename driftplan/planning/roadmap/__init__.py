@@ -2,7 +2,7 @@
 
 growth                          an anytime search for a robot that reads nothing, in batches
 kept_graph                      a first route, from triangle to triangle; a graph of a world that all queries share
-graph, prices, sampling         nodes and edges; their prices in bulk; where nodes may lie
+graph, prices                   nodes, edges and where nodes may lie; their prices in bulk
 polish                          shortcuts and small moves of waypoints; shortening
 beacon_graph, edge_steps        what driving an edge does to the drift, beacons on the way included
 reset_edges, fused_edges        the errors on the edges by the estimator, and which labels dominate which

@@ -17,11 +17,10 @@ import numpy as np
 from driftplan.arrays import Floats, Ints
 from driftplan.beacons.beacon import Beacon
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.roadmap.graph import Roadmap
+from driftplan.planning.roadmap.graph import FreeSamples, Roadmap, coarse_corners, places_in_range
 from driftplan.planning.roadmap.kept_graph import KeptGraph, channel_route
 from driftplan.planning.roadmap.polish import polished
 from driftplan.planning.roadmap.prices import AdditiveCost, PartOfWorld, Space, exact_drift
-from driftplan.planning.roadmap.sampling import FreeSamples, coarse_corners, places_in_range
 from driftplan.world.world import World
 
 _FIRST_BATCH = 128  # samples; every later batch has twice as many, and all corners come with one of them

@@ -17,9 +17,8 @@ from shapely.geometry import Polygon
 
 from driftplan.arrays import Floats, Ints
 from driftplan.model.noise import OdometryNoise
-from driftplan.planning.roadmap.graph import Roadmap
+from driftplan.planning.roadmap.graph import FreeSamples, Roadmap, coarse_corners
 from driftplan.planning.roadmap.prices import AdditiveCost
-from driftplan.planning.roadmap.sampling import FreeSamples, coarse_corners
 from driftplan.world.world import World
 
 _THINNING_RADII = 0.1  # of the robot, by which a thinned outline may be off: few of the arcs round corners are left
