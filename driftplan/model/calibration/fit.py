@@ -100,7 +100,7 @@ class NoiseFit(Tabular):
     counts: MatchCounts
     time_offsets_s: tuple[float, ...]
     heading_offsets: tuple[float, ...]
-    _solution: Solution = field(repr=False)
+    _fitted: tuple[tuple[str, ...], Floats] = field(repr=False)
     _replicates: Floats = field(repr=False)
     tracks: tuple[tuple[Complexes, Complexes], ...] = ()
     faults: tuple[str, ...] = ()
@@ -119,7 +119,7 @@ class NoiseFit(Tabular):
         As for `fit_noise`; ``options`` are ``use_heading``, ``time_offset_s``, ``heading_offset``, ``max_gap_s``.
         """
         segments, _ = segment_set(drives_of(estimates, truths), lengths_m=lengths_m, **options)
-        there = solution_at(segments, self._solution.names, self._solution.theta)
+        there = solution_at(segments, *self._fitted)
         spread = rms_spread(segments, there, self._replicates, self.confidence, segments.position)
         noise, truth = models(there.names, there.theta)
         return checked(segments, replace(noise, **self.between_drives), truth, spread)
@@ -274,7 +274,7 @@ def fit_noise(
             *drive_notes(segments, solution, std_errors),
             *check.notes,
         ),
-        _solution=solution.estimate_only(),
+        _fitted=(solution.names, solution.theta),
         _replicates=replicates,
     )
 

@@ -75,11 +75,6 @@ class Solution(NamedTuple):
         """Which parameters are variances, (k,)."""
         return np.array([name not in SYSTEMATIC for name in self.names])
 
-    def estimate_only(self) -> Solution:
-        """Without what belongs to single observations."""
-        single = ("score", "root", "d_mean", "d_cov")
-        return self._replace(**{name: getattr(self, name)[:0] for name in single})
-
     def variance_inflation(self) -> dict[str, float]:
         """How many times larger the variance of each estimate is than were the others known; not of those at 0."""
         free = np.flatnonzero(~self.bounded | (self.theta > 0))
