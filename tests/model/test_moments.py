@@ -153,6 +153,7 @@ def test_scan_works_on_batches():
     pieces = realistic(rng, 60)
     batch = Moments(*(x.reshape(3, 20) for x in pieces.arrays()))
     states = scan(batch, identity((3,)))
+    assert_same(states, scan(batch, identity()), rtol=1e-15)  # from one start
     for k in range(3):
         assert_same(states[k], scan(pieces[20 * k : 20 * (k + 1)], identity()), rtol=1e-14)
 
