@@ -223,6 +223,42 @@ def test_groups_caps_and_spacing_are_those_of_brute_force(seed, estimator, make_
     )
 
 
+@pytest.mark.parametrize("estimator", ["reset", "filter"])
+@pytest.mark.parametrize("name", ["tags", "mixed"])
+def test_with_an_uncertain_start_and_a_limit_per_route_the_optimum_is_that_of_brute_force(name, estimator, one_of_them):
+    lost, held = Fix.full(0.0, position_std_m=0.2, heading_std=0.05), 0
+    for seed in range(700, 705):
+        instance = one_of_them(name, seed, sites=(4, 6))
+        asked = {"fixes": [lost], "estimator": estimator}
+        drifts = {
+            subset: [
+                worst_rms(drift_with_beacons(path, instance.noise, instance.named(subset), **asked))
+                for path in instance.paths
+            ]
+            for subset in range(2 ** len(instance.sites))
+        }
+        everywhere = np.array(list(drifts.values()))
+        limits = 0.4 * everywhere.min(axis=0) + 0.6 * everywhere.max(axis=0) + 1e-3  # of each route its own
+        costs = {
+            s: float(sum(instance.cost[i] for i in instance.members(s))) for s in drifts if (drifts[s] <= limits).all()
+        }
+        sites = Sites(points=instance.sites, costs=instance.cost)
+        if not costs:
+            with pytest.raises(InfeasibleError):
+                place_beacons(
+                    None, instance.paths, instance.noise, limits.tolist(), sites, start_fix=lost, estimator=estimator
+                )
+            continue
+        layout = place_beacons(
+            None, instance.paths, instance.noise, limits.tolist(), sites, start_fix=lost, estimator=estimator
+        )
+        assert layout.proven
+        assert layout.cost == min(costs.values())
+        assert costs[sum(1 << i for i, site in enumerate(instance.sites) if site in layout.beacons)] == layout.cost
+        held += layout.cost > 0 and len(instance.paths) > 1
+    assert held >= 1
+
+
 def test_with_redundancy_three_any_two_may_die(one_of_them):
     path = np.array([(0, 0), (30, 0), (30, 12)], dtype=float)
     sites = [Beacon(SIGN, x, 0.5, f"s{x}") for x in range(4, 30, 3)]
