@@ -274,4 +274,4 @@ def _dearer(noise: OdometryNoise, price_per_m: float) -> OdometryNoise:
 
 
 def _dearer_zones(world: World, price_per_m: float) -> tuple[Zone, ...]:
-    return tuple(Zone(zone.polygon, _dearer(zone.noise, price_per_m)) for zone in world.zones)
+    return tuple(replace(zone, noise=_dearer(zone.noise, price_per_m)) for zone in world.zones)

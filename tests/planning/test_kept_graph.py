@@ -54,7 +54,7 @@ def same(one, other):
 
 
 def solved(world, ends, planner=None):
-    """A path of `RoadmapPlanner`, after two batches, and the planner: a new one or one that is cleared."""
+    """A path of `RoadmapPlanner`, after two batches, and the planner: a new one or that which is given."""
     ou.setLogLevel(ou.LOG_NONE)
     space = ob.RealVectorStateSpace(2)
     space.setBounds(0, 16)
@@ -66,7 +66,6 @@ def solved(world, ends, planner=None):
     setup.setStartAndGoalStates(start, goal)
     setup.setOptimizationObjective(DriftObjective(si, NOISE, ends[1]))
     planner = planner or RoadmapPlanner(si, world=world)
-    planner.clear()
     setup.setPlanner(planner)
     enough = ob.PlannerTerminationCondition(lambda: any(q.search.batches >= 2 for q in planner._queries))
     assert setup.solve(enough)
@@ -96,9 +95,12 @@ def test_a_route_is_the_same_on_a_world_that_was_never_asked_and_on_one_that_was
     assert made == [warm, cold]  # nor for zones that a price on length makes worse
 
 
-def test_a_cleared_planner_plans_to_another_goal_what_a_new_one_does_on_the_same_graph(made):
+@pytest.mark.parametrize("clear", ["clear", "clearQuery"])
+def test_a_cleared_planner_plans_to_another_goal_what_a_new_one_does_on_the_same_graph(made, clear):
     world = walled()
     _, planner = solved(world, ENDS)
+    getattr(planner, clear)()
+    assert len(planner.roadmap()[0]) == 0
     other = ENDS[0], (10.5, 1.0)
     again, _ = solved(world, other, planner)
     assert made == [world]

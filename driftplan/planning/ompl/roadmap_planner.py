@@ -95,9 +95,6 @@ class RoadmapPlanner(ob.Planner):
     >>> enough = ob.PlannerTerminationCondition(lambda: len(planner.roadmap()[0]) > 100)
     >>> bool(setup.solve(enough)), setup.getSolutionPath().check()
     (True, True)
-    >>> nodes, edges = planner.roadmap()
-    >>> nodes[:2].tolist(), edges.shape[1]
-    ([[2.0, 2.0], [8.0, 2.0]], 2)
     >>> sign = BeaconKind.landmark(range_m=1.0, position_std_m=0.05, heading_std=0.01)
     >>> planner = RoadmapPlanner(si, objective, world, beacons=[Beacon(sign, 5, 8)], max_drift=0.5, max_nodes=100)
     >>> setup.clear()
