@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -18,6 +19,8 @@ from numpy.typing import NDArray
 
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.many_routes import plan_routes
+from driftplan.planning.roadmap.growth import RoadmapSearch
+from driftplan.planning.roadmap.prices import AdditiveCost
 from driftplan.planning.routes import plan_route
 from driftplan.world.mapfiles import load_world
 from driftplan.world.world import World
@@ -68,9 +71,30 @@ def spent() -> float:
     return times.user + times.system + times.children_user + times.children_system
 
 
+def two_batches(world: World, trips: NDArray[np.float64]) -> list[float]:
+    """Seconds of processor for two batches of a roadmap, of which the graph of the world is the second, for each trip:
+    what `RoadmapPlanner` does for a goal after another, cleared in between."""
+    taken = []
+    for start, goal in trips:
+        began = time.process_time()
+        search = RoadmapSearch(AdditiveCost(world, goal, NOISE), start)
+        search.grow()
+        search.grow()
+        taken.append(time.process_time() - began)
+    return taken
+
+
 def main() -> None:
+    from tests.benchmarks.bench_time_limits import maps, trips_on  # which imports this module
+
     world = load()
     trips = trips_through(world)  # the world is inflated for that
+    for name, small in (*maps(), ("5000 x 5000", world)):
+        small.free_parts  # noqa: B018  # inflated, the others too
+        first, *later = two_batches(small, trips_on(small, COMPARED))
+        print(f"two batches on {name}: {first:.2f} s of processor, then {np.median(later):.3f} s", flush=True)
+    world = replace(world)
+    trips = trips_through(world)
     busy = os.getloadavg()[0]
     began, processor = time.monotonic(), spent()
     routes = plan_routes(world, trips, NOISE)
