@@ -166,26 +166,25 @@ class BeaconColumns(NamedTuple):
         """Where a path (n, 2) passes them."""
         return passes_of(path, self.xy, self.range_m, self.must_see, world, self.views)
 
+    def readings_of_passes(self, path: Floats, passes: Passes) -> tuple[Readings, Ints]:
+        """The readings of passes of a path (n, 2), and the pass of each."""
+        length = passes.leave - passes.enter
+        parts = np.maximum(np.ceil(length / self.reading_spacing_m[passes.beacon] - 1e-6), 1)
+        count = np.where(length < _POINT_M, 1, parts + 1).astype(np.intp)
+        k = np.repeat(np.arange(len(count)), count)
+        step = np.arange(len(k)) - np.repeat(np.cumsum(count) - count, count)
+        beacon = passes.beacon[k]
+        s_m = passes.enter[k] + length[k] * step / np.maximum(count[k] - 1, 1)
+        steps = np.diff(path, axis=0)
+        driven = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
+        distance = np.hypot(*(np.interp(s_m, driven, path[:, axis]) - self.xy[beacon, axis] for axis in (0, 1)))
+        chance = 1 - (1 - self.detection_probability[beacon]) ** (1 / count[k])
+        return readings_from(self, beacon, distance, s_m, chance), k
+
 
 def readings_on(path: Floats, beacons: BeaconColumns, world: World | None) -> Readings:
     """All readings along a path (n, 2), by beacon, in driving order; ``source`` is the beacon."""
-    return readings_of_passes(path, beacons.passes(path, world), beacons)[0]
-
-
-def readings_of_passes(path: Floats, passes: Passes, beacons: BeaconColumns) -> tuple[Readings, Ints]:
-    """The readings of passes of a path (n, 2), and the pass of each."""
-    length = passes.leave - passes.enter
-    parts = np.maximum(np.ceil(length / beacons.reading_spacing_m[passes.beacon] - 1e-6), 1)
-    count = np.where(length < _POINT_M, 1, parts + 1).astype(np.intp)
-    k = np.repeat(np.arange(len(count)), count)
-    step = np.arange(len(k)) - np.repeat(np.cumsum(count) - count, count)
-    beacon = passes.beacon[k]
-    s_m = passes.enter[k] + length[k] * step / np.maximum(count[k] - 1, 1)
-    steps = np.diff(path, axis=0)
-    driven = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
-    distance = np.hypot(*(np.interp(s_m, driven, path[:, axis]) - beacons.xy[beacon, axis] for axis in (0, 1)))
-    chance = 1 - (1 - beacons.detection_probability[beacon]) ** (1 / count[k])
-    return readings_from(beacons, beacon, distance, s_m, chance), k
+    return beacons.readings_of_passes(path, beacons.passes(path, world))[0]
 
 
 def readings_from(beacons: BeaconColumns, beacon: Ints, distance: Floats, s_m: Floats, chance: Floats) -> Readings:

@@ -17,16 +17,7 @@ from driftplan.beacons.beacon import Beacon
 from driftplan.errors import DriftplanError
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Estimator, Fix
-from driftplan.planning.request import (
-    ROADMAP,
-    DriftLimit,
-    Objective,
-    Planner,
-    PlanRequest,
-    Reliance,
-    check_connected,
-    checked_ends,
-)
+from driftplan.planning.request import ROADMAP, DriftLimit, Objective, Planner, PlanRequest, Reliance, checked_ends
 from driftplan.planning.roadmap.growth import KEPT_BATCH, RoadmapSearch
 from driftplan.planning.roadmap.kept_graph import KeptGraph
 from driftplan.planning.roadmap.prices import AdditiveCost, Score, length_of
@@ -89,7 +80,7 @@ def plan_routes(
     """
     ends = [shaped("a trip", trip, (2, 2)) for trip in trips]
     for k, trip in enumerate(ends):
-        _numbered(k, lambda trip=trip: check_connected(world, checked_ends(world, *trip)))  # type: ignore[misc]
+        _numbered(k, lambda trip=trip: checked_ends(world, *trip, connected=True))  # type: ignore[misc]
     reliance = Reliance.of(beacons, max_drift, max_detour, start_fix, estimator)
     asked: dict[str, Any] = {"minimise": minimise, "time_limit": time_limit, "seed": seed}
     asked |= {"noise": noise, "reliance": reliance, "planner": Planner.of(planner)}

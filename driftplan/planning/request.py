@@ -251,8 +251,8 @@ def check_connected(world: World, ends: Floats) -> None:
         )
 
 
-def checked_ends(world: World, start: ArrayLike, goal: ArrayLike) -> Floats:
-    """Start and goal, (2, 2), which must be free."""
+def checked_ends(world: World, start: ArrayLike, goal: ArrayLike, *, connected: bool = False) -> Floats:
+    """Start and goal, (2, 2), which must be free, and joined by free space if that is asked."""
     points = []
     for name, value, error in (("start", start, StartError), ("goal", goal, GoalError)):
         point = np.array(point_of(name, value))
@@ -260,6 +260,8 @@ def checked_ends(world: World, start: ArrayLike, goal: ArrayLike) -> Floats:
             wrong, nearest = blocked_end(world, name, point)
             raise error(f"{wrong}; the nearest free point is {format_point(nearest)}")
         points.append(point)
+    if connected:
+        check_connected(world, np.stack(points))
     return np.stack(points)
 
 

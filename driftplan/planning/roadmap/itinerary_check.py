@@ -12,14 +12,7 @@ import numpy as np
 
 from driftplan.arrays import Floats
 from driftplan.beacons.beacon import Beacon
-from driftplan.beacons.readings import (
-    BeaconColumns,
-    DetectionChance,
-    chances_listed,
-    chances_of_passes,
-    floor_of,
-    readings_of_passes,
-)
+from driftplan.beacons.readings import BeaconColumns, DetectionChance, chances_listed, chances_of_passes, floor_of
 from driftplan.model.drift import Drift, predict_drift
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Readings
@@ -102,7 +95,7 @@ class ItineraryCheck:
     def _readings(self, path: Floats) -> Readings:
         """The readings that count."""
         passes = self._columns.passes(path, self.world)
-        found, of_pass = readings_of_passes(path, passes, self._columns)
+        found, of_pass = self._columns.readings_of_passes(path, passes)
         if self.reliance.min_capture == 0 or not len(found):
             return found
         counted = np.ones(len(passes.beacon), dtype=bool)
