@@ -124,9 +124,11 @@ class RoadmapSearch:
         path = path[np.append(True, (np.diff(path, axis=0) != 0).any(axis=1))]
         self.offer(path)
         if not stop():
-            better = polished(self.pricing, path, self.start_heading, stop)
+            better, late = polished(self.pricing, path, self.start_heading, stop), stop()
+            if late and self._polished is not None:
+                return  # perhaps cut short: a longer search would not come by it
             self.offer(better)
-            if self.path is better and not stop():
+            if self.path is better and not late:
                 self._polished = better
 
     def _consider(self, nodes: Ints, stop: Callable[[], bool]) -> None:

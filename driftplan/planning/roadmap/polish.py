@@ -44,7 +44,8 @@ def polished(
     cost, space = AdditivePathCost(pricing, start_heading), pricing.space
     path = _refined(cost, space, shortcut(pricing, path, start_heading), stop)
     most = cost.price(path) * (1 + _NEEDLESS)
-    return _without_needless(path, space, lambda without: cost.price(without) <= most, stop)
+    # not cut short: else a longer search, which leaves out more waypoints, could be worse by a rounding error
+    return _without_needless(path, space, lambda without: cost.price(without) <= most, lambda: False)
 
 
 def _refined(cost: AdditivePathCost, space: Space, path: Floats, stop: Callable[[], bool]) -> Floats:
