@@ -112,10 +112,9 @@ def _collected(routes: Iterable[Route], count: int, progress: Callable[[int, int
 def _kept_route(request: PlanRequest) -> Route:
     """The best route of the kept graph; where that has none, what `plan_route` finds."""
     world, noise, (start, goal) = request.world, request.noise, request.ends
-    if (start == goal).all():
-        return route_for(request)
     scores: tuple[Score, ...] = ("length",) if request.minimise == "length" else ("length", "drift")
     searches = [RoadmapSearch(AdditiveCost(world, goal, noise, s), start, batch=KEPT_BATCH) for s in scores]
+    searches = searches if (start != goal).any() else []
     for search in searches:
         search.grow()
     paths = [search.path for search in searches if search.path is not None]

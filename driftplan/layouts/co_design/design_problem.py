@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -65,11 +64,8 @@ class DesignProblem:
 
     def beacon_cost(self, beacons: Iterable[Beacon]) -> float:
         """Of sites that are built on."""
-        return sum(self._cost_of[beacon.id] for beacon in beacons)
-
-    @cached_property
-    def _cost_of(self) -> dict[str, float]:
-        return {b.id: cost for b, cost in zip(self.listed.new, self.listed.costs.tolist(), strict=True)}
+        ids, costs = [site.id for site in self.listed.new], self.listed.costs
+        return sum(float(costs[ids.index(beacon.id)]) for beacon in beacons)
 
     def name(self, trip: int) -> str:
         asked = self.trips[trip]

@@ -283,14 +283,12 @@ class RoadmapPlanner(ob.Planner):
         return state[0], state[1], None
 
     def _query(self, target: Target, start: _Pose, goal: _Pose) -> _Query:
-        place = np.array(goal[:2])
         si = self.getSpaceInformation()
         zones = target.zones(self._world)
         box = box_of(si.getStateSpace())
         space: Space = OmplCheckedSpace(si, box) if self._world is None else PartOfWorld(self._world, box, zones)
-        pricing = AdditiveCost(space, place, target.noise, target.minimise)
-        search = self._search(pricing, np.array(start[:2]), start[2])
-        return _Query(search, goal[2])
+        pricing = AdditiveCost(space, np.array(goal[:2]), target.noise, target.minimise)
+        return _Query(self._search(pricing, np.array(start[:2]), start[2]), goal[2])
 
     def _search(
         self, pricing: AdditiveCost, start: Floats, start_heading: float | None
