@@ -51,6 +51,10 @@ def test_only_the_planning_wing_imports_ompl(file):
         assert not [name for name in imported(file) if name.split(".")[0] == "ompl"]
 
 
+def test_no_module_is_longer_than_400_lines():
+    assert [p.name for p in PACKAGE.rglob("*.py") if len(p.read_text().splitlines()) > 400] == []
+
+
 def test_the_oracle_shares_no_formula_with_what_it_checks():
     names = imported(PACKAGE / "model/simulation.py")
     formulas = r"moments|elements|drift$|heading_laws|covariance|filter_state|fusion"
