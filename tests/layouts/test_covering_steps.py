@@ -653,8 +653,22 @@ def test_sites_that_look_best_are_looked_at_closely_at_once_where_the_cost_is_fa
 
     search = told(_tighten=tighten, _round=lambda: search._raise_bound(cost) or True)
     assert search.run(None, False).cost == cost
-    closely = [("_improve_locally", (1, 2), 0.4), ("_reopen", 0.5)]
+    closely = [("_improve_locally", (1, 2), 0.25), ("_reopen", 0.25)]
     assert search.notes[2:-1] == closely * looks + [("_round",)] * (cost > 2.0)
+
+
+def test_they_are_looked_at_again_as_long_as_that_brings_something():
+    def tighten():
+        accepting(search, 9.0)
+        search.core = those(10, 1, 2)
+
+    search = told(
+        _tighten=tighten,
+        _reopen=lambda _: accepting(search, max(search.best_cost - 1.0, 7.0)),
+        _round=lambda: search._raise_bound(7.0) or True,
+    )
+    assert search.run(None, False).cost == 7.0
+    assert search.names()[2:-1] == ["_improve_locally", "_reopen"] * 3 + ["_round"]
 
 
 @pytest.mark.parametrize("size", [4, 5, 6, None])

@@ -33,15 +33,14 @@ from driftplan.layouts.placement.cut_pool import EPS, Cut, CutPool, Oracle
 from driftplan.planning.status import Status
 
 _LONGEST_S = 600.0  # of a search, as far as it is divided into parts
-_PATIENCE = 6  # rounds of the linear relaxation that may pass without raising its bound by a thousandth
-_FRUITLESS = 3  # rounds of cuts that may
+_PATIENCE = 6  # rounds of the linear relaxation that may pass without raising its bound by a thousandth; of cuts half
 _LOCAL_STEPS = 10000  # of a local search without success, or
 _LOCAL_STEPS_PER_SITE = 30  # if that is less
 _SEPARATION_SHARE = 0.5  # of the time, for cuts that a fractional layout violates
 _ROUNDING_SHARE = 0.05  # of the time left, for layouts made from one fractional layout on the way
 _REOPENED = 5  # sites that are chosen anew at a time
 _FAR = 1.1  # times the bound: from there on a local search pays before the master is asked
-_FAR_SHARE = 0.4  # of the time left, for that
+_FAR_SHARE = 0.25  # of the time left, for that, and for reopening, as long as they bring something
 _LOCAL_SHARE = 0.1  # of the time left, for one local search
 _MASTER_SHARE = 0.1  # of the time left, for the master before anything cheaper is tried
 
@@ -109,8 +108,7 @@ def cheapest_cover(
 
 class _CoverSearch:
     best: Bools | None = None
-    best_cost, bound, rounds = inf, 0.0, 0
-    refused = False  # whether the oracle has refused a layout
+    best_cost, bound, rounds, refused = inf, 0.0, 0, False  # whether the oracle has refused a layout
     core: Bools | None = None  # sites that look best: where the master is too hard they are looked at closely, once
 
     def __init__(
@@ -137,9 +135,11 @@ class _CoverSearch:
             self._complete(self.fixed)
         if not (self._closed() or self.impossible or (stop_at_first and self.best is not None)):
             self._tighten()
-        if self.core is not None and not self._closed() and self.best_cost > _FAR * self.bound:
+        cost = inf
+        while self.core is not None and not self._closed() and cost > self.best_cost > _FAR * self.bound:
+            cost = self.best_cost
             self._improve_locally(self.core, _FAR_SHARE)
-            self._reopen(0.5)
+            self._reopen(_FAR_SHARE)
         while not self.impossible and not self._closed():
             if stop_at_first and self.best is not None:
                 return self._result(Status.GOOD_ENOUGH)
@@ -175,7 +175,7 @@ class _CoverSearch:
                 tried = self.bound
                 self._round_up(y, _ROUNDING_SHARE)
             fruitless += 1
-            if self._closed() or fruitless > _FRUITLESS or time.monotonic() > until or not self._separated(y):
+            if self._closed() or fruitless > _PATIENCE // 2 or time.monotonic() > until or not self._separated(y):
                 break
             stale = 0
         if y is None or self.impossible:
