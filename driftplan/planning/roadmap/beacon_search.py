@@ -23,7 +23,7 @@ from driftplan.planning.roadmap.polish import shortened
 from driftplan.planning.roadmap.prices import length_of
 
 _COARSE, _MEDIUM = 0.15, 0.05  # slack of labels as a share of the limit squared: for a path soon; see FINE
-_LABELS_OF_FUSED = 8_000  # about: where a FINE search for a robot with a filter would take more, its slack is greater
+_LABELS_OF_FUSED = 5_000  # about: where a FINE search for a robot with a filter would take more, its slack is greater
 _LABELS_GROW = 1.5  # with the inverse of the slack to this power: as measured with 1000 nodes
 _MAX_LABELS_OF_BISECTION = 8_000  # of a search that need only find any path
 _MAX_LABELS_BY_END = 6_000  # of a search for the least drift at the end, which seldom comes to an end of its own
@@ -115,7 +115,8 @@ class BeaconSearch(BeaconWalks):
         within, arrival = longest, limit
         slack = FINE
         if self.reliance.estimator == "filter":
-            slack = max(FINE, _COARSE * (self.labels_of_latest / _LABELS_OF_FUSED) ** (1 / _LABELS_GROW))
+            coarse, labels = self.latest
+            slack = max(FINE, coarse * (labels / _LABELS_OF_FUSED) ** (1 / _LABELS_GROW))
         if found is not None:  # beacons need not be passed closer by than the drift of such a path asks for
             within, arrival = min(longest, length_of(found)), self.worst(found)
         finer = self.best_walk(limit, within, slack=slack, max_labels=self.max_labels, arrival=arrival)

@@ -61,7 +61,7 @@ class BeaconWalks:
     Attributes
     ----------
     shortest : the shortest path found, drift or not
-    labels, labels_of_latest, max_labels : how many have been kept by all searches, by the latest, and may be by one
+    labels, latest, max_labels : kept by all searches; slack and labels of the latest; how many one may keep
     timed_out : whether ``stop`` cut anything short
     exhausted : whether a search gave up at its greatest number of labels, so that finding nothing proves nothing
     nearest : (place, metres), how near to the goal any label came
@@ -86,7 +86,7 @@ class BeaconWalks:
         self.beacons, self.max_nodes, self.seed = reliance.beacons, max_nodes, seed
         self.stop, self.stop_shortening = stop, stop_shortening or stop
         self.check = ItineraryCheck(world, noise, reliance)
-        self.labels, self.labels_of_latest, self.max_labels = 0, 0, MAX_LABELS
+        self.labels, self.latest, self.max_labels = 0, (FINE, 0), MAX_LABELS
         self.timed_out = self.exhausted = False
         self.known = tuple(known)
         self.shortest = self._grown("length") if shortest is None else shortest
@@ -162,7 +162,7 @@ class BeaconWalks:
         slack_sq = slack * min(limit, self.worst(self.shortest)) ** 2
         granted = {"slack_sq": slack_sq, "share": slack}
         found = best_walk(problem, by_end=by_end, **granted, stop=self.late, max_labels=max_labels)
-        self.labels, self.labels_of_latest = self.labels + found.labels, found.labels
+        self.labels, self.latest = self.labels + found.labels, (slack, found.labels)
         if limit <= _NEARLY * self.reliance.max_drift:  # searches with looser limits say nothing about this one
             self.exhausted |= not found.finished
             self.nearest = min(self.nearest, (graph.xy[found.nearest[0]], found.nearest[1]), key=lambda x: x[1])
