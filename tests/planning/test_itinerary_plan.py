@@ -72,6 +72,27 @@ def test_the_trade_off_is_a_trade_off():
     assert 0 <= knee(found) < len(found)
 
 
+def test_the_trade_off_of_a_robot_with_a_filter_is_scored_by_its_filter():
+    found = pareto_routes(
+        HALL,
+        START,
+        GOAL,
+        NOISE,
+        beacons=SIGNS,
+        max_routes=3,
+        planner=Planner(max_nodes=30),
+        estimator="filter",
+        time_limit=600.0,
+    )
+    scores = np.array([(route.length, route.worst_drift, route.rms) for route in found])
+    assert (np.diff(scores[:, 0]) > 0).all()
+    assert not any((x <= y).all() for i, x in enumerate(scores) for j, y in enumerate(scores) if i != j)
+    for route in found:
+        assert route.drift.is_fused
+        drift = drift_with_beacons(route, NOISE, route.beacons, HALL, estimator="filter")
+        assert route.rms == pytest.approx(float(drift.end.rms), rel=1e-9)
+
+
 def test_non_dominated_is_that_of_the_definition_and_keeps_one_of_equals():
     class Scored:
         def __init__(self, length, worst, end):

@@ -105,6 +105,19 @@ def test_the_shortest_route_within_a_limit_is_that_of_plan_route():
     assert len(planner.roadmap()[0]) > 80
 
 
+def test_for_a_robot_with_a_filter_it_reads_ranges_and_tells_the_drift_of_the_filter():
+    radios = [Beacon(BeaconKind.range_only(range_m=15.0, range_std_m=0.1), x, 25) for x in (15, 45)]
+    setup, si = plane()
+    objective = DriftObjective(si, NOISE, GOAL)
+    setup.setOptimizationObjective(objective)
+    asked = {"beacons": radios, "max_drift": LIMIT, "minimise": "length", **FEW}
+    assert solve(setup, RoadmapPlanner(si, objective, WORLD, estimator="filter", seed=2, **asked))
+    drift = drift_with_beacons(waypoints(setup), NOISE, radios, WORLD, estimator="filter")
+    assert drift.profile(0.05).rms.max() <= LIMIT * (1 + 1e-6) < greatest(waypoints(setup), beacons=[])
+    with pytest.raises(ValueError, match="expected estimator='filter'"):
+        RoadmapPlanner(si, objective, WORLD, **asked)
+
+
 def test_a_drift_objective_asks_for_the_least_drift_at_the_goal_within_a_detour():
     beside, all_count = [Beacon(SIGN, 50, 22)], DriftLimit(min_capture=0.0)
     ends = []
