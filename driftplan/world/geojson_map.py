@@ -24,7 +24,7 @@ from driftplan.arrays import Floats, point_of
 from driftplan.errors import MapError, naming
 from driftplan.files import VERSION, plain_numbers
 from driftplan.model.noise import OdometryNoise
-from driftplan.world.plain_data import read_json
+from driftplan.world.plain_data import json_of, read_json
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
@@ -35,7 +35,9 @@ _NOT_METRES = re.compile(
     r"CRS:?:?8[34]|EPSG:+(?:4326|4258|4269|3857|3395|900913)\b|WGS ?84\b(?! / UTM)|[Mm]ercator|GEOGCS"
 )
 _STRETCHED = re.compile("3857|3395|900913|ercator")
-_PROJECT = "project the map first, say to UTM (ogr2ogr -t_srs EPSG:32632), or give an origin=(lon, lat) (--origin)"
+_PROJECT = (
+    "project the map first, say to UTM (ogr2ogr -t_srs EPSG:32632), or give degrees an origin=(lon, lat) (--origin)"
+)
 _LEAST_EXTENT_M = 0.5  # of a map: no robot drives on less
 _MAX_COORDINATE = 1e9
 _TEXT = json.JSONEncoder(allow_nan=False)
@@ -106,11 +108,11 @@ class Feature(NamedTuple):
 
 
 def read_features(
-    path: Path, kinds: Sequence[str] = KINDS, *, held: Any = None, metres_anyhow: bool = False, origin: Origin = None
+    path: Path, kinds: Sequence[str] = KINDS, *, text: bytes | None = None, metres: bool = False, origin: Origin = None
 ) -> list[Feature]:
-    """The features of a GeoJSON FeatureCollection in metres, degrees about the ``origin``; a file that is none is a
-    `MapError`. ``held`` is what it holds, where that was read already."""
-    held = read_json(path) if held is None else held
+    """The features of a GeoJSON FeatureCollection in metres, as they are whatever ``crs`` is said if ``metres``, else
+    degrees about the ``origin``; a file that is none is a `MapError`. ``text`` is what it holds, if that was read."""
+    held = read_json(path) if text is None else json_of(path, text)
     is_one = isinstance(held, dict) and held.get("type") == "FeatureCollection"
     if not (is_one and isinstance(held.get("features"), list)):
         raise MapError(f"{path}: expected a GeoJSON FeatureCollection with a list of features")
@@ -123,7 +125,7 @@ def read_features(
         said, shape = (part if isinstance(part, dict) else {} for part in map(one.get, ("properties", "geometry")))
         kind = str(shape.get("type"))
         features.append(Feature(where, one.get("id"), said, kind, _shape(where, shape) if kind in kinds else None))
-    if metres_anyhow or "LOCAL_CS" in declared:
+    if metres or "LOCAL_CS" in declared:
         return features
     name, shapes = _NOT_METRES.search(declared), np.array([feature.geometry for feature in features], dtype=object)
     if origin is not None and (name is None or not _STRETCHED.search(name[0])):

@@ -18,7 +18,6 @@ import shapely
 from driftplan.errors import MapError, naming
 from driftplan.files import read_bytes
 from driftplan.world.geojson_map import Feature, area_of, read_features, refuse_tangles
-from driftplan.world.plain_data import json_of
 from driftplan.world.world import World
 
 _MAX_BYTES = 20_000_000
@@ -72,7 +71,7 @@ def _features(path: Path, origin: tuple[float, float]) -> dict[str, list[Feature
                 left -= len(text)
                 if left < 0:
                     raise MapError(f"{path}: expected at most {_MAX_BYTES} bytes unpacked, got more")
-                found[part] = read_features(path, held=json_of(path, text), origin=origin)
+                found[part] = read_features(path, text=text, origin=origin)
     except MapError:
         raise
     except (zipfile.BadZipFile, RuntimeError, ValueError, EOFError, OSError, zlib.error) as err:  # of broken archives

@@ -176,7 +176,7 @@ def _read_nav2(file: Path) -> RouteGraph:
     nodes: dict[int, tuple[float, float]] = {}
     edges: list[tuple[int, int, int]] = []  # id, from, to: ids may occur twice, as in nav2's own files
     metadata = []
-    for where, _, held, kind, place in read_features(file, ("Point",), metres_anyhow=True):
+    for where, _, held, kind, place in read_features(file, ("Point",), metres=True):
         is_node = kind == "Point"  # nav2 looks at no line, and its own files have broken ones
         ids = [held.get(name) for name in (("id",) if is_node else ("id", "startid", "endid"))]
         if (not is_node and kind not in _LINES) or not all(type(number) is int for number in ids):

@@ -91,12 +91,12 @@ class ZoneBoxes:
         ]
 
     def _column(self, x: float) -> int:
-        i = int((x - self._x) * self._per_x)
-        return i if 0 <= i < self._side else 0 if i < 0 else self._side - 1
+        i = (x - self._x) * self._per_x
+        return int(i) if 0 <= i < self._side else self._side - 1 if i > 0 else 0  # of nan, which is in no box, too
 
     def _row(self, y: float) -> int:
-        j = int((y - self._y) * self._per_y)
-        return j if 0 <= j < self._side else 0 if j < 0 else self._side - 1
+        j = (y - self._y) * self._per_y
+        return int(j) if 0 <= j < self._side else self._side - 1 if j > 0 else 0
 
     def _meeting(self, cells: Sequence[Sequence[int]], xmin: float, ymin: float, xmax: float, ymax: float) -> list[int]:
         return [

@@ -96,6 +96,14 @@ def test_what_is_no_archive_is_refused(tmp_path, content, said):
         load_world(tmp_path / "a.imdf", robot_radius=0.2, origin=ORIGIN)
 
 
+@pytest.mark.parametrize("text", ["null", "[]", "0"])
+def test_a_part_that_is_no_geojson_is_refused_as_that(tmp_path, text):
+    with zipfile.ZipFile(venue(tmp_path, left_out=("opening",)), "a") as archive:
+        archive.writestr("venue/opening.geojson", text)
+    with pytest.raises(MapError, match="expected a GeoJSON FeatureCollection with a list of features"):
+        load_world(tmp_path / "venue.zip", robot_radius=0.2, origin=ORIGIN)
+
+
 def test_what_a_venue_lacks_is_named(tmp_path):
     with pytest.raises(MapError, match=r"a file unit\.geojson, got none"):
         load_world(venue(tmp_path, left_out=("unit",)), robot_radius=0.2, origin=ORIGIN)

@@ -40,7 +40,10 @@ WORLDS = {  # share of free ground and what is said, or why it is refused
     "maps/stale_absolute_path.yaml": (0.484, "is not here; grey.pgm beside the map is taken"),
     "geojson/degrees_no_crs.geojson": (MapError, "look like longitudes and latitudes; .*: project the map first"),
     "geojson/metres.geojson": (0.96, ""),
-    "geojson/web_mercator.geojson": (MapError, "EPSG::3857.*; expected metres: project the map first"),
+    "geojson/web_mercator.geojson": (
+        MapError,
+        "EPSG::3857.*; expected metres: project the map first.*, or give degrees an origin",
+    ),
 }
 OTHERS = {
     "zones/ok.yaml": (load_zones, None),

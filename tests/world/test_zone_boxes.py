@@ -64,6 +64,13 @@ def test_few_of_many_zones_are_looked_at():
     assert len(found.on_segment(0.2, 0.2, 99.2, 99.2)) <= 300  # of 10,000
 
 
+@pytest.mark.parametrize("far", [np.nan, np.inf, -np.inf, 1e300])
+def test_what_is_nowhere_is_in_no_box(far):
+    found = ZoneBoxes(np.array([(0.0, 0.0, 1.0, 1.0), (3.0, 3.0, 4.0, 4.0)]))
+    for x, y in ((far, 0.5), (0.5, far), (far, far)):
+        assert found.at_point(x, y) == found.on_segment(x, y, x, y) == found.on_box(x, y, x, y) == []
+
+
 @pytest.mark.parametrize("sides", [3, 8, 100])
 def test_one_motion_at_a_time_gets_the_answer_of_the_bulk(sides):
     rng = np.random.default_rng(sides)

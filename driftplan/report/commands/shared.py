@@ -117,7 +117,6 @@ KIND = Group("the beacons", (
 ))
 
 
-
 def _is_of(kind: str, args: argparse.Namespace) -> bool:
     return bool(args.kind == kind)
 
