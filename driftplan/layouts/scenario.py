@@ -95,9 +95,8 @@ class Scenario:
 
 
 def beacons_in_range(world: World | None, path: Floats, beacons: Sequence[Beacon]) -> list[int]:
-    """The same of a path."""
-    found: list[int] = np.unique(BeaconColumns.of(beacons).passes(path, world).beacon).tolist()
-    return found
+    """Positions of the beacons that a path comes within range of, and in sight where they must be seen."""
+    return list(map(int, np.unique(BeaconColumns.of(beacons).passes(path, world).beacon)))
 
 
 def _routes_of(routes: Any) -> tuple[Floats, ...]:

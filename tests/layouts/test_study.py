@@ -74,6 +74,12 @@ def test_a_mapping_is_refused_in_the_same_words_without_a_line():
         Study.of({**LINE, "noise": {"heading_dg": 1}})
 
 
+@pytest.mark.parametrize("noise", ["", {"from": ""}, {"from": "", "heading_var_per_m": 1e-4}, "nowhere.yaml"])
+def test_a_noise_without_a_name_is_not_taken_for_no_noise(noise):
+    with pytest.raises(StudyError, match=r"noise: expected a noise file or a preset, one of .*; got '"):
+        planned_study({**LINE, "noise": noise})
+
+
 def test_the_sample_names_every_key_and_is_a_study():
     text = SAMPLE.read_text()
     missing = [key for key in study_schema()["properties"] if key not in text and key not in ("confidence", "level")]

@@ -16,6 +16,7 @@ from driftplan.model.simulation import simulate_drift
 from driftplan.planning.bounds import least_length
 from driftplan.planning.comparison import compare_routes
 from driftplan.planning.request import DriftLimit, Planner, Reliance
+from driftplan.planning.roadmap.beacon_search import BeaconSearch
 from driftplan.planning.roadmap.itinerary_check import ItineraryCheck
 from driftplan.planning.routes import Route, plan_route
 from driftplan.world.mapfiles import bundled_map, load_world
@@ -296,6 +297,23 @@ def test_the_least_worst_drift_is_below_that_of_the_shortest_path_and_cannot_be_
     assert found.bound <= found.worst_drift
     with pytest.raises(InfeasibleError):
         planned(HALL, START, GOAL, NOISE, beacons=beacons, max_drift=0.85 * found.worst_drift, max_detour=1.5, **QUICK)
+
+
+def test_shortening_a_path_loses_no_reading_that_its_low_drift_at_the_end_hangs_on():
+    x = [15.44, 10.32, 9.28, 8.84, 5.81, 5.08, 4.2, 2.5, 2.13, 4.01, 5.78, 5.59]  # back from the second sign
+    path = np.column_stack([x, [10.39, 11.58, 10.34, 10.18, 9.03, 8.19, 8.18, 7.99, 8.46, 7.66, 8.53, 1.46]])
+    sign = BeaconKind.landmark(range_m=3.0, position_std_m=0.05, heading_std=0.02)
+    office, signs = (
+        load_world(bundled_map("office"), robot_radius=0.3),
+        (Beacon(sign, 13.52, 9.79), Beacon(sign, 2.13, 10.56)),
+    )
+    noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
+    ends, reliance = path[[0, -1]], Reliance(signs)
+    search = BeaconSearch(office, office, ends, noise, reliance, max_nodes=50, stop=lambda: False, shortest=path)
+    at_end = search.check.verdict(path).end
+    shorter = search.shorter(path, np.inf, at_end)
+    assert length_of(shorter) < length_of(path)
+    assert search.check.verdict(shorter).end <= at_end * (1 + 1e-9)
 
 
 # Oracle: drive it

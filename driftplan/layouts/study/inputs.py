@@ -154,13 +154,13 @@ class Inputs:
         held = {"from": held} if isinstance(held, str) else held
         spread = {key: value for key, value in held.items() if key in _SPREAD}
         rates = {key: value for key, value in held.items() if key not in (*_SPREAD, "from")}
-        noise, name = OdometryNoise(), str(held.get("from", ""))
-        if name and spread:
+        noise, name = OdometryNoise(), held.get("from")
+        if name is not None and spread:
             raise ValueError(f"expected rates beside from, got {next(iter(spread))}")
         if name in PRESETS:
             noise = PRESETS[name].noise
-        elif name:
-            if not self._file(name).exists():
+        elif name is not None:
+            if not (name and self._file(name).exists()):
                 raise ValueError(f"expected a noise file or a preset, one of {', '.join(PRESETS)}; got {name!r}")
             noise = load_noise(self._file(name))
         elif spread:

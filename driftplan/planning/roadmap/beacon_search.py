@@ -112,8 +112,7 @@ class BeaconSearch(BeaconWalks):
     def _short_within(self, limit: float, longest: float, *, soon: bool = True) -> Floats | None:
         """A short path that keeps the limit; ``soon`` where there probably is one."""
         found = self.best_walk(limit, longest, slack=_COARSE, max_labels=self.max_labels) if soon else None
-        within, arrival = longest, limit
-        slack = FINE
+        within, arrival, slack = longest, limit, FINE
         if self.reliance.estimator == "filter":
             coarse, labels = self.latest
             slack = max(FINE, coarse * (labels / _LABELS_OF_FUSED) ** (1 / _LABELS_GROW))
@@ -208,7 +207,9 @@ class BeaconSearch(BeaconWalks):
         cautious = self.check.relying(beacons=nearer, min_capture=0.0)  # passes well within range are captured
         for check in (cautious, self.check):
             trial = self._shorter_while(check, path, limit, most_at_end)
-            path = trial if trial is path or self.check.verdict(trial, limit).worst <= limit else path
+            verdict = self.check.verdict(trial, limit)
+            if verdict.worst <= limit and verdict.end <= most_at_end * (1 + ROUNDING):
+                path = trial
         return path
 
     def _shorter_while(self, check: ItineraryCheck, path: Floats, limit: float, most_at_end: float) -> Floats:
