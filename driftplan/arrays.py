@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from math import inf, isfinite
 from reprlib import repr as short
@@ -87,6 +87,13 @@ def instance(name: str, value: object, *classes: type) -> None:
     if not isinstance(value, classes):
         wanted = " or ".join(c.__name__ for c in classes)
         raise ArgumentError(f"expected {name} to be a{'n' * (wanted[0] in 'AEIOU')} {wanted}, got {short(value)}")
+
+
+def listener(name: str, value: Any, given: str) -> Callable[..., Any]:
+    """What is called with news; for None, what does nothing."""
+    if not callable(value) and value is not None:
+        raise ArgumentError(f"expected {name} to be called {given}, got {short(value)}: give a function, or None")
+    return (lambda *_: None) if value is None else value
 
 
 def whole(name: str, value: object, *, least: int) -> int:

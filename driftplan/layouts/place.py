@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from driftplan.arrays import Bools, seconds, whole
+from driftplan.arrays import Bools, listener, seconds, whole
 from driftplan.beacons.beacon import BeaconKind
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.layout import Layout
@@ -122,13 +122,12 @@ def place_at(
 ) -> Layout:
     """`place_beacons`, ``began`` then by the monotonic clock, at stations that several placements may share."""
     problem = placement_problem(scenario, sites, max_beacons=max_beacons, budget=budget)
-
-    tell = progress and (lambda _, cost, bound: progress(time.monotonic() - began, cost, bound))
+    told = listener("progress", progress, "with seconds, the cost of the best layout and the lower bound")
     limits = None if asked.max_drift is None else asked.per_route(len(scenario.routes))
     if limits is None and max_beacons is None and budget is None:
-        wanted = "max_drift, or max_beacons or budget for the least drift within them"
-        raise ValueError(f"expected a limit: {wanted}, got none")
-    search = LimitSearch.of(problem, min(limits) if limits else None, _deadline(began, time_limit, scenario), tell)
+        raise ValueError("expected a limit: max_drift, or max_beacons or budget for the least drift, got none")
+    tell, deadline = lambda _, *found: told(time.monotonic() - began, *found), _deadline(began, time_limit, scenario)
+    search = LimitSearch.of(problem, min(limits) if limits else None, deadline, tell)
     return _least_drift(search, drift_tolerance, began) if limits is None else _cheapest(search, limits, began)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, shaped, whole
+from driftplan.arrays import Floats, listener, shaped, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import DriftplanError
 from driftplan.model.noise import OdometryNoise
@@ -78,6 +78,7 @@ def plan_routes(
     >>> 13 < there.length < 14.5, 13 < back.length < 14.5
     (True, True)
     """
+    told = listener("progress", progress, "with the number of trips done and that of all")
     ends = [shaped("a trip", trip, (2, 2)) for trip in trips]
     for k, trip in enumerate(ends):
         _numbered(k, lambda trip=trip: checked_ends(world, *trip, connected=True))  # type: ignore[misc]
@@ -91,21 +92,20 @@ def plan_routes(
     plan = partial(_planned, partial(PlanRequest, world, **asked), _kept_route if plain else route_for)
     workers = min(os.cpu_count() or 1 if workers is None else whole("workers", workers, least=1), max(len(ends), 1))
     if workers == 1:
-        return _collected(map(plan, range(len(ends)), ends), len(ends), progress)
+        return _collected(map(plan, range(len(ends)), ends), len(ends), told)
     with ProcessPoolExecutor(workers, initializer=_take, initargs=(plan,)) as pool:
         try:
-            return _collected(pool.map(_taken, range(len(ends)), ends), len(ends), progress)
+            return _collected(pool.map(_taken, range(len(ends)), ends), len(ends), told)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
-def _collected(routes: Iterable[Route], count: int, progress: Callable[[int, int], None] | None) -> tuple[Route, ...]:
+def _collected(routes: Iterable[Route], count: int, told: Callable[[int, int], None]) -> tuple[Route, ...]:
     found = []
     for route in routes:
         found.append(route)
-        if progress is not None:
-            progress(len(found), count)
+        told(len(found), count)
     return tuple(found)
 
 

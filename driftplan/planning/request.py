@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, choice, finite, instance, number, point_of, positive, whole
+from driftplan.arrays import Floats, choice, finite, instance, listener, number, point_of, positive, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.beacons.readings import waypoints_of
 from driftplan.errors import GoalError, NoPathError, PlannerError, StartError
@@ -197,8 +197,7 @@ class PlanRequest:
             raise ValueError(f"expected seed a whole number >= 0 and < {_SEEDS}, got {self.seed!r}")
         if self.time_limit is not None:
             positive("time_limit", self.time_limit)
-        if self.until is not None and not callable(self.until):
-            raise ValueError(f"expected until to be called without arguments, got {self.until!r}")
+        listener("until", self.until, "without arguments")
         if self.minimise == "length" and not self.needs_labels and self.reliance.max_detour is not None:
             raise ValueError(f"expected no max_detour with minimise='length', got {self.reliance.max_detour!r}")
         if self.needs_labels:

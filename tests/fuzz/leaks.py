@@ -6,6 +6,7 @@ share, so that what is kept with a world is noticed too. The first twentieth is 
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import multiprocessing
 import os
@@ -81,8 +82,10 @@ KINDS: dict[str, Callable[[int, np.random.Generator], None]] = {"plan": plan, "p
 
 
 def held() -> tuple[float, int, int]:
-    """Memory in megabytes; open files; threads and child processes."""
+    """Memory in megabytes; open files; threads and child processes. What is free already goes back to the system: one
+    call that needs much leaves gaps that are nothing kept."""
     gc.collect()
+    ctypes.CDLL(None).malloc_trim(0)
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     tasks = threading.active_count() + len(multiprocessing.active_children())
     return pages * resource.getpagesize() / 2**20, len(os.listdir("/proc/self/fd")), tasks

@@ -235,7 +235,8 @@ def test_choosing_a_few_sites_anew_at_a_time_leads_to_the_optimum_of_short_rows(
     demands = [oracle.row(i) for i in range(len(oracle.least))]
     fixed = np.zeros(len(cost), dtype=bool)
     fixed[0] = True
-    search = _CoverSearch(cost, oracle, CutPool(len(cost), demands), CutPool(len(cost), []), fixed, None, 60.0, None)
+    rows, caps = CutPool(len(cost), demands), CutPool(len(cost), [])
+    search = _CoverSearch(cost, oracle, rows, caps, fixed, None, 60.0, lambda *_: None)
     search._complete(fixed)
     search._reopen(1.0)
     assert search.best[0]

@@ -75,7 +75,7 @@ def odd_ring(n, cost=None):
     return Rows(matrix, np.ones(n)), np.ones(n) if cost is None else cost
 
 
-def search_of(cost, oracle, *, known=None, caps=(), fixed=(), separate=None, limit=100.0, progress=None):
+def search_of(cost, oracle, *, known=None, caps=(), fixed=(), separate=None, limit=100.0, progress=lambda *_: None):
     """A search that knows the rows ``known`` (all: None) of its oracle."""
     mask = np.zeros(len(cost), dtype=bool)
     mask[list(fixed)] = True
@@ -609,7 +609,7 @@ def told(n=10, fixed=(), limit=100.0, **effects):
     oracle, cost = odd_ring(n)
     mask = np.zeros(n, dtype=bool)
     mask[list(fixed)] = True
-    search = Told(cost, oracle, CutPool(n, []), CutPool(n, []), mask, None, limit, None)
+    search = Told(cost, oracle, CutPool(n, []), CutPool(n, []), mask, None, limit, lambda *_: None)
     search.relaxation.optimum = lambda *_, whole: Solution(None, 2.0, True)
     return search.follow(**effects)
 
@@ -740,7 +740,8 @@ def fractions(bounds, limit=100.0, **told):
     cost = np.array([1.5, 1.3, 1.1])
     oracle = Rows(np.ones((1, 3), dtype=int), np.ones(1))
     none = np.zeros(3, dtype=bool)
-    return Fractions(cost, oracle, CutPool(3, []), CutPool(3, []), none, None, limit, None).follow(bounds, **told)
+    search = Fractions(cost, oracle, CutPool(3, []), CutPool(3, []), none, None, limit, lambda *_: None)
+    return search.follow(bounds, **told)
 
 
 @pytest.mark.parametrize(

@@ -386,6 +386,11 @@ def test_every_set_that_holds_weighs_one_in_a_weighted_cut_and_the_layout_asked_
                         assert found[r, end].columns.tolist() == sites
                         assert found[r, end].weights.tolist() == [weight[s] for s in sites]
                         assert found[r, end].least == least
+                    if have := sum(y[s] * weight[s] for s in sites):  # a thousandth of 1 is not worth a cut
+                        for missed in (3e-3, 9e-3):
+                            scaled = y * (least - missed) / have
+                            again = {cut.where for cut in weighted.beyond(replace(stretches), scaled)}
+                            assert ((r, end) in again) == (missed > 6e-3)
 
 
 def test_a_site_weighs_less_where_its_partners_are_chosen_less():
@@ -397,6 +402,14 @@ def test_a_site_weighs_less_where_its_partners_are_chosen_less():
     assert both.weights(0, np.array([0.1, 0.6, 0.1])).tolist() == [4.0, 2.0, 4.0]
     assert both.weights(0, np.array([0.1, 0.0, 0.1])).tolist() == [2.0, 4.0, 2.0]
     assert both.weights(0, np.zeros(3)).tolist() == [3.0, 3.0, 3.0]
+    four, pairs = np.ones((4, 1), dtype=bool), np.array([(0, 1), (1, 2), (2, 3)])
+    row = Stretches(0, np.array([9]), np.arange(4), np.zeros((4, 1), int), four, ~four, four[:, 0], pairs, four[:3])
+    assert row.weights(0, np.array([0.3, 0.2, 0.25, 0.1])).tolist() == [
+        2.0,
+        4.0,
+        2.0,
+        4.0,
+    ]
     untried = replace(both, tried=np.array([True, False, True]))
     assert untried.weights(0, np.array([0.0, 0.5, 0.0])).tolist() == [3.0, 3.0, 3.0]
     assert untried.weights(0, np.array([0.2, 0.1, 0.2])).tolist() == [2.0, 4.0, 2.0]

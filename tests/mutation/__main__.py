@@ -37,6 +37,7 @@ CORE = {  # module: the tests that should notice, the quickest first
     "model.drive": "model/test_drive.py model/test_fixes.py model/test_filter_drift.py",
     "model.worst": "model/test_worst.py model/test_filter_drift.py",
     "planning.cost": "planning/test_cost.py",
+    "planning.roadmap.fused_edges": "planning/test_itinerary_labels.py",
     "beacons.passes": "beacons/test_passes.py beacons/test_views.py beacons/test_beacon.py",
     "beacons.readings": "beacons/test_readings.py beacons/test_beacon.py beacons/test_views.py",
     "layouts.placement.covering": "layouts/test_covering_steps.py layouts/test_covering.py",

@@ -218,6 +218,12 @@ def test_published_values_of_the_bracket():
     np.testing.assert_allclose(bracket(std), expected, atol=6e-6)
 
 
+@pytest.mark.parametrize("std", [[0.1, np.nan], [np.inf, 0.1], [0.1, -0.1], np.nan, -1.0])
+def test_no_bracket_of_what_is_no_standard_deviation(std):
+    with pytest.raises(ValueError, match="expected heading_std_end >= 0 and finite"):
+        bracket(std)
+
+
 @given(st.floats(0, 30))
 def test_the_bracket_lies_between_the_simple_bound_and_one(std):
     # For std of 30 the simple bound underflows the last digit of cos², which is 1e-16 of 1.

@@ -9,6 +9,7 @@ import pytest
 
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.beacons.readings import drift_with_beacons
+from driftplan.model.filter_state import FilterState, Row
 from driftplan.model.noise import OdometryNoise
 from driftplan.model.readings import Fix
 from driftplan.planning.roadmap import label_search
@@ -130,6 +131,30 @@ def test_an_edge_does_to_the_drift_what_the_exact_model_says(estimator, noise, k
     assert end == pytest.approx(float(drift.end.rms) ** 2, rel=1e-6)  # readings are placed to the micrometre
     borders = np.flatnonzero(np.isin(drift.profile(100.0).distance, drift.distance))
     assert worst >= drift.profile(100.0).moments.N.real[borders].max() * (1 - 1e-6)
+
+
+@pytest.mark.parametrize("probability", [0.6, 1.0])
+@pytest.mark.parametrize("noise", [NOISE, VARYING])
+@pytest.mark.parametrize("last", [18.0, 21.0], ids=["last read before the end", "and at it"])
+def test_a_robot_with_a_filter_drifts_most_on_arrival_at_a_reading_or_at_the_end(probability, noise, last):
+    unsure, xy = replace(TAG, detection_probability=probability), np.array([(0, 0), (20, 0), (30, 0)], dtype=float)
+    beacons = [Beacon(unsure, 4.0, 1.0), Beacon(TAG, 8.0, 1.0), Beacon(unsure, 9.9, 0.5), Beacon(TAG, last, 0.5)]
+    graph = BeaconGraph.of(xy, np.array([(0, 1), (1, 2)]), noise, beacons, None, "filter")
+    errors = graph.errors
+    state = FilterState.from_matrix(errors.at_start(None).reshape(errors.size, errors.size))
+    for nodes in ((0, 1), (1, 0)):
+        edge = int(np.flatnonzero((graph.tail == nodes[0]) & (graph.head == nodes[1]))[0])
+        now, most = state, 0.0
+        for step in np.flatnonzero(errors.steps.edge == edge):  # one by one
+            now = FilterState.from_matrix(errors.run[step](now.matrix))
+            most = max(most, float(now.trace))
+            measured = zip(errors.coefficients[step], errors.variance[step], strict=True)
+            rows = [Row(tuple(c), v) for c, v in measured if np.isfinite(v)]
+            now = now.read(rows, errors.steps.chance[step]) if rows else now
+        worst, x = walk_states(graph, nodes)
+        np.testing.assert_allclose(x.reshape(now.matrix.shape), now.matrix, rtol=1e-9, atol=1e-15)
+        assert worst == pytest.approx(most, rel=1e-9)
+        assert most > 1.2 * float(now.trace)
 
 
 @pytest.mark.parametrize("kind", [TAG, SIGN, replace(RADIO, range_m=4.0), replace(RADIO, reading_spacing_m=1.0)])

@@ -44,6 +44,15 @@ WRONG_OBJECTS = {
     "graph to be a RouteGraph, got None": lambda: d.graph_lif(None),
     "routes to be Route objects or Drift objects, got .*5": lambda: d.plot_comparison(None, {"a": PATH}),
     "line_of_sight": lambda: d.BeaconKind.rfid(1.5, 0.1, line_of_sight="no"),
+    "until to be called without arguments, got 3": lambda: d.plan_route(WORLD, *ENDS, NOISE, until=3),
+    "progress to be called with seconds, the cost": lambda: d.place_beacons(
+        WORLD, [PATH], NOISE, 1.0, TAG, progress=np.zeros((3, 2))
+    ),
+    "progress to be called with seconds and cost, got .*": lambda: d.co_design(
+        WORLD, [ENDS], NOISE, 1.0, TAG, price_per_m=1.0, progress=np.zeros((3, 2))
+    ),
+    "progress to be called with the number": lambda: d.plan_routes(WORLD, [ENDS], NOISE, progress=[]),
+    "progress to be called with cells": lambda: d.run_study({}, progress="x"),
 }
 WRONG_VALUES = {
     "time_limit no greater than": lambda: d.beacon_tradeoff(WORLD, [PATH], NOISE, TAG, time_limit=10**200),

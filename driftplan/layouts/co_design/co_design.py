@@ -25,7 +25,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from driftplan.arrays import Floats, positive, whole
+from driftplan.arrays import Floats, listener, positive, whole
 from driftplan.beacons.beacon import Beacon, BeaconKind
 from driftplan.errors import InfeasibleError
 from driftplan.layouts.co_design.design import CoDesign, Design, Trip, trips_of
@@ -106,16 +106,13 @@ def co_design(
     >>> len(found.baseline.beacons), len(found.beacons), found.gain > 50
     (2, 1, True)
     """
-    began = time.monotonic()
+    began, told = time.monotonic(), listener("progress", progress, "with seconds and cost")
     asked, allowed, driven = DriftLimit.of(limit), Sites.of(sites), trips_of(trips)
     if asked.max_drift is None:
         raise ValueError(f"expected a limit on the drift, got {asked}")
     limits_m = asked.per_route(len(driven))
-    strictest = replace(asked, max_drift=min(limits_m))
-    reliance = Reliance.of(allowed.existing, strictest, max_detour, start_fix, estimator)
+    reliance = Reliance.of(allowed.existing, replace(asked, max_drift=min(limits_m)), max_detour, start_fix, estimator)
     check_continuous(noises_on(world, noise))
-    whole("max_nodes", max_nodes, least=10)
-    whole("seed", seed, least=0)
     whole("rounds", rounds, least=0)
     listed = allowed.listed(world)
     if not listed.new:
@@ -130,21 +127,21 @@ def co_design(
         sites=allowed,
         listed=listed,
         price_per_m=positive("price_per_m", price_per_m),
-        max_nodes=max_nodes,
-        seed=seed,
+        max_nodes=whole("max_nodes", max_nodes, least=10),
+        seed=whole("seed", seed, least=0),
         deadline=began + positive("time_limit", time_limit),
         place_s=max(_PLACE_TIME_SHARE * time_limit, 1.0),
     )
     problem.shortest = [problem.shortest_path(k) for k in range(len(driven))]
     problem.longest_m = [max_detour * length_of(path) * (1 + ROUNDING) for path in problem.shortest]
-    return _DesignSearch(problem, began, progress).run(rounds)
+    return _DesignSearch(problem, began, told).run(rounds)
 
 
 class _DesignSearch:
     """Alternation with restarts; the best design so far."""
 
-    def __init__(self, problem: DesignProblem, began: float, progress: Callable[[float, float], None] | None) -> None:
-        self.problem, self.began, self.progress = problem, began, progress
+    def __init__(self, problem: DesignProblem, began: float, told: Callable[[float, float], None]) -> None:
+        self.problem, self.began, self.told = problem, began, told
         self.baseline: Design | None = None
         self.best: Design | None = None
         self.history: list[float] = []
@@ -308,5 +305,4 @@ class _DesignSearch:
             return
         self.best = design
         self.history.append(design.cost)
-        if self.progress is not None:
-            self.progress(time.monotonic() - self.began, design.cost)
+        self.told(time.monotonic() - self.began, design.cost)

@@ -73,7 +73,7 @@ def cheapest_cover(
     separate: Separator | None = None,
     stop_at_first: bool = False,
     time_limit: float = inf,
-    progress: Progress | None = None,
+    progress: Progress = lambda *_: None,
 ) -> Cover:
     """The cheapest acceptable layout; see the module's docstring.
 
@@ -113,7 +113,7 @@ class _CoverSearch:
 
     def __init__(
         self, cost: Floats, oracle: Oracle, rows: CutPool, caps: CutPool, fixed: Bools, separate: Separator | None,
-        time_limit: float, progress: Progress | None,
+        time_limit: float, progress: Progress,
     ):  # fmt: skip
         self.cost, self.oracle, self.separate, self.progress = cost, oracle, separate, progress
         self.n, self.fixed, self.rows, self.caps = len(cost), fixed, rows, caps
@@ -300,8 +300,7 @@ class _CoverSearch:
             self._report()
 
     def _report(self) -> None:
-        if self.progress is not None:
-            self.progress(time.monotonic() - self.began, self.best_cost, min(self.bound, self.best_cost))
+        self.progress(time.monotonic() - self.began, self.best_cost, min(self.bound, self.best_cost))
 
     def _judge(self, chosen: Bools) -> Sequence[Cut]:
         """The oracle's cuts, remembered."""

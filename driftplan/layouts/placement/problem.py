@@ -154,16 +154,16 @@ class LimitSearch:
     problem: PlacementProblem
     routes: RouteTable | tuple[FusedRoute, ...]  # the latter for a robot that fuses its readings
     deadline: float  # when to stop, by the monotonic clock
-    progress: Progress | None = None  # called with seconds, cost and lower bound of the cover that is being looked for
+    progress: Progress  # called with seconds, cost and lower bound of the cover that is being looked for
 
     @classmethod
     def of(
-        cls, problem: PlacementProblem, least_limit_m: float | None, deadline: float, progress: Progress | None = None
+        cls, problem: PlacementProblem, limit_m: float | None, deadline: float, progress: Progress = lambda *_: None
     ) -> LimitSearch:
         """On tables for the smallest limit that will be asked for (None: the smallest worth asking for)."""
-        if problem.scenario.estimator == "filter":
-            return cls(problem, problem.stations.fused_routes(problem.scenario), deadline, progress)
-        limit_m, scenario = least_limit_m, problem.scenario
+        scenario = problem.scenario
+        if scenario.estimator == "filter":
+            return cls(problem, problem.stations.fused_routes(scenario), deadline, progress)
         if limit_m is None:  # no beacon is better than its own accuracy
             bare = max(scenario.worst(scenario.drift(r, problem.existing)) for r in range(len(scenario.routes)))
             stds = [b.kind.position_std_m or 0.0 for b in problem.sites]

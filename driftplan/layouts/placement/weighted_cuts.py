@@ -56,7 +56,7 @@ class Stretches:
         cover[heads] = 1
         for v in np.argsort(-share, kind="stable").tolist():
             mine, free = partners[v], self.tried[v] and cover[v] == 1
-            if free and cover[mine].min(initial=2) > 0 and share[mine[cover[mine] == 1]].sum() < share[v]:
+            if free and share[mine[cover[mine] == 1]].sum() < share[v]:
                 cover[v], cover[mine] = 0, 2
         return np.asarray(np.where(self.alone[:, e], _SIX, 2.0 + cover) * self.inside[:, e])
 

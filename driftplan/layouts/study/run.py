@@ -18,7 +18,7 @@ from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any, Literal
 
-from driftplan.arrays import whole
+from driftplan.arrays import listener, whole
 from driftplan.beacons.beacon import Beacon
 from driftplan.errors import StudyError
 from driftplan.layouts.study.executors import Done, here, in_processes, on_cluster
@@ -127,6 +127,7 @@ def run_study(
     >>> [row["beacons"] for row in run_study(study).to_dicts()]
     [2, 1]
     """
+    told = listener("progress", progress, "with cells done, their number, and seconds left")
     asked = planned_study(study, results)
     path = results_file(asked.study, results)
     with appending(path) as append:
@@ -138,9 +139,8 @@ def run_study(
         for count, (task, row) in enumerate(done, start=1):
             append(row)
             rows[task.key] = row
-            if progress is not None:
-                left = (time.monotonic() - began) / count * (len(todo) - count)
-                progress(len(asked.tasks) - len(todo) + count, len(asked.tasks), left)
+            left = (time.monotonic() - began) / count * (len(todo) - count)
+            told(len(asked.tasks) - len(todo) + count, len(asked.tasks), left)
     return StudyResult(asked.study, asked.cells, asked.tasks, rows, asked.inputs)
 
 
