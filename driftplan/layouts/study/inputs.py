@@ -154,17 +154,18 @@ class Inputs:
         held = {"from": held} if isinstance(held, str) else held
         spread = {key: value for key, value in held.items() if key in _SPREAD}
         rates = {key: value for key, value in held.items() if key not in (*_SPREAD, "from")}
-        noise, name = OdometryNoise(), held.get("from")
-        if name is not None and spread:
-            raise ValueError(f"expected rates beside from, got {next(iter(spread))}")
-        if name in PRESETS:
-            noise = PRESETS[name].noise
-        elif name is not None:
-            if not (name and self._file(name).exists()):
-                raise ValueError(f"expected a noise file or a preset, one of {', '.join(PRESETS)}; got {name!r}")
-            noise = load_noise(self._file(name))
+        name = held.get("from")
+        if name is None:
+            straight = {"heading_deg": 0.0, "distance_m": 0.0, "after_m": 10.0, **spread}
+            noise = OdometryNoise.from_std(**straight) if spread else OdometryNoise()
         elif spread:
-            noise = OdometryNoise.from_std(**{"heading_deg": 0.0, "distance_m": 0.0, "after_m": 10.0, **spread})
+            raise ValueError(f"expected rates beside from, got {next(iter(spread))}")
+        elif name in PRESETS:
+            noise = PRESETS[name].noise
+        elif name and self._file(name).exists():
+            noise = load_noise(self._file(name))
+        else:
+            raise ValueError(f"expected a noise file or a preset, one of {', '.join(PRESETS)}; got {name!r}")
         return replace(noise, **rates)
 
     def _trips(self, scenario: Values) -> Trips:
