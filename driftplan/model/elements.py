@@ -124,9 +124,8 @@ def _stretch(length: Array, curvature: Array, noise: OdometryNoise, *, speed: fl
         mu: Array = -heading_rate / 2 + (1j * bias_rate if biased else 0.0)
         gamma: Array = np.asarray(speed * noise.distance_scale_error + (0.5j * covariance if correlated else 0.0))
         bend = np.asarray(1j * curvature * h) if turning else np.zeros(())
-        sums = (
-            reduce(np.add, reversed(c)) for c in _taylor(h, bend, speed, mu, gamma, along, across)
-        )  # smallest first
+        series = _taylor(h, bend, speed, mu, gamma, along, across)
+        sums = (reduce(np.add, reversed(terms)) for terms in series)  # the smallest first
         piece = Moments(np.exp(bend), speed * h * _phi(bend) if turning else speed * h, *sums)
     whole = doubled(piece, halvings)
     if not turning:
@@ -214,10 +213,8 @@ def _step(turn: Array, length: Array, noise: OdometryNoise, *, speed: float) -> 
     share = noise.heading_distance_corr
     slope = share * np.sqrt(distance_var / np.maximum(heading_var, 1e-300)) if share else np.zeros(())
     rest_var = distance_var - slope**2 * heading_var
-    errors = step_errors(
-        *(noise.heading_law, heading_var, heading_mean, noise.distance_scale_error * length),
-        *(rest_var + lateral_var, rest_var - lateral_var, slope),
-    )
+    mean, square, skew = noise.distance_scale_error * length, rest_var + lateral_var, rest_var - lateral_var
+    errors = step_errors(noise.heading_law, heading_var, heading_mean, mean, square, skew, slope)
     turning = turn.any()
     u = np.exp(1j * turn) if turning else np.ones(turn.shape)
     p = length * _phi(1j * turn) if turning and speed else length

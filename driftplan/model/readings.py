@@ -301,13 +301,11 @@ class Resets(Columns):
         >>> tag.resets()[0].apply(identity()).N.round(3).item()
         0.02
         """
-        e1, keep = before.e1, self.keep_heading
-        d1, d2, D = keep * before.d1 + self.d1, keep * before.d2 + self.d2, keep * before.D - 2 * self.d1
+        e1, turn, place = before.e1, self.keep_heading, self.keep_position
+        d1, d2, D = turn * before.d1 + self.d1, turn * before.d2 + self.d2, turn * before.D - 2 * self.d1
         a, b = self.keep_cross * before.a + self.lever * e1, self.keep_cross * before.b + self.lever * e1
-        keep = self.keep_position
-        return Moments(
-            before.u, before.p, d1, d2, D, keep * e1, keep * before.N + self.N, keep * before.e2 + self.e2, a, b
-        )
+        N, e2 = place * before.N + self.N, place * before.e2 + self.e2
+        return Moments(before.u, before.p, d1, d2, D, place * e1, N, e2, a, b)
 
 
 def start_errors(start_fix: Fix | None) -> Moments:

@@ -144,7 +144,7 @@ def _of_messages(messages: Iterable[Any], kind: str, frames: str, where: str) ->
         raise TrajectoryError(f"{where} holds no message")
     if frames not in rows and (frames or len(rows) != 1):
         raise TrajectoryError(f"{where}: say which frames to read, after a blank; it holds {', '.join(sorted(rows))}")
-    return _table(np.array(rows[frames or next(iter(rows))]), _PLACED * bool(pose) + _MOVING * bool(twist))
+    return _table(np.array(rows[frames or next(iter(rows))]), (*(_PLACED if pose else ()), *(_MOVING if twist else ())))
 
 
 # endings of the name, words of which one begins a line, reader

@@ -204,7 +204,7 @@ def _with_names(table: Table, columns: Sequence[str] | None, rate_hz: float) -> 
         return _kitti(table, rate_hz)
     names = _ROS2_ECHO.get((width + len(table.text), table.text)) or _NAMELESS.get(width)
     if names is None:
-        what = f"{width} columns{' named ' * bool(table.names)}{' '.join(table.names or ())}"
+        what = f"{width} columns" + (f" named {' '.join(table.names)}" if table.names else "")
         raise ValueError(f"{what} do not say what they are (known: 3, 4, 8 (TUM), 12 or 13 (KITTI)): name them")
     rest = tuple(f"unnamed_{k}" for k in range(width - len(names)))
     return table._replace(names=(*names, *rest), units=None)

@@ -45,7 +45,8 @@ class Option(NamedTuple):
     def add_to(self, parser: argparse._ActionsContainer, *, positional: bool = False) -> None:
         """Tell argparse."""
         shown = f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
-        help_text = self.help + f" (default: {shown})" * (self.default is not None and "default" not in self.help)
+        known = self.default is not None and "default" not in self.help
+        help_text = self.help + (f" (default: {shown})" if known else "")
         if positional:
             parser.add_argument(self.name, metavar=self.unit, type=self.type, help=help_text, **self.how)
         elif not self.unit and not self.choices:
