@@ -185,7 +185,8 @@ def _simulated(scenario: Scenario, beacons: tuple[Beacon, ...], drives: int, see
         rms.append((predicted, float(square.mean()) ** 0.5))
     worst = int(np.argmax(np.abs(zs)))
     return {
-        **dict(zip(("predicted_rms_m", "observed_rms_m"), rms[worst], strict=True)),
+        "predicted_rms_m": rms[worst][0],
+        "observed_rms_m": rms[worst][1],
         "z": zs[worst],
         "z_of_all": float(sum(zs) / len(zs) ** 0.5),
         "z_route": worst,
