@@ -140,17 +140,15 @@ class Inputs:
             if scenario:
                 raise ValueError("expected the key map too")
             return None
-        name = scenario["map"]
-        options: Values = {key: self._file(value) for key, value in scenario.items() if key in ("keepout", "zones")}
-        options = {**{key: value for key, value in scenario.items() if key != "map"}, **options}
+        name, options = scenario["map"], {key: value for key, value in scenario.items() if key != "map"}
+        options |= {key: self._file(options[key]) for key in ("keepout", "zones") if key in options}
         path = bundled_map(name) if name in bundled_maps() else self._file(name)
         return load_world(path, robot_radius=options.pop("robot_radius_m", 0.3), **options)
 
     def _noise(self, scenario: Values) -> OdometryNoise:
         held = scenario.get("noise")
         if held is None:
-            ways = "a file, a preset, or spreads such as {heading_deg: 2, after_m: 10}"
-            raise ValueError(f"expected the key noise: {ways}")
+            raise ValueError("expected the key noise: a file, a preset, or spreads as in {heading_deg: 2, after_m: 10}")
         held = {"from": held} if isinstance(held, str) else held
         spread = {key: value for key, value in held.items() if key in _SPREAD}
         rates = {key: value for key, value in held.items() if key not in (*_SPREAD, "from")}
