@@ -432,7 +432,7 @@ def test_a_robot_with_a_filter_is_never_worse_off_for_a_further_beacon(seed):
 def test_in_the_loewner_order_less_drift_at_the_cost_of_heading_or_direction_does_not_dominate():
     rule, P = LoewnerDominance(60.0, 0.0, 0.0, (0.0, 1e-3)), (0.04, 0.0, 0.01, 0.04, 0.0, 0.02)
 
-    def beats(better, worse, turn_rad=0.0):
+    def beats(better, worse, turn_rad=0.0, rule=rule):
         return rule(np.array([better]), np.array([worse]), np.array([turn_rad])).tolist() == [True]
 
     assert beats([P], [P])
@@ -441,3 +441,9 @@ def test_in_the_loewner_order_less_drift_at_the_cost_of_heading_or_direction_doe
     assert not beats([(0.03, 0.0, 0.01, 0.04, 0.0, 0.021)], [P])
     assert not beats([(0.03, 0.001, 0.01, 0.04, 0.0, 0.02)], [P])  # better along x, worse along a diagonal
     assert not beats([P, P], [P, (0.04, 0.0, 0.01, 0.039, 0.0, 0.02)])
+    assert not beats([P, (0.03, 0.001, 0.01, 0.04, 0.0, 0.02)], [P, P])  # so in one scenario of two
+    assert not beats([(0.04, 0.0, 0.01, 0.04, 0.0, 0.02 * (1 + 4e-10))], [P])  # more than rounding
+    assert beats([(0.04, 0.0, 0.01, 0.04, 0.0, 0.02 * (1 + 4e-13))], [P])
+    only_heading = LoewnerDominance(60.0, 0.0, 0.0, (1e-3, 0.0))
+    assert beats([P], [P], 0.0, only_heading)
+    assert not beats([P], [P], 0.1, only_heading)
