@@ -131,12 +131,13 @@ class _RoadmapPaths:
             for path in self.request.initial_paths:
                 search.consider(path, stop)
             string, by_length = None, search.pricing.minimise == "length"
+            limited = self.request.time_limit is not None  # then first what a search does that has no time for a string
+            if limited and channel is not None and not stop():
+                search.consider(channel, stop)
             if (by_length or not world.zones) and not stop():  # a string does not know of zones
                 given, left_s = (world, *ends, first_margin_m(world), search.path), partial(self._left_s, search)
                 string = taut_route(*given, by_length=by_length, left_s=left_s)
-            # A search that had no time for the string polishes the other: so must one that had.
-            alone = (string is not None or not by_length) and self.request.time_limit is None
-            for path in (string,) if alone else (string, channel):
+            for path in (string, channel if by_length and string is None and not limited else None):
                 if path is not None and not stop():
                     search.consider(path, stop)
         self._share()

@@ -19,7 +19,7 @@ from driftplan.beacons.beacon import Beacon
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.roadmap.graph import FreeSamples, Roadmap, coarse_corners, places_in_range
 from driftplan.planning.roadmap.kept_graph import KeptGraph, channel_route
-from driftplan.planning.roadmap.polish import polished
+from driftplan.planning.roadmap.polish import polished, without_needless
 from driftplan.planning.roadmap.prices import AdditiveCost, PartOfWorld, Space, exact_drift
 from driftplan.world.world import World
 
@@ -30,6 +30,7 @@ _MOST_NODES = 40_000  # then a new roadmap is begun, so that memory stays bounde
 _CHUNK = 192  # points joined to the roadmap before the clock is looked at again: 20 to 50 ms
 _NEIGHBOURS = 14
 _NEXT_TO_NOTHING = 2e-4  # of the cost, gained by a batch
+_NO_DEARER = 1e-6  # relative
 _MAX_DRAWS = 16  # times as many samples as a batch wants,
 _MAX_DRAWS_IN_ELLIPSE = 64  # and as a roadmap of given size does
 BATCHES_TO_FIND_ONE = 4  # are completed in any case while no path is known
@@ -120,30 +121,46 @@ class RoadmapSearch:
         return done >= len(samples) and not self._corners_left
 
     def consider(self, path: Floats, stop: Callable[[], bool] = lambda: False) -> None:
-        """Take a collision-free path (n, 2) from start to goal, as it is or polished, if it is better than the best."""
+        """Take a collision-free path (n, 2) from start to goal, as it is or polished, if it is better than the best.
+
+        Polishing lowers the additive cost, not always the exact one. Whatever a search that is cut short would be left
+        with is considered by a longer one too: the path after every sweep.
+        """
         path = path[np.append(True, (np.diff(path, axis=0) != 0).any(axis=1))]
         self.offer(path)
-        if not stop():
-            better, late = polished(self.pricing, path, self.start_heading, stop), stop()
-            if late and self._polished is not None:
-                return  # perhaps cut short: a longer search would not come by it
+        if stop():
+            return
+        before, swept = self.cost, list[Floats]()
+        better = polished(self.pricing, path, self.start_heading, stop, tell=swept.append)
+        late = stop()
+        for other in swept:
+            self.offer(other)
+        if late:
+            return
+        for found in swept:
+            if self.path is found:  # it has waypoints that it does not need
+                below = min(before, self.cost * (1 + _NO_DEARER))
+                self.offer(without_needless(self.pricing, found, self.start_heading), below)
+                self.offer(better, below)
+                break
+        else:
             self.offer(better)
-            if self.path is better and not late:
-                self._polished = better
+        if self.path is better:
+            self._polished = better
 
     def _consider(self, nodes: Ints, stop: Callable[[], bool]) -> None:
         path = self.roadmap.xy[nodes]
         if len(path) and not (self._polished is not None and np.array_equal(path, self._polished)):
             self.consider(path, stop)
 
-    def offer(self, path: Floats) -> None:
-        """Take a collision-free path as it is, if it is the best by exact cost."""
+    def offer(self, path: Floats, below: float | None = None) -> None:
+        """Take a collision-free path as it is, if it is the best by exact cost, or its exact cost is ``below``."""
         additive = cost = self.pricing.path(path, self.start_heading)
         self._least_additive = min(self._least_additive, additive)
         if self.pricing.minimise == "drift":
             end = exact_drift(self.pricing.space, path, self.pricing.noise, self.start_heading).end
             cost = float(end.rms) ** 2
-        if cost < self.cost:
+        if cost < (self.cost if below is None else below):
             self.path, self.cost, self.additive_cost = path, cost, additive
 
     def _join(self) -> None:

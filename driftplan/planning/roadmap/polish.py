@@ -34,22 +34,35 @@ _MOVES = np.concatenate([np.zeros((1, 2)), (_RINGS[:, None, None] * _CIRCLE).res
 
 
 def polished(
-    pricing: AdditiveCost, path: Floats, start_heading: float | None = None, stop: Callable[[], bool] = lambda: False
+    pricing: AdditiveCost,
+    path: Floats,
+    start_heading: float | None = None,
+    stop: Callable[[], bool] = lambda: False,
+    *,
+    tell: Callable[[Floats], None] = lambda path: None,
 ) -> Floats:
     """A path (k, 2) between the same ends, free of collisions, from one (n, 2) that is free.
 
     It costs less, or at most 1e-7 of the price more, for the sake of fewer waypoints. ``stop`` is asked between sweeps;
-    when it answers True the path reached so far is returned.
+    when it answers True the path reached so far is returned. ``tell`` is told of the path after every sweep.
     """
-    cost, space = AdditivePathCost(pricing, start_heading), pricing.space
-    path = _refined(cost, space, shortcut(pricing, path, start_heading), stop)
+    path = _refined(AdditivePathCost(pricing, start_heading), shortcut(pricing, path, start_heading), stop, tell)
+    return without_needless(pricing, path, start_heading)
+
+
+def without_needless(pricing: AdditiveCost, path: Floats, start_heading: float | None = None) -> Floats:
+    """The path without waypoints that it costs at most 1e-7 of its price to leave out."""
+    cost = AdditivePathCost(pricing, start_heading)
     most = cost.price(path) * (1 + _NEEDLESS)
     # not cut short: else a longer search, which leaves out more waypoints, could be worse by a rounding error
-    return _without_needless(path, space, lambda without: cost.price(without) <= most, lambda: False)
+    return _without_needless(path, pricing.space, lambda without: cost.price(without) <= most, lambda: False)
 
 
-def _refined(cost: AdditivePathCost, space: Space, path: Floats, stop: Callable[[], bool]) -> Floats:
+def _refined(
+    cost: AdditivePathCost, path: Floats, stop: Callable[[], bool], tell: Callable[[Floats], None]
+) -> Floats:
     """The path with its waypoints moved, from coarse to fine, where that lowers its cost."""
+    space = cost.pricing.space
     for legs in _LEVELS:
         path = _split(space, path, legs)
         price, around = cost.price(path), np.arange(1 - cost.stride, cost.stride)
@@ -70,6 +83,7 @@ def _refined(cost: AdditivePathCost, space: Space, path: Floats, stop: Callable[
                     changed = moved[(other[moved] != path[moved]).any(axis=1)]
                     open_[np.clip(changed[:, None] + around, 0, len(path) - 1)] = True
                     path, price = other, now
+            tell(path)
             if before - price < _SETTLED * before:
                 break
     return path
