@@ -134,7 +134,7 @@ class RoadmapSearch:
         better = polished(self.pricing, path, self.start_heading, stop, tell=swept.append)
         late = stop()
         for other in swept:
-            self.offer(other)
+            self.offer(other, self.cost * (1 - _NO_DEARER))
         if late:
             return
         for found in swept:
