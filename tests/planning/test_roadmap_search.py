@@ -74,6 +74,25 @@ def test_a_path_is_never_worse_than_a_free_straight_run(start, goal, noise):
     assert found.cost <= predict_drift([start, goal], noise).end.rms ** 2
 
 
+@pytest.mark.parametrize("time_left", [True, False])
+def test_a_path_on_the_way_to_the_polished_one_is_kept_if_it_drifts_less(monkeypatch, time_left):
+    """A search that is cut short may be left with it, and a longer one must not be worse."""
+    zigzag, straight = np.array([(2.0, 2.0), (8.0, 9.0), (18.0, 2.0)]), np.array([(2.0, 2.0), (9.0, 2.0), (18.0, 2.0)])
+    late = []
+
+    def polishing(pricing, path, start_heading, stop, *, tell):
+        tell(straight)
+        late.append(not time_left)
+        return zigzag
+
+    search = RoadmapSearch(AdditiveCost(EMPTY, straight[-1], NOISE), straight[0])
+    search.path, search.cost = None, np.inf
+    monkeypatch.setattr(growth, "polished", polishing)
+    search.consider(zigzag, lambda: late == [True])
+    assert search.cost == pytest.approx(exact_drift(EMPTY, straight, NOISE, None).end.rms ** 2)
+    assert len(search.path) == (2 if time_left else 3)  # without waypoints that it does not need
+
+
 @pytest.mark.parametrize("minimise", ["drift", "length"])
 def test_more_batches_never_cost_more(minimise):
     costs = [searched(ROOM, ACROSS, NOISE, minimise=minimise, batches=n).cost for n in (1, 2, 3, 4)]

@@ -58,9 +58,7 @@ def without_needless(pricing: AdditiveCost, path: Floats, start_heading: float |
     return _without_needless(path, pricing.space, lambda without: cost.price(without) <= most, lambda: False)
 
 
-def _refined(
-    cost: AdditivePathCost, path: Floats, stop: Callable[[], bool], tell: Callable[[Floats], None]
-) -> Floats:
+def _refined(cost: AdditivePathCost, path: Floats, stop: Callable[[], bool], tell: Callable[[Floats], None]) -> Floats:
     """The path with its waypoints moved, from coarse to fine, where that lowers its cost."""
     space = cost.pricing.space
     for legs in _LEVELS:
