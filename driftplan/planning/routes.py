@@ -194,12 +194,13 @@ def plan_route(
         kinds that measure a range or a bearing.
     planner : its name, or with its options, as `Planner` says
     time_limit : float, optional
-        Seconds for everything in the call. Default: until it is done, that is until the additive cost is within 1 % of
-        what no route can beat and a batch of the roadmap brought next to nothing, or two in a row did, or one with all
-        corners of obstacles in the roadmap; at most 5, and as long as it takes with ``iterations``. What is done once
-        for a world (growing the obstacles by the robot's radius, cutting free space into triangles) is not cut short. A
-        longer search without max_detour comes by all paths that a shorter one comes by. Among beacons work is counted
-        in labels and trials, which the time limit cuts short; saying why there is no route may take as long again.
+        Seconds for everything in the call. Default: until it is done, that is until the third batch of the roadmap or a
+        later one brought next to nothing, and two in a row did, or the additive cost is within 1 % of what no route can
+        beat, or all corners of obstacles are in the roadmap; at most 5, and as long as it takes with ``iterations``.
+        What is done once for a world (growing the obstacles by the robot's radius, cutting free space into triangles)
+        is not cut short. A longer search without max_detour comes by all paths that a shorter one comes by. Among
+        beacons work is counted in labels and trials, which the time limit cuts short; saying why there is no route may
+        take as long again.
     iterations : int, optional
         Ends every search without beacons after so many: batches of the roadmap (the second is the graph kept with the
         world, the others have ever more samples), or iterations of OMPL's planners. The same seed then gives the same

@@ -15,7 +15,7 @@ from driftplan.arrays import Floats
 from driftplan.errors import NoPathError
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.request import ROADMAP, PlanRequest, format_point
-from driftplan.planning.roadmap.growth import BATCHES_TO_FIND_ONE, RoadmapSearch
+from driftplan.planning.roadmap.growth import BATCHES_TO_FIND_ONE, KEPT_BATCH, RoadmapSearch
 from driftplan.planning.roadmap.kept_graph import channel_route
 from driftplan.planning.roadmap.polish import polished
 from driftplan.planning.roadmap.prices import AdditiveCost, PartOfWorld, Score, Space, exact_drift, length_of
@@ -28,6 +28,7 @@ _SEARCH_SHARE = 0.85  # of the time limit; the rest is for the bound
 _SHORTEST_SHARE = 0.2  # of it, for OMPL's planner to find the shortest route, whose polished form is a candidate too
 _GAP = 0.01  # of the additive cost, left between a route and what no route can beat, that is small enough
 _IDLE_BATCHES = 2  # in a row, after which no more are needed; one if all corners are in the roadmap
+_FEWEST_BATCHES = KEPT_BATCH + 2  # the one with the graph that is kept often brings nothing, and the next one does
 _DETOUR_TRIALS = 5
 _BATCHES_PER_TRIAL = 3
 _PER_METRE = OdometryNoise(distance_var_per_m=1.0)  # its additive cost is the length
@@ -201,9 +202,9 @@ class _RoadmapPaths:
             return search.is_optimal
         if search is not self._searches[0]:
             return search.idle_batches > 0
-        if search.idle_batches >= (1 if search.has_all_corners else _IDLE_BATCHES):
-            return self.request.until_done
-        return self.request.until_done and search.idle_batches > 0 and self._is_near_bound(search)
+        if not self.request.until_done or search.batches < _FEWEST_BATCHES or not search.idle_batches:
+            return False
+        return search.idle_batches >= (1 if search.has_all_corners else _IDLE_BATCHES) or self._is_near_bound(search)
 
     def _is_near_bound(self, search: RoadmapSearch) -> bool:
         request, noises = self.request, search.pricing.noises

@@ -14,6 +14,7 @@ from driftplan.planning.roadmap.growth import RoadmapSearch
 from driftplan.planning.roadmap.prices import AdditiveCost, exact_drift
 from driftplan.planning.routes import plan_route
 from driftplan.planning.status import Status
+from driftplan.world.mapfiles import bundled_map, load_world
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
 
@@ -123,13 +124,21 @@ def test_among_zones_a_search_that_has_all_corners_ends_when_a_batch_brought_nex
     monkeypatch.setattr(PlanRequest, "left_s", lambda *_: 1e3)
     route = plan_route(world, *ACROSS, NOISE)
     assert route.status is Status.NOTHING_GAINED
-    drift = [(has_all, idle) for minimise, has_all, idle in seen if minimise == "drift"]
-    assert all(idle == 0 for has_all, idle in drift if has_all)
-    assert all(idle < 2 for _, idle in drift)
+    drift = [(batches, has_all, idle) for minimise, batches, has_all, idle in seen if minimise == "drift"]
+    assert [batches for batches, *_ in drift[:3]] == [0, 1, 2]
+    assert all(idle == 0 for batches, has_all, idle in drift if has_all and batches > 2)
+    assert all(idle < 2 for batches, _, idle in drift if batches > 2)
 
 
 def idle(search):
-    return search.pricing.minimise, search.has_all_corners, search.idle_batches
+    return search.pricing.minimise, search.batches, search.has_all_corners, search.idle_batches
+
+
+@pytest.mark.parametrize(("start", "goal"), [((33.9, 1.4), (28.9, 4.6)), ((27.3, 9.5), (5.8, 17.0))])
+def test_a_search_that_ends_by_itself_is_within_a_thousandth_of_a_long_one(start, goal):
+    world = load_world(bundled_map("office"), robot_radius=0.3)
+    noise = OdometryNoise.from_std(heading_deg=1.0, distance_m=0.05, after_m=10.0)
+    assert plan_route(world, start, goal, noise).rms <= 1.001 * plan_route(world, start, goal, noise, iterations=6).rms
 
 
 def test_when_it_is_late_a_search_that_has_a_path_begins_nothing():

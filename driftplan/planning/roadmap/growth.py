@@ -24,7 +24,7 @@ from driftplan.planning.roadmap.prices import AdditiveCost, PartOfWorld, Space, 
 from driftplan.world.world import World
 
 _FIRST_BATCH = 128  # samples; every later batch has twice as many, and all corners come with one of them
-KEPT_BATCH = 1  # is the graph kept with the world, where there is one: the first is all that many a route takes
+KEPT_BATCH = 1  # is the graph kept with the world, where there is one
 _LARGEST_BATCH = 8192
 _MOST_NODES = 40_000  # then a new roadmap is begun, so that memory stays bounded
 _CHUNK = 192  # points joined to the roadmap before the clock is looked at again: 20 to 50 ms
