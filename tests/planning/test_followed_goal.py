@@ -7,7 +7,6 @@ import textwrap
 import pytest
 from ompl import base as ob
 from ompl import geometric as og
-from ompl import util as ou
 
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.ompl.collision import use_world
@@ -26,12 +25,7 @@ PLANNERS = {
 }
 
 
-@pytest.fixture(autouse=True)
-def quiet():
-    level = ou.getLogLevel()
-    ou.setLogLevel(ou.LOG_NONE)
-    yield
-    ou.setLogLevel(level)
+pytestmark = pytest.mark.usefixtures("quiet")
 
 
 def information(space=None):

@@ -12,7 +12,6 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 from ompl import tools as ot
-from ompl import util as ou
 
 from driftplan.errors import PlannerError
 from driftplan.model.noise import OdometryNoise
@@ -31,12 +30,7 @@ WORLD = World.from_polygons(WALLS, bounds=(0, 0, 16, 10), robot_radius=0.3)
 START, GOAL = (1.0, 9.0), (15.0, 9.0)
 
 
-@pytest.fixture(autouse=True)
-def quiet():
-    level = ou.getLogLevel()
-    ou.setLogLevel(ou.LOG_NONE)
-    yield
-    ou.setLogLevel(level)
+pytestmark = pytest.mark.usefixtures("quiet")
 
 
 def with_zone(polygon, noise):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from ompl import base as ob
 from ompl import geometric as og
-from ompl import util as ou
 
 import driftplan
 from driftplan.beacons.beacon import Beacon, BeaconKind
@@ -39,12 +38,7 @@ def planned(*where, max_drift=None, redundancy=1, min_capture=None, max_nodes=10
     return plan_route(*where, **{"minimise": "length", "max_drift": limit, "planner": planner, **asked})
 
 
-@pytest.fixture(autouse=True)
-def quiet():
-    level = ou.getLogLevel()
-    ou.setLogLevel(ou.LOG_NONE)
-    yield
-    ou.setLogLevel(level)
+pytestmark = pytest.mark.usefixtures("quiet")
 
 
 def bounds(world):
