@@ -3,6 +3,7 @@
 The oracle lists every simple path of small random roadmaps and prices it.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 from functools import cache
@@ -12,7 +13,7 @@ import pytest
 
 from driftplan.model.noise import OdometryNoise
 from driftplan.planning.roadmap.graph import GOAL, START, Roadmap
-from driftplan.planning.roadmap.polish import AdditivePathCost, polished
+from driftplan.planning.roadmap.polish import AdditivePathCost, polished, without_needless
 from driftplan.planning.roadmap.prices import AdditiveCost
 from driftplan.world.world import World
 from driftplan.world.zones import Zone
@@ -137,6 +138,13 @@ def test_polishing_keeps_the_ends_stays_free_and_never_costs_more(kind):
     assert world.segments_free(rough[:-1], rough[1:]).all()
     pricing = AdditiveCost(world, rough[-1], noise)
     smooth = polished(pricing, rough)
+    swept = []
+    polished(pricing, rough, tell=swept.append)
+    looks = itertools.count()
+    cut_short = polished(pricing, rough, stop=lambda: next(looks) == 2)  # after two sweeps
+    np.testing.assert_array_equal(cut_short, without_needless(pricing, swept[1]))
+    prices = [pricing.path(path) for path in swept]
+    assert prices == sorted(prices, reverse=True)
     np.testing.assert_array_equal(smooth[[0, -1]], rough[[0, -1]])
     assert world.segments_free(smooth[:-1], smooth[1:]).all()
     assert pricing.path(smooth) < 0.9 * pricing.path(rough)
